@@ -1,0 +1,100 @@
+"""Calibrated cameras in OpenCV's convention."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.errors import CalibrationInvalid
+
+DISTORTION_MODELS = {"opencv": 8, "fisheye": 4}
+"""Coefficients per model: k1 k2 p1 p2 k3 k4 k5 k6, or the fisheye's k1 k2 k3 k4."""
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Cameras of one capture: ``x_cam = R @ x_world + t``; pixel (0, 0) is the centre of the top-left pixel."""
+
+    names: tuple[str, ...]
+    """One unique name a camera."""
+    K: np.ndarray
+    """(C, 3, 3) intrinsic matrices in pixels."""
+    distortion: np.ndarray
+    """(C, 8) coefficients, zero-padded; the fisheye model uses the first 4."""
+    R: np.ndarray
+    """(C, 3, 3) rotations world to camera (OpenCV axes: x right, y down, z forward)."""
+    t: np.ndarray
+    """(C, 3) translations in metres."""
+    image_size: np.ndarray
+    """(C, 2) width and height in pixels."""
+    distortion_model: str = "opencv"
+    """'opencv' or 'fisheye'."""
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        if len(set(self.names)) != count:
+            raise CalibrationInvalid(
+                "Two cameras have the same name.", where=", ".join(self.names), hint="Rename one of them."
+            )
+        distortion = np.zeros((count, 8))
+        given = np.asarray(self.distortion, dtype=np.float64).reshape(count, -1) if count else distortion
+        if given.shape[1] > 8:
+            raise CalibrationInvalid(
+                f"A camera has {given.shape[1]} distortion coefficients; at most 8 are read (k1 k2 p1 p2 k3 k4 k5 k6).",
+                hint="Calibrate with the rational model or without thin-prism terms.",
+            )
+        distortion[:, : given.shape[1]] = given
+        arrays = {
+            "K": (np.asarray(self.K, dtype=np.float64), (count, 3, 3)),
+            "distortion": (distortion, (count, 8)),
+            "R": (np.asarray(self.R, dtype=np.float64), (count, 3, 3)),
+            "t": (np.asarray(self.t, dtype=np.float64), (count, 3)),
+            "image_size": (np.asarray(self.image_size, dtype=np.int64), (count, 2)),
+        }
+        for name, (value, shape) in arrays.items():
+            if value.shape != shape:
+                raise CalibrationInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="cameras")
+            finite = np.isfinite(value).reshape(count, -1).all(axis=1)
+            if not finite.all():
+                raise CalibrationInvalid(
+                    f"{name} holds NaN or infinite values.", where=f"camera {self.names[int(np.argmin(finite))]}"
+                )
+            object.__setattr__(self, name, value)
+        if self.distortion_model not in DISTORTION_MODELS:
+            raise CalibrationInvalid(
+                f"Unknown distortion model '{self.distortion_model}'; valid are {', '.join(DISTORTION_MODELS)}."
+            )
+        self._check_physics()
+
+    def _check_physics(self) -> None:
+        for c, name in enumerate(self.names):
+            off = float(np.abs(self.R[c] @ self.R[c].T - np.eye(3)).max())
+            if off > 1e-3 or np.linalg.det(self.R[c]) < 0:
+                raise CalibrationInvalid(
+                    f"The rotation is not orthonormal (|R Rᵀ - I| = {off:.3g}, det = {np.linalg.det(self.R[c]):.3g}).",
+                    where=f"camera {name}",
+                    hint="Check that the calibration holds a rotation (not a scaled or mirrored matrix).",
+                )
+            if self.K[c, 0, 0] <= 0 or self.K[c, 1, 1] <= 0:
+                raise CalibrationInvalid(
+                    f"The focal length must be positive, not {self.K[c, 0, 0]:.6g}, {self.K[c, 1, 1]:.6g}.",
+                    where=f"camera {name}",
+                )
+            if (self.image_size[c] <= 0).any():
+                raise CalibrationInvalid(f"The image size {tuple(self.image_size[c])} is not positive.", where=f"camera {name}")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(C, 3) optical centres in world metres, ``-Rᵀ t``."""
+        return -np.einsum("cji,cj->ci", self.R, self.t)
+
+    def subset(self, indices: list[int]) -> Cameras:
+        """Return the cameras at these indices, in this order."""
+        return Cameras(
+            tuple(self.names[i] for i in indices), self.K[indices], self.distortion[indices], self.R[indices],
+            self.t[indices], self.image_size[indices], self.distortion_model,
+        )  # fmt: skip

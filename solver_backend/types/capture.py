@@ -1,0 +1,152 @@
+"""What was recorded: 2D keypoints, markers, and the capture that holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.errors import KeypointCountMismatch, NoDetections, NonFiniteData, TooFewViews
+from solver_backend.types.cameras import Cameras
+from solver_backend.types.joint_sets import JointSet
+
+
+@dataclass(frozen=True)
+class Keypoints2D:
+    """Detections of one person in every view; missing = NaN with confidence 0."""
+
+    xy: np.ndarray
+    """(views, frames, keypoints, 2) pixels."""
+    confidence: np.ndarray
+    """(views, frames, keypoints) in 0..1."""
+    joint_set: JointSet
+    """Names of the keypoints."""
+    fps: float
+    """Frames per second."""
+
+    def __post_init__(self) -> None:
+        xy = np.array(self.xy, dtype=np.float64)
+        confidence = np.array(self.confidence, dtype=np.float64)
+        if xy.ndim != 4 or xy.shape[-1] != 2 or confidence.shape != xy.shape[:-1]:
+            raise KeypointCountMismatch(
+                f"xy {xy.shape} and confidence {confidence.shape} must be (views, frames, keypoints, 2) and (views, frames, keypoints)."
+            )
+        if xy.shape[2] != self.joint_set.num_keypoints:
+            fits = ", ".join(s.value for s in JointSet.fitting(xy.shape[2])) or "none"
+            raise KeypointCountMismatch(
+                f"{xy.shape[2]} keypoints do not fit {self.joint_set.value}, which has {self.joint_set.num_keypoints}.",
+                hint=f"Joint sets with {xy.shape[2]} keypoints: {fits}.",
+            )
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.")
+        if np.isinf(xy).any() or np.isinf(confidence).any():
+            view, frame, point = np.argwhere(np.isinf(xy).any(-1) | np.isinf(confidence))[0]
+            raise NonFiniteData(
+                "A detection is infinite.",
+                where=f"view {view}, frame {frame}, {self.joint_set.keypoints[point]}",
+                hint="Write NaN (or 0 0 0) for a keypoint that was not seen.",
+            )
+        missing = ~np.isfinite(xy).all(-1) | ~(confidence > 0)
+        xy[missing] = np.nan
+        confidence[missing] = 0.0
+        object.__setattr__(self, "xy", xy)
+        object.__setattr__(self, "confidence", confidence)
+
+    @property
+    def num_views(self) -> int:
+        """Number of cameras."""
+        return self.xy.shape[0]
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return self.xy.shape[1]
+
+    def frames(self, start: int, stop: int) -> Keypoints2D:
+        """Return the frames start..stop-1."""
+        return replace(self, xy=self.xy[:, start:stop], confidence=self.confidence[:, start:stop])
+
+    def views(self, indices: list[int]) -> Keypoints2D:
+        """Return the views at these indices."""
+        return replace(self, xy=self.xy[indices], confidence=self.confidence[indices])
+
+
+@dataclass(frozen=True)
+class MarkerCloud:
+    """Optical markers; missing = NaN."""
+
+    positions: np.ndarray
+    """(frames, markers, 3) metres."""
+    fps: float
+    """Frames per second."""
+    labels: tuple[str, ...] | None = None
+    """One label a marker, or None for an unlabelled cloud."""
+    residual: np.ndarray | None = None
+    """(frames, markers) metres, the tracker's own residual."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A recording in metres and seconds, Z up, floor at z = 0."""
+
+    name: str
+    """Name of the take."""
+    cameras: Cameras | None = None
+    """Calibrated cameras, in the order of the views."""
+    keypoints: Keypoints2D | None = None
+    """Detections of the person to solve."""
+    markers: MarkerCloud | None = None
+    """Optical markers."""
+    footage: tuple[Path | None, ...] = ()
+    """Video file or image folder of each camera, None where there is none."""
+    sources: tuple[str, ...] = ()
+    """Files the capture was read from."""
+    notes: tuple[str, ...] = ()
+    """What the reader found and assumed: units, axes, frame rate, dropped people; one sentence each."""
+    problems: tuple[str, ...] = ()
+    """What the user should know before solving; one sentence each."""
+    truth: dict[str, np.ndarray] = field(default_factory=dict)
+    """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        data = self.keypoints.num_frames if self.keypoints is not None else 0
+        return data or (len(self.markers.positions) if self.markers is not None else 0)
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        source = self.keypoints or self.markers
+        return float(source.fps) if source is not None else 0.0
+
+    def require_multiview(self) -> tuple[Cameras, Keypoints2D]:
+        """Return cameras and keypoints of a capture that can be triangulated.
+
+        Raises:
+            TooFewViews: fewer than two cameras have any detection.
+            NoDetections: no keypoint is seen by two cameras in any frame.
+        """
+        if self.cameras is None or self.keypoints is None:
+            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
+        seen = self.keypoints.confidence > 0
+        if not seen.any():
+            raise NoDetections(
+                "Every confidence is zero: nobody was detected.", where=self.name, hint="Run the detector again or choose other files."
+            )
+        if len(self.cameras) < 2 or seen.any(axis=(1, 2)).sum() < 2:
+            raise TooFewViews(
+                f"{int(seen.any(axis=(1, 2)).sum())} of {len(self.cameras)} cameras have detections; two are needed.",
+                where=self.name,
+                hint="Add the detections of another camera.",
+            )
+        if not (seen.sum(axis=0) >= 2).any():
+            raise NoDetections("No keypoint is seen by two cameras in the same frame.", where=self.name)
+        return self.cameras, self.keypoints
+
+    def views(self, indices: list[int]) -> Capture:
+        """Return the capture restricted to these cameras."""
+        assert self.cameras is not None and self.keypoints is not None
+        footage = tuple(self.footage[i] for i in indices) if self.footage else ()
+        return replace(self, cameras=self.cameras.subset(indices), keypoints=self.keypoints.views(indices), footage=footage)

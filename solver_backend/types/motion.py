@@ -1,0 +1,75 @@
+"""The result of a solve: the motion of an SMPL-type body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver_backend.errors import MotionInvalid
+from solver_backend.types.joint_sets import NUM_JOINTS, JointSet
+
+FLAG_UNSEEN = 1
+"""The frame has no usable observation: its pose was bridged from its neighbours."""
+FLAG_UNSURE = 2
+"""The frame's residual is far above the take's: look here."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An animated body: F frames in metres and radians, world Z up.
+
+    ``x_world = R(global_orient) (x_body - J_0(betas)) + J_0(betas) + transl`` (SMPL's convention, Loper et al. 2015).
+    """
+
+    betas: np.ndarray
+    """(10,) shape coefficients."""
+    global_orient: np.ndarray
+    """(F, 3) axis-angle, body frame to world."""
+    body_pose: np.ndarray
+    """(F, 69) axis-angle of joints 1..23."""
+    transl: np.ndarray
+    """(F, 3) metres."""
+    fps: float
+    """Frames per second."""
+    body: str
+    """Id of the body the parameters belong to."""
+    joints: np.ndarray
+    """(F, 24, 3) world metres."""
+    keypoints3d: np.ndarray | None = None
+    """(F, K, 3) world metres in the observed joint set."""
+    joint_set: JointSet | None = None
+    """Names of keypoints3d."""
+    joint_sigma: np.ndarray | None = None
+    """(F, 24) standard deviation of each joint in metres."""
+    keyframes: np.ndarray | None = None
+    """(F,) bool: the frame is a keyframe of the solver."""
+    contacts: np.ndarray | None = None
+    """(F, 2) bool: left and right foot on the floor."""
+    flags: np.ndarray | None = None
+    """(F,) uint8 bit mask of FLAG_*."""
+    reprojection_px: np.ndarray | None = None
+    """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """Version, weights hash, settings, source files, statistics; plain JSON values."""
+
+    def __post_init__(self) -> None:
+        frames = len(self.global_orient)
+        shapes = {
+            "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (NUM_JOINTS - 1)),
+            "transl": (frames, 3), "joints": (frames, NUM_JOINTS, 3), "joint_sigma": (frames, NUM_JOINTS),
+            "keyframes": (frames,), "contacts": (frames, 2), "flags": (frames,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                raise MotionInvalid(f"{name} has shape {np.shape(value)}; {shape} is expected.", where="motion")
+        for name in ("betas", "global_orient", "body_pose", "transl", "joints"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise MotionInvalid(f"{name} holds NaN or infinite values.", where="motion")
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.global_orient)
