@@ -1,0 +1,61 @@
+"""Points on the body's surface, found by casting rays at the rest mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.errors import BodyInvalid
+
+
+@dataclass(frozen=True)
+class SurfacePoint:
+    """A point of the mesh: barycentric coordinates on one triangle."""
+
+    vertices: np.ndarray
+    """(3,) vertex indices."""
+    barycentric: np.ndarray
+    """(3,) sums to 1."""
+    normal: np.ndarray
+    """(3,) outward unit normal."""
+
+
+def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, nearest: bool = False) -> SurfacePoint:
+    """Return where a ray leaves the rest mesh (the farthest hit, or the nearest).
+
+    Args:
+        body: the body model.
+        origin: (3,) start, rest frame, metres.
+        direction: (3,) any length.
+        nearest: take the first hit instead of the last.
+
+    Raises:
+        BodyInvalid: the ray misses the mesh.
+
+    Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
+    """
+    direction = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+    corners = body.v_template[body.faces]
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(direction, edge2)
+    determinant = (edge1 * p).sum(-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = origin - corners[:, 0]
+        u = (offset * p).sum(-1) / determinant
+        q = np.cross(offset, edge1)
+        v = (q @ direction) / determinant
+        t = (edge2 * q).sum(-1) / determinant
+        hit = (np.abs(determinant) > 1e-14) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
+    if not hit.any():
+        raise BodyInvalid(
+            f"A ray from {np.round(origin, 3)} along {np.round(direction, 3)} misses the mesh.",
+            where=body.id,
+            hint="The body must be a closed T-posed mesh in SMPL's frame (Y up, facing +Z, metres).",
+        )
+    choose = np.argmin if nearest else np.argmax
+    face = int(choose(np.where(hit, t, np.inf if nearest else -np.inf)))
+    barycentric = np.array([1 - u[face] - v[face], u[face], v[face]]).clip(0)
+    normal = np.cross(edge1[face], edge2[face])
+    return SurfacePoint(body.faces[face], barycentric / barycentric.sum(), normal / np.linalg.norm(normal))
