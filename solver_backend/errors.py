@@ -82,6 +82,12 @@ class KeypointCountMismatch(MocapError):
     code = "keypoint_count_mismatch"
 
 
+class FileMissing(MocapError):
+    """A file that was asked for is not there."""
+
+    code = "file_missing"
+
+
 class FileDamaged(MocapError):
     """A file is truncated, of another format than its name says, or lacks required fields."""
 
