@@ -1,0 +1,70 @@
+"""Rigid and similarity alignment of point sets, and the rotation nearest to a matrix."""
+
+from __future__ import annotations
+
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.arrays import Array, constant
+
+
+def nearest_rotation(M: Array) -> Array:
+    """Return the rotation that maximises ``tr(Rᵀ M)``: ``U diag(1, 1, det U Vᵀ) Vᵀ`` of ``M = U S Vᵀ``.
+
+    Args:
+        M: (..., 3, 3) finite matrices.
+
+    Returns:
+        (..., 3, 3) rotations.
+
+    Reference: Kabsch 1976; Wahba 1965 (the same problem).
+    """
+    return _rotation_and_strength(M)[0]
+
+
+def umeyama(
+    source: Array, target: Array, weights: Array | None = None, with_scale: bool = False
+) -> tuple[Array, Array, Array]:
+    """Return the similarity that minimises ``Σ w |s R source + t - target|²``.
+
+    Args:
+        source: (..., N, 3) metres.
+        target: (..., N, 3) metres.
+        weights: (..., N) non-negative, or None for equal weights. Points of weight 0 may be NaN.
+        with_scale: also solve for the scale; otherwise ``s = 1``.
+
+    Returns:
+        s (...), R (..., 3, 3) and t (..., 3). All weights zero gives NaN; fewer than three points in general position
+        leave the rotation underdetermined, and one of the best is returned.
+
+    Reference: Umeyama 1991, "Least-squares estimation of transformation parameters between two point patterns", eq. 39-42.
+    """
+    xp = array_namespace(source, target)
+    if weights is None:
+        weights = xp.ones_like(source[..., 0])
+    used = weights[..., None] > 0
+    source = xp.where(used, source, xp.zeros_like(source))
+    target = xp.where(used, target, xp.zeros_like(target))
+    total = xp.sum(weights, axis=-1)
+    empty = total <= 0
+    w = (weights / xp.where(empty, xp.ones_like(total), total)[..., None])[..., None]
+    mean_source, mean_target = xp.sum(w * source, axis=-2), xp.sum(w * target, axis=-2)
+    a, b = source - mean_source[..., None, :], target - mean_target[..., None, :]
+    R, strength = _rotation_and_strength(xp.matmul(xp.matrix_transpose(w * b), a))
+    spread = xp.sum(w * a * a, axis=(-2, -1))
+    flat = spread <= 0
+    s = strength / xp.where(flat, xp.ones_like(spread), spread) if with_scale else xp.ones_like(spread)
+    s = xp.where(flat, xp.ones_like(s), s)
+    t = mean_target - s[..., None] * xp.matmul(R, mean_source[..., None])[..., 0]
+    nan = xp.full_like(s, float("nan"))
+    hole = xp.where(empty, nan, xp.zeros_like(s))
+    return s + hole, R + hole[..., None, None], t + hole[..., None]
+
+
+def _rotation_and_strength(M: Array) -> tuple[Array, Array]:
+    """Return the nearest rotation (..., 3, 3) and ``tr(Rᵀ M)`` (...), the sum of the signed singular values."""
+    xp = array_namespace(M)
+    U, S, Vh = xp.linalg.svd(M)
+    sign = xp.sign(xp.linalg.det(U) * xp.linalg.det(Vh))
+    last = constant((0.0, 0.0, 1.0), M)
+    flip = (1.0 - last) + last * sign[..., None]
+    return xp.matmul(U * flip[..., None, :], Vh), xp.sum(S * flip, axis=-1)
