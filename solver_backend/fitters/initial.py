@@ -1,0 +1,133 @@
+"""Where a solve starts: triangulated points, the detector's noise, sample frames, and poses fitted to points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.cameras.triangulation import Triangulation, triangulate
+from solver_backend.fitters.frame import FrameStates, fit_frames
+from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.positions import PositionTerm
+from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, Cameras, Keypoints2D
+
+_START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
+    {"left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2)},
+    {"left_shoulder": (0, 0, 0.9), "right_shoulder": (0, 0, -0.9)},
+    {"left_shoulder": (0, -1.3, -0.2), "right_shoulder": (0, 1.3, 0.2)},
+    {
+        "left_hip": (-1.5, 0, 0), "right_hip": (-1.5, 0, 0), "left_knee": (1.6, 0, 0), "right_knee": (1.6, 0, 0),
+        "left_shoulder": (0, 0, -1.1), "right_shoulder": (0, 0, 1.1),
+    },
+    {
+        "left_hip": (-0.7, 0, 0), "right_hip": (0.3, 0, 0), "left_knee": (0.4, 0, 0), "right_knee": (0.6, 0, 0),
+        "left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2), "left_elbow": (0, -0.8, 0),
+        "right_elbow": (0, 0.8, 0),
+    },
+    {
+        "left_hip": (0.3, 0, 0), "right_hip": (-0.7, 0, 0), "left_knee": (0.6, 0, 0), "right_knee": (0.4, 0, 0),
+        "left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2), "left_elbow": (0, -0.8, 0),
+        "right_elbow": (0, 0.8, 0),
+    },
+)  # fmt: skip
+"""Axis-angles in radians that a fit starts from: standing, arms up, arms forward, squatting, two steps."""
+
+POINT_SIGMA_M = 0.03
+"""Assumed error of a triangulated point while the pose is still unknown."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What was measured, before any body is involved."""
+
+    triangulation: Triangulation
+    """Robust points per frame and keypoint."""
+    sigma_px: np.ndarray
+    """(L,) standard deviation of each keypoint's noise, pixels."""
+    seen: np.ndarray
+    """(F,) bool: enough points were triangulated to place a body."""
+
+
+def observe(cameras: Cameras, keypoints: Keypoints2D) -> Observations:
+    """Triangulate all keypoints and measure the detector's noise from what the views disagree on."""
+    triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    points = np.isfinite(triangulation.points).all(-1).sum(-1)
+    return Observations(triangulation, noise_px(triangulation), points >= min(6, keypoints.xy.shape[2] // 2))
+
+
+def noise_px(triangulation: Triangulation) -> np.ndarray:
+    """Return each keypoint's noise (L,) in pixels from the residuals of its inliers.
+
+    A point has 2 V measurements and 3 unknowns: ``sigma² = median(r²) / (2 ln 2) · 2V / (2V - 3)`` for Gaussian noise.
+    """
+    residual = np.where(triangulation.inliers, triangulation.residual_px, np.nan)
+    views = triangulation.inliers.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squared = residual**2 * (2 * views / (2 * views - 3))
+    squared = np.where(views >= 2, squared, np.nan)
+    overall = _median(squared.reshape(-1)) / (2 * np.log(2))
+    each = np.array([_median(squared[:, :, k].reshape(-1)) for k in range(squared.shape[2])]) / (2 * np.log(2))
+    each = np.where(np.isfinite(each), each, overall)
+    return np.sqrt(np.clip(each, 0.25 * overall, 9 * overall) + 0.25)
+
+
+def _median(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else 1.0
+
+
+def sample_frames(observations: Observations, count: int) -> np.ndarray:
+    """Return up to ``count`` frames spread over the take, in each stretch the one that shows most."""
+    points = np.isfinite(observations.triangulation.points).all(-1).sum(-1)
+    stretches = np.array_split(np.arange(len(points)), min(count, len(points)))
+    best = np.array([s[np.argmax(points[s])] for s in stretches if len(s)])
+    return best[points[best] >= max(4, 0.6 * points.max())]
+
+
+def points_term(observations: Observations, frames: np.ndarray, like: Array) -> PositionTerm:
+    """Return the distance to the triangulated points of these frames."""
+    points = observations.triangulation.points[frames]
+    valid = np.isfinite(points).all(-1)
+    weight = np.where(valid, 1.0 / POINT_SIGMA_M**2, 0.0)
+    return PositionTerm(constant(np.where(valid[..., None], points, 0.0), like), constant(weight, like))
+
+
+def fit_to_points(
+    subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int = 12
+) -> FrameStates:
+    """Fit poses to the triangulated points of these frames, from several start poses, and keep the best of each frame."""
+    xp = array_namespace(subject.betas)
+    term = points_term(observations, frames, subject.betas)
+    starts = [_start(subject, prior, term, values) for values in _START_POSES]
+    count = len(starts)
+    stacked = FrameStates(*(xp.concat([getattr(s, name) for s in starts]) for name in ("z", "root", "transl")))
+    tiled = PositionTerm(xp.concat([term.positions] * count), xp.concat([term.weight] * count))
+    states, cost = fit_frames(subject, prior, tiled, stacked, (20.0, 5.0), iterations)
+    best = xp.argmin(xp.reshape(cost, (count, -1)), axis=0)
+    index = best * len(frames) + xp.arange(len(frames))
+    return FrameStates(states.z[index], states.root[index], states.transl[index])
+
+
+def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[str, Any]) -> FrameStates:
+    """Return a start pose placed on each frame's points by rigid alignment (Umeyama 1991)."""
+    xp = array_namespace(term.positions)
+    rotvec = np.zeros((NUM_BODY_JOINTS, 3))
+    for joint, vector in values.items():
+        rotvec[SMPL_JOINTS.index(joint) - 1] = vector
+    z = prior.encode(exp_so3(constant(rotvec, term.positions))[None])
+    eye = xp.eye(3, dtype=z.dtype, device=getattr(z, "device", None))[None]
+    origin = PosedFrames(eye, prior.decode(z), xp.zeros_like(term.positions[:1, 0]))
+    posed = pose(subject, origin)
+    count = term.positions.shape[0]
+    source = xp.broadcast_to(posed.points, term.positions.shape)
+    _, R, t = umeyama(source, term.positions, term.weight)
+    pelvis = posed.skeleton.joints[:, 0]
+    transl = t + xp.matmul(R, pelvis[..., None])[..., 0] - pelvis
+    return FrameStates(xp.broadcast_to(z, (count, z.shape[-1])), R, transl)

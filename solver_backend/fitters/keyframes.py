@@ -1,0 +1,188 @@
+"""Latent keyframes: where they stand in time, and the frames SIDER-2 makes between them (thesis 6.2.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.fitters.latent import DecodedPoses, decode_poses, latent_tangents, normalise_latent
+from solver_backend.fitters.subject import FRAME_DOF, PosedFrames
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.interpolation import sider2_with_jacobian
+from solver_backend.geometry.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
+from solver_backend.priors.base import PosePrior
+
+KEY_DOF = 36
+"""Tangent of a keyframe: latent 30, root rotation 3 (world), translation 3."""
+RESIDUAL_DOF = 63
+"""More, where joints may leave the manifold: one rotation vector a joint."""
+
+
+@dataclass(frozen=True)
+class KeyframeLayout:
+    """N windows over F frames; window w uses the keys 2w, 2w + 1, 2w + 2, its neighbours share the end keys."""
+
+    bounds: np.ndarray
+    """(N + 1,) frames at which windows meet; the first is 0, the last F - 1."""
+    window: np.ndarray
+    """(F,) window of each frame (a frame on a bound belongs to the earlier window)."""
+    time: np.ndarray
+    """(F,) position of each frame in its window, 0..1."""
+
+    @classmethod
+    def even(cls, num_frames: int, window: int) -> KeyframeLayout:
+        """Cut a take of F >= 2 frames into windows of nearly ``window`` frames."""
+        count = max(1, round((num_frames - 1) / window))
+        bounds = np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64)
+        frame = np.arange(num_frames)
+        index = np.clip(np.searchsorted(bounds, frame, side="left") - 1, 0, count - 1)
+        return cls(bounds, index, (frame - bounds[index]) / np.diff(bounds)[index])
+
+    @property
+    def num_windows(self) -> int:
+        """Number of windows N."""
+        return len(self.bounds) - 1
+
+    @property
+    def num_keys(self) -> int:
+        """Number of keys, 2N + 1."""
+        return 2 * self.num_windows + 1
+
+    @property
+    def key_times(self) -> np.ndarray:
+        """(2N + 1,) frame number of each key; a middle key may fall between two frames."""
+        times = np.empty(self.num_keys)
+        times[::2] = self.bounds
+        times[1::2] = 0.5 * (self.bounds[:-1] + self.bounds[1:])
+        return times
+
+    def slice_of(self, window: int) -> slice:
+        """Return the frames of a window (the first frame of a take belongs to the first window)."""
+        first = 0 if window == 0 else int(self.bounds[window]) + 1
+        return slice(first, int(self.bounds[window + 1]) + 1)
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """K keyframes."""
+
+    z: Array
+    """(K, 32) unit zero-mean codes."""
+    quat: Array
+    """(K, 4) root rotations wxyz, neighbours in one hemisphere."""
+    transl: Array
+    """(K, 3) metres."""
+    residual: Array
+    """(K, 21, 3) rotations off the manifold, radians."""
+
+    def select(self, keys: np.ndarray | slice) -> Keyframes:
+        """Return the keys at these indices."""
+        return Keyframes(self.z[keys], self.quat[keys], self.transl[keys], self.residual[keys])
+
+    def retract(self, step: Array) -> Keyframes:
+        """Move by (K, 36) or (K, 99) tangent steps."""
+        xp = array_namespace(step)
+        moved = self.z + xp.matmul(latent_tangents(self.z), step[:, :30, None])[..., 0]
+        quat = quat_multiply(quat_from_rotvec(step[:, 30:33]), self.quat)
+        quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
+        residual = self.residual
+        if step.shape[1] > KEY_DOF:
+            residual = residual + xp.reshape(step[:, KEY_DOF:], residual.shape)
+        return Keyframes(normalise_latent(moved), quat, self.transl + step[:, 33:36], residual)
+
+
+def hemisphere_aligned(keys: Keyframes) -> Keyframes:
+    """Return the keys with signs of the root quaternions chosen so that neighbours lie in one hemisphere."""
+    xp = array_namespace(keys.quat)
+    dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
+    signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
+    signs = xp.concat([xp.ones_like(keys.quat[:1, 0]), xp.cumulative_prod(signs)])
+    return replace(keys, quat=keys.quat * signs[:, None])
+
+
+def lagrange(time: Array) -> tuple[Array, Array, Array]:
+    """Return the weights of three equally spaced keys on the polynomial through them, at time 0..1.
+
+    With three keys the cubic of thesis eq. 6.10 has one degree too many; its minimal-curvature member is the parabola.
+    """
+    return (1 - time) * (1 - 2 * time), 4 * time * (1 - time), time * (2 * time - 1)
+
+
+@dataclass(frozen=True)
+class BundleFrames:
+    """Frames made from keyframes and their derivative by the keys' tangents."""
+
+    poses: PosedFrames
+    """F poses."""
+    by_keys: Array | None
+    """(F, 69, 3·D) by the three keys of each frame's window, D = 36 or 99."""
+    residual: Array
+    """(F, 21, 3) rotations off the manifold."""
+
+
+def bundle_frames(
+    prior: PosePrior, keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool, jacobian: bool = True
+) -> BundleFrames:
+    """Return the frames at (window, time): SIDER-2 on codes and root, a parabola on translations (eqs. 6.9, 6.10).
+
+    Args:
+        prior: decoder of the codes.
+        keys: 2N + 1 keyframes.
+        window: (F,) window of each frame.
+        time: (F,) position in it, 0..1.
+        residuals: let the residual rotations act (and give them columns).
+        jacobian: also return the derivative.
+    """
+    xp = array_namespace(keys.z)
+    triple = [xp.asarray(2 * window + i) for i in range(3)]
+    t = constant(time, keys.z)
+    z, z_by = sider2_with_jacobian(*(keys.z[i] for i in triple), t)
+    quat, quat_by = sider2_with_jacobian(*(keys.quat[i] for i in triple), t)
+    weights = lagrange(t)
+    transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
+    residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
+    decoded = decode_poses(prior, z, residual if residuals else None)
+    poses = PosedFrames(matrix_from_quat(quat), decoded.local, transl)
+    if not jacobian:
+        return BundleFrames(poses, None, residual)
+    dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
+    chain = xp.zeros((len(time), FRAME_DOF, 3 * dof), dtype=t.dtype, device=getattr(t, "device", None))
+    for k, key in enumerate(triple):
+        first = k * dof
+        latent = xp.matmul(decoded.by_latent, xp.matmul(z_by[k], latent_tangents(keys.z)[key]))
+        chain[:, 3:66, first : first + 30] = latent
+        chain[:, 0:3, first + 30 : first + 33] = _root_jacobian(quat, quat_by[k], keys.quat[key])
+        for i in range(3):
+            chain[:, 66 + i, first + 33 + i] = weights[k]
+        if residuals:
+            _fill_residual(chain, decoded, weights[k], first + KEY_DOF)
+    return BundleFrames(poses, chain, residual)
+
+
+def _fill_residual(chain: Array, decoded: DecodedPoses, weight: Array, first: int) -> None:
+    """Write the 21 diagonal blocks of the residual rotations."""
+    assert decoded.by_residual is not None
+    for j in range(decoded.by_residual.shape[1]):
+        block = weight[:, None, None] * decoded.by_residual[:, j]
+        chain[:, 3 + 3 * j : 6 + 3 * j, first + 3 * j : first + 3 * j + 3] = block
+
+
+def _root_jacobian(quat: Array, by_key: Array, key: Array) -> Array:
+    """Return (F, 3, 3): world tangent of the interpolated rotation by the world tangent of one key.
+
+    ``dq_k = 1/2 (0, d) q_k`` and ``d_f = 2 vec(dq_f conj(q_f))``.
+    """
+    xp = array_namespace(quat)
+    by_tangent = 0.5 * _right_multiplication(xp, key)[..., :, 1:]
+    conjugate = quat * constant(np.array([1.0, -1.0, -1.0, -1.0]), quat)
+    back = 2.0 * _right_multiplication(xp, conjugate)[..., 1:, :]
+    return xp.matmul(back, xp.matmul(by_key, by_tangent))
+
+
+def _right_multiplication(xp, q: Array) -> Array:  # noqa: ANN001
+    """Return the (..., 4, 4) matrix M(q) with ``p q = M(q) p`` (wxyz)."""
+    w, x, y, z = (q[..., i] for i in range(4))
+    rows = [[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]]
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,112 @@
+"""What holds keyframes where the data say nothing: bounded acceleration, and residual rotations near the manifold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.fitters.chain import Chain
+from solver_backend.fitters.keyframes import Keyframes
+from solver_backend.fitters.latent import latent_tangents
+from solver_backend.geometry.arrays import Array, constant
+
+
+@dataclass(frozen=True)
+class MotionPrior:
+    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s² + 1/2 sum_k rhoᵀ P rho``."""
+
+    spacing_s: float
+    """Time between keys."""
+    residual_sigma: np.ndarray
+    """(21, 3) radians: how far the prior's own reconstructions are from true poses."""
+    frames_per_key: float = 1.0
+    """How many frames' worth of evidence a key carries: residual rotations are priors on frames."""
+    accel_sigma: float = 8.0
+    """m/s², of the root's translation."""
+    angular_sigma: float = 60.0
+    """rad/s², of the root's rotation."""
+    latent_sigma: float = 25.0
+    """1/s², of each coordinate of the code."""
+
+    def add_to(self, chain: Chain, keys: Keyframes, *, residuals: bool) -> Array:
+        """Add the priors' equations to the chain in place and return their cost."""
+        xp = array_namespace(keys.z)
+        cost = xp.zeros((), dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
+        for value, tangents, sigma, first in self._smooth_parts(keys):
+            weight = 1.0 / (sigma * self.spacing_s**2) ** 2
+            cost = cost + self._add_acceleration(chain, value, tangents, weight, first)
+        if residuals:
+            precision = constant((1.0 / self.residual_sigma.reshape(-1) ** 2) * self.frames_per_key, keys.z)
+            cost = cost + self._add_residual(chain, keys, precision)
+        return cost
+
+    def _smooth_parts(self, keys: Keyframes) -> list[tuple[Array, Array, float, int]]:
+        """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
+        xp = array_namespace(keys.z)
+        eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
+        by_turn = _quat_tangents(xp, keys.quat)
+        return [
+            (keys.z, latent_tangents(keys.z), self.latent_sigma, 0),
+            (keys.quat, by_turn, 0.5 * self.angular_sigma, 30),
+            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, 33),
+        ]
+
+    def _add_acceleration(self, chain: Chain, value: Array, tangents: Array, weight: float, first: int) -> Array:
+        xp = array_namespace(value)
+        if value.shape[0] < 3:
+            return xp.sum(value) * 0.0
+        residual = value[:-2] - 2 * value[1:-1] + value[2:]
+        parts = [(0, tangents[:-2]), (1, -2 * tangents[1:-1]), (2, tangents[2:])]
+        for i, left in parts:
+            turned = xp.permute_dims(left, (0, 2, 1)) * weight
+            gradient = xp.matmul(turned, residual[..., None])[..., 0]
+            for j, right in parts:
+                if j >= i:
+                    self._scatter(chain, i, j, xp.matmul(turned, right), first)
+            for parity in (0, 1):
+                keys = np.arange(i, i + len(residual))[parity::2]
+                blocks, column = keys // 2, int(keys[0] % 2) * chain.dof + first
+                chain.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
+        return 0.5 * weight * xp.sum(residual * residual)
+
+    def _scatter(self, chain: Chain, i: int, j: int, blocks: Array, first: int) -> None:
+        """Add (K - 2, d, d) blocks that couple the keys k + i and k + j, k = 0..K-3."""
+        xp = array_namespace(blocks)
+        size = blocks.shape[-1]
+        for parity in (0, 1):
+            chosen = blocks[parity::2]
+            if chosen.shape[0] == 0:
+                continue
+            rows = np.arange(len(chosen)) * 2 + parity + i
+            columns = np.arange(len(chosen)) * 2 + parity + j
+            row, column = int(rows[0] % 2) * chain.dof + first, int(columns[0] % 2) * chain.dof + first
+            if rows[0] // 2 == columns[0] // 2:
+                block = rows // 2
+                chain.diagonal[block, row : row + size, column : column + size] += chosen
+                if i != j:
+                    turned = xp.permute_dims(chosen, (0, 2, 1))
+                    chain.diagonal[block, column : column + size, row : row + size] += turned
+            else:
+                chain.upper[rows // 2, row : row + size, column : column + size] += chosen
+
+    def _add_residual(self, chain: Chain, keys: Keyframes, precision: Array) -> Array:
+        xp = array_namespace(keys.z)
+        count = keys.z.shape[0]
+        flat = xp.reshape(keys.residual, (count, -1))
+        size = flat.shape[1]
+        pull = flat * precision
+        diagonal = xp.eye(size, dtype=flat.dtype, device=getattr(flat, "device", None)) * precision
+        for parity in (0, 1):
+            index = np.arange(parity, count, 2) // 2
+            first = parity * chain.dof + chain.dof - size
+            chain.diagonal[: len(index), first : first + size, first : first + size] += diagonal
+            chain.g[: len(index), first : first + size] += pull[parity::2]
+        return 0.5 * xp.sum(pull * flat)
+
+
+def _quat_tangents(xp, quat: Array) -> Array:  # noqa: ANN001
+    """Return (K, 4, 3): ``dq = 1/2 (0, d) q``."""
+    w, x, y, z = (quat[:, i] for i in range(4))
+    columns = [[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]
+    return 0.5 * xp.stack([xp.stack(c, axis=-1) for c in columns], axis=-1)

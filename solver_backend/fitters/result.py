@@ -1,0 +1,88 @@
+"""The solved poses as a Motion: joints, keypoints, residuals and what deserves a look."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solver_backend.cameras.projection import project
+from solver_backend.fitters.initial import Observations
+from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, NUM_JOINTS, Capture, Motion
+
+
+def build_motion(
+    capture: Capture,
+    subject: Subject,
+    frames: PosedFrames,
+    observations: Observations,
+    *,
+    key_times: np.ndarray,
+    scale: float,
+    provenance: dict[str, Any],
+) -> Motion:
+    """Return the Motion of F solved frames.
+
+    Args:
+        capture: what was solved.
+        subject: the person.
+        frames: F poses.
+        observations: triangulation and noise.
+        key_times: frame numbers of the keyframes (may fall between frames).
+        scale: robust scale in standard deviations, beyond which a detection counts as an outlier.
+        provenance: stored as it is.
+    """
+    cameras, keypoints = capture.require_multiview()
+    posed = pose(subject, frames)
+    points, joints = _numpy(posed.points), _numpy(posed.skeleton.joints)
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    error = np.linalg.norm(px - keypoints.xy, axis=-1)
+    rotvec = _numpy(log_so3(frames.local)).reshape(len(points), -1)
+    body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
+    keyframes = np.zeros(len(points), dtype=bool)
+    keyframes[np.round(key_times).astype(int)] = True
+    normalised = error / observations.sigma_px
+    outliers = normalised[np.isfinite(normalised)] > 2 * scale
+    statistics = {
+        "reprojection_median_px": _rounded(np.nanmedian(error)),
+        "reprojection_rmse_px": _rounded(np.sqrt(np.nanmean(error**2))),
+        "outliers_percent": _rounded(100 * outliers.mean()),
+        "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(_numpy(subject.offsets), axis=-1)],
+    }
+    return Motion(
+        betas=_numpy(subject.betas),
+        global_orient=_numpy(log_so3(frames.root)),
+        body_pose=body_pose,
+        transl=_numpy(frames.transl),
+        fps=keypoints.fps,
+        body=subject.body.id,
+        joints=joints,
+        keypoints3d=points,
+        joint_set=keypoints.joint_set,
+        keyframes=keyframes,
+        flags=_flags(normalised, observations.seen),
+        reprojection_px=error.astype(np.float32),
+        provenance={**provenance, "statistics": statistics},
+    )
+
+
+def _flags(normalised: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return (F,) flags: frames nobody saw, and frames whose residual is far above the take's."""
+    flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
+    per_frame = np.array([np.median(f[np.isfinite(f)]) if np.isfinite(f).any() else np.nan for f in normalised.swapaxes(0, 1)])
+    finite = per_frame[np.isfinite(per_frame)]
+    if finite.size:
+        limit = max(3.0 * float(np.median(finite)), 2.0)
+        flags[np.nan_to_num(per_frame) > limit] |= FLAG_UNSURE
+    return flags
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 3)
+
+
+def _numpy(value: Any) -> np.ndarray:
+    """Return a NumPy copy of an array of either backend."""
+    return np.asarray(value.cpu() if hasattr(value, "cpu") else value, dtype=np.float64)

@@ -1,0 +1,60 @@
+"""Settings of a solve; every field can be set from a job file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from solver_backend.errors import JobInvalid
+
+METHODS = ("bundle", "frame")
+BACKENDS = ("numpy", "torch")
+
+
+@dataclass(frozen=True)
+class SolveSettings:
+    """What to solve with."""
+
+    method: str = "bundle"
+    """'bundle': latent keyframes over windows of frames (thesis 6.2.5); 'frame': every frame on its own (eq. 6.5)."""
+    backend: str = "numpy"
+    """'numpy' works everywhere; 'torch' uses torch's threads (results agree to 1e-6 m)."""
+    window: int = 20
+    """Frames a window of the bundle; it holds a key at each end and one in the middle."""
+    iterations: int = 8
+    """Linearisations at most for each step of the robust schedule."""
+    robust_scale: float = 3.0
+    """Geman-McClure scale in standard deviations of the detector's noise."""
+    refine: bool = True
+    """After the sliding pass, solve all keyframes of the take at once, with shape and detector bias."""
+    residual_rotations: bool = True
+    """In the refinement, let each joint leave the prior's manifold by a small rotation."""
+    betas: tuple[float, ...] | None = None
+    """Known shape; None estimates it from the take."""
+
+    def __post_init__(self) -> None:
+        checks = {
+            "method": (self.method in METHODS, f"one of {', '.join(METHODS)}"),
+            "backend": (self.backend in BACKENDS, f"one of {', '.join(BACKENDS)}"),
+            "window": (isinstance(self.window, int) and 4 <= self.window <= 240, "a whole number from 4 to 240"),
+            "iterations": (isinstance(self.iterations, int) and 1 <= self.iterations <= 200, "a whole number from 1 to 200"),
+            "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
+            "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
+        }
+        for name, (valid, expected) in checks.items():
+            if not valid:
+                raise JobInvalid(f"The setting {name} = {getattr(self, name)!r} is not valid; {expected} is expected.", where=name)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> SolveSettings:
+        """Build settings from plain values.
+
+        Raises:
+            JobInvalid: a key is unknown or a value impossible.
+        """
+        known = [f.name for f in fields(cls)]
+        unknown = sorted(set(values) - set(known))
+        if unknown:
+            raise JobInvalid(f"Unknown setting {', '.join(unknown)}.", hint=f"Known settings: {', '.join(known)}.")
+        betas = values.get("betas")
+        return cls(**{**values, "betas": tuple(betas) if betas is not None else None})

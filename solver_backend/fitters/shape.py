@@ -1,0 +1,143 @@
+"""Shape and detector bias from a sample of frames, together with the poses of those frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.fitters import frame as single
+from solver_backend.fitters.frame import FrameStates
+from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.evidence import PointTerm
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
+
+
+@dataclass(frozen=True)
+class ShapePrior:
+    """What is known of a person before the take; noise in neighbouring frames is shared, so evidence is discounted."""
+
+    betas_sigma: float = 1.0
+    """The shape space has unit variance."""
+    offset_sigma_m: float = 0.012
+    """How far a detector's idea of a point may lie from ours."""
+    evidence: float = 0.2
+    """Share of each frame's information that is new: detector noise is correlated in time."""
+
+
+@dataclass(frozen=True)
+class _State:
+    subject: Subject
+    frames: FrameStates
+
+
+def fit_shape(
+    subject: Subject,
+    prior: PosePrior,
+    term: PointTerm,
+    start: FrameStates,
+    scales: tuple[float, ...],
+    iterations: int,
+    shape_prior: ShapePrior = ShapePrior(),
+    *,
+    free_betas: bool = True,
+) -> tuple[Subject, FrameStates]:
+    """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
+
+    Args:
+        start: poses of the sample.
+        free_betas: False keeps a known shape and fits offsets only.
+    """
+    state = _State(subject, start)
+    precision = _prior_precision(subject, shape_prior, free_betas)
+
+    def retract(s: _State, step: Array) -> _State:
+        m = precision.shape[0]
+        xp = array_namespace(step)
+        return _State(moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1))))
+
+    for scale in scales:
+
+        def linearise(s: _State, scale: float = scale) -> tuple[Array, Arrowhead]:
+            xp = array_namespace(s.frames.z)
+            frames, chain = single.by_unknowns(prior, s.frames)
+            J, gradient, information, cost = _point_jacobian(s.subject, frames, term, scale)
+            by_pose = xp.matmul(J[..., :69], chain[:, None])
+            by_shape = J[..., 69:]
+            flat_pose = xp.reshape(by_pose, (by_pose.shape[0], -1, by_pose.shape[-1]))
+            flat_shape = xp.reshape(by_shape, (by_shape.shape[0], -1, by_shape.shape[-1]))
+            weighted_pose = xp.reshape(xp.matmul(information, by_pose), flat_pose.shape)
+            weighted_shape = xp.reshape(xp.matmul(information, by_shape), flat_shape.shape)
+            turned = xp.permute_dims(flat_pose, (0, 2, 1))
+            g_flat = xp.reshape(gradient, (gradient.shape[0], -1, 1))
+            eye = xp.eye(flat_pose.shape[-1], dtype=J.dtype, device=getattr(J, "device", None))
+            shared = xp.sum(xp.matmul(xp.permute_dims(flat_shape, (0, 2, 1)), weighted_shape), axis=0)
+            g_shared = xp.sum(xp.matmul(xp.permute_dims(flat_shape, (0, 2, 1)), g_flat)[..., 0], axis=0)
+            value = _parameters(s.subject)
+            system = Arrowhead(
+                xp.matmul(turned, weighted_pose) + 1e-2 * eye, xp.matmul(turned, weighted_shape),
+                shared + precision[:, None] * xp.eye(precision.shape[0], dtype=J.dtype, device=getattr(J, "device", None)),
+                xp.matmul(turned, g_flat)[..., 0], g_shared + precision * value,
+            )  # fmt: skip
+            return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
+
+        settings = LMSettings(max_iterations=iterations)
+        state = levenberg_marquardt(state, linearise, retract, lambda mask, new, old: new if bool(mask[0]) else old, settings).state
+    return state.subject, state.frames
+
+
+def refit_shape(
+    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float, shape_prior: ShapePrior, *, free_betas: bool = True
+) -> Subject:
+    """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
+    J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)
+    xp = array_namespace(J)
+    precision = _prior_precision(subject, shape_prior, free_betas)
+    by_shape = J[..., 69:]
+    flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
+    H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
+    g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * _parameters(subject)
+    eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
+    step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
+    return moved(subject, step[0])
+
+
+def moved(subject: Subject, step: Array) -> Subject:
+    """Return the subject with shape and offsets moved by a (10 + 3 L,) step."""
+    xp = array_namespace(step)
+    return replace(
+        subject, betas=subject.betas + step[:10], offsets=subject.offsets + xp.reshape(step[10:], subject.offsets.shape)
+    )
+
+
+def _parameters(subject: Subject) -> Array:
+    xp = array_namespace(subject.betas)
+    return xp.concat([subject.betas, xp.reshape(subject.offsets, (-1,))])
+
+
+def _prior_precision(subject: Subject, shape_prior: ShapePrior, free_betas: bool) -> Array:
+    """Return the (10 + 3 L,) precision of the shared unknowns; a known shape is held by a very high one."""
+    betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if free_betas else 1e12)
+    offsets = np.full(3 * len(subject.landmarks), 1.0 / shape_prior.offset_sigma_m**2)
+    return constant(np.concatenate([betas, offsets]), subject.betas)
+
+
+def _point_jacobian(
+    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return (F, L, 3, 69 + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
+    posed = pose(subject, frames, jacobian=True)
+    xp = array_namespace(posed.points)
+    count, num = posed.points.shape[:2]
+    like = {"dtype": posed.points.dtype, "device": getattr(posed.points, "device", None)}
+    eye = xp.broadcast_to(xp.eye(3, **like), (count, num, 3, 3))
+    by_offsets = xp.zeros((count, num, 3, 3 * num), **like)
+    for i in range(num):
+        by_offsets[:, i, :, 3 * i : 3 * i + 3] = posed.by_offsets[:, i]
+    evidence = term(posed.points, scale)
+    J = xp.concat([posed.by_rotations, eye, posed.by_betas, by_offsets], axis=-1)
+    return J, evidence.gradient, evidence.information, evidence.cost

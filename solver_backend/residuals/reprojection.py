@@ -1,0 +1,93 @@
+"""Reprojection of landmarks into all views, robust and confidence-weighted (thesis eq. 6.8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.cameras.projection import project_with_jacobian
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.residuals.evidence import PointEvidence
+from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.types import Cameras, Keypoints2D
+
+
+@dataclass(frozen=True)
+class ReprojectionTerm:
+    """``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` with Geman-McClure's rho (Albanis 2026, eq. 6.8)."""
+
+    K: Array
+    """(C, 3, 3) px."""
+    distortion: Array
+    """(C, 8)."""
+    R: Array
+    """(C, 3, 3)."""
+    t: Array
+    """(C, 3) metres."""
+    model: str
+    """Distortion model."""
+    xy: Array
+    """(C, F, L, 2) px, finite everywhere (anything where the weight is 0)."""
+    weight: Array
+    """(C, F, L) confidence divided by the noise's variance, 1/px²; 0 = not observed."""
+    confidence: Array
+    """(C, F, L) in 0..1."""
+
+    @classmethod
+    def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
+        """Build the term of a capture.
+
+        Args:
+            cameras: C calibrated cameras.
+            keypoints: detections of the same C views.
+            sigma_px: (L,) standard deviation of each keypoint's noise.
+            like: array that says kind, type and device.
+        """
+        seen = keypoints.confidence > 0
+        xy = np.where(seen[..., None], keypoints.xy, 0.0)
+        arrays = (cameras.K, cameras.distortion, cameras.R, cameras.t)
+        return cls(
+            *(constant(a, like) for a in arrays),
+            cameras.distortion_model,
+            constant(xy, like),
+            constant(keypoints.confidence / np.asarray(sigma_px) ** 2, like),
+            constant(keypoints.confidence, like),
+        )
+
+    def select(self, frames: Any) -> ReprojectionTerm:
+        """Return the term of the frames at these indices (or of this slice)."""
+        return ReprojectionTerm(
+            self.K, self.distortion, self.R, self.t, self.model,
+            self.xy[:, frames], self.weight[:, frames], self.confidence[:, frames],
+        )  # fmt: skip
+
+    def __call__(self, points: Array, scale: float) -> PointEvidence:
+        """Return the evidence at (F, L, 3) world positions."""
+        xp = array_namespace(points)
+        px, by_point, depth = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
+        error = px - self.xy
+        usable = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1) & (depth > 0)
+        error = xp.where(usable[..., None], error, xp.zeros_like(error))
+        by_point = xp.where(usable[..., None, None], by_point, xp.zeros_like(by_point))
+        weight = xp.where(usable, self.weight, xp.zeros_like(self.weight))
+        # The penalty sees the residual in standard deviations; the confidence scales the whole term.
+        per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
+        penalty, robust = geman_mcclure(per_sigma * xp.sum(error * error, axis=-1), scale)
+        cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, xp.zeros_like(penalty)), axis=-1), axis=0)
+        pull = (weight * robust)[..., None]
+        turned = xp.permute_dims(by_point, (0, 1, 2, 4, 3))
+        gradient = xp.sum(xp.matmul(turned, (pull * error)[..., None])[..., 0], axis=0)
+        information = xp.sum(xp.matmul(turned, pull[..., None] * by_point), axis=0)
+        return PointEvidence(cost, gradient, information)
+
+    def inlier_weights(self, points: Array, scale: float) -> Array:
+        """Return the (C, F, L) robust weight of each detection, 0..1."""
+        xp = array_namespace(points)
+        px, _, _ = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
+        error = px - self.xy
+        per_sigma = self.weight / xp.where(self.confidence > 0, self.confidence, xp.ones_like(self.weight))
+        _, robust = geman_mcclure(per_sigma * xp.sum(error * error, axis=-1), scale)
+        return xp.where((self.weight > 0) & xp.isfinite(robust), robust, xp.zeros_like(robust))

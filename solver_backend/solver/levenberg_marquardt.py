@@ -1,0 +1,81 @@
+"""Levenberg-Marquardt on manifolds, for one problem or many independent ones at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from array_api_compat import array_namespace
+
+from solver_backend.solver.normal_equations import NormalEquations
+
+Array = Any
+"""A NumPy array or a torch tensor."""
+State = TypeVar("State")
+
+
+@dataclass(frozen=True)
+class LMSettings:
+    """When to stop and how to damp."""
+
+    max_iterations: int = 20
+    """Linearisations at most."""
+    tolerance: float = 1e-4
+    """Stop when every problem's cost falls by less than this share."""
+    damping: float = 1e-3
+    """First damping, relative to the diagonal of H (Marquardt 1963)."""
+
+
+@dataclass(frozen=True)
+class LMResult(Generic[State]):
+    """Where the minimiser ended."""
+
+    state: State
+    """Best state found."""
+    cost: Array
+    """(B,) cost of each problem."""
+    system: NormalEquations
+    """The normal equations at the state: the information the data gave."""
+    iterations: int
+    """Linearisations made."""
+    status: str
+    """One sentence on why it stopped."""
+
+
+def levenberg_marquardt(
+    state: State,
+    linearise: Callable[[State], tuple[Array, NormalEquations]],
+    retract: Callable[[State, Array], State],
+    select: Callable[[Array, State, State], State],
+    settings: LMSettings = LMSettings(),
+) -> LMResult[State]:
+    """Minimise ``sum_b f_b`` where problem b depends on its own unknowns alone.
+
+    ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` where the cost falls, else λ grows (Levenberg 1944, Marquardt 1963).
+
+    Args:
+        state: where to start.
+        linearise: state -> ((B,) costs, normal equations).
+        retract: (state, (B, n) tangent steps) -> state on the manifold.
+        select: ((B,) mask, new, old) -> state that takes the masked problems from new; the costs follow it.
+        settings: stopping and damping.
+    """
+    cost, system = linearise(state)
+    xp = array_namespace(cost)
+    damping = xp.full_like(cost, settings.damping)
+    for iteration in range(1, settings.max_iterations + 1):
+        candidate = retract(state, system.solve(damping))
+        new_cost, new_system = linearise(candidate)
+        better = new_cost < cost
+        fall = xp.where(better, (cost - new_cost) / (cost + 1e-12), xp.zeros_like(cost))
+        damping = xp.where(better, xp.clip(damping * 0.3, 1e-7, None), damping * 6.0)
+        if bool(xp.all(better)):
+            state, cost, system = candidate, new_cost, new_system
+        elif bool(xp.any(better)):
+            state, system = select(better, candidate, state), system.merged(better, new_system)
+            cost = xp.where(better, new_cost, cost)
+        stuck = ~better & (damping > 1e4)
+        if bool(xp.all((better & (fall < settings.tolerance)) | stuck)):
+            return LMResult(state, cost, system, iteration, "The cost no longer falls.")
+    return LMResult(state, cost, system, settings.max_iterations, "Stopped at max_iterations; more may help.")

@@ -1,0 +1,112 @@
+"""Landmarks: kinematics against a plain loop, Jacobians against central differences, NumPy against torch."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.types import SMPL_PARENTS
+
+FRAMES, POINTS, MARKS = 3, 7, 5
+
+
+def random_body(rng: np.random.Generator, vertices: int = 40) -> Body:
+    weights = rng.dirichlet(np.ones(24) * 0.2, size=vertices)
+    regressor = rng.dirichlet(np.ones(vertices), size=24)
+    return Body(
+        "random", rng.normal(size=(vertices, 3)), 0.1 * rng.normal(size=(vertices, 3, 10)),
+        0.02 * rng.normal(size=(vertices, 3, 207)), regressor, weights, SMPL_PARENTS, np.zeros((0, 3), int),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def case():
+    rng = np.random.default_rng(5)
+    body = random_body(rng)
+    landmarks = Landmarks(
+        tuple("abcde"), rng.normal(size=(POINTS, 3)), 0.1 * rng.normal(size=(POINTS, 3, 10)),
+        rng.dirichlet(np.ones(24) * 0.3, size=POINTS), rng.dirichlet(np.ones(POINTS), size=MARKS),
+        0.05 * rng.normal(size=(POINTS, 3, 207)),
+    )  # fmt: skip
+    state = {
+        "betas": rng.normal(size=10),
+        "global_orient": Rotation.random(FRAMES, random_state=1).as_matrix(),
+        "local": Rotation.random(FRAMES * 21, random_state=2).as_matrix().reshape(FRAMES, 21, 3, 3),
+        "transl": rng.normal(size=(FRAMES, 3)),
+        "offsets": 0.1 * rng.normal(size=(MARKS, 3)),
+    }
+    return body, landmarks, state
+
+
+def points(body, landmarks, state):
+    return pose_landmarks(body, landmarks, **state).points
+
+
+def turned(matrices, tangent):
+    return Rotation.from_rotvec(tangent).as_matrix() @ matrices
+
+
+def central(function, size, step=1e-6):
+    return np.stack([(function(e * step) - function(-e * step)) / (2 * step) for e in np.eye(size)], -1)
+
+
+def test_skinning_equals_a_plain_loop(case):
+    body, landmarks, state = case
+    rest = body.rest_joints(state["betas"])
+    for f in range(FRAMES):
+        local = np.concatenate([state["global_orient"][f][None], state["local"][f], np.tile(np.eye(3), (2, 1, 1))])
+        feature = (local[1:] - np.eye(3)).reshape(-1)
+        G, p = [local[0]], [rest[0] + state["transl"][f]]
+        for j in range(1, 24):
+            k = SMPL_PARENTS[j]
+            p.append(p[k] + G[k] @ (rest[j] - rest[k]))
+            G.append(G[k] @ local[j])
+        mixed = np.zeros((POINTS, 3))
+        for i in range(POINTS):
+            x = landmarks.rest[i] + landmarks.shapedirs[i] @ state["betas"] + landmarks.posedirs[i] @ feature
+            mixed[i] = sum(landmarks.weights[i, b] * (p[b] + G[b] @ (x - rest[b])) for b in range(24))
+        blend = np.einsum("lp,pb,bij->lij", landmarks.mix, landmarks.weights, np.stack(G))
+        expected = landmarks.mix @ mixed + np.einsum("lij,lj->li", blend, state["offsets"])
+        np.testing.assert_allclose(points(body, landmarks, state)[f], expected, atol=1e-12)
+
+
+def test_jacobians_equal_central_differences(case):
+    body, landmarks, state = case
+    posed = pose_landmarks(body, landmarks, **state, jacobian=True)
+    for k in range(22):
+        def move(d, k=k):
+            if k == 0:
+                return points(body, landmarks, {**state, "global_orient": turned(state["global_orient"], d)})
+            local = state["local"].copy()
+            local[:, k - 1] = turned(local[:, k - 1], d)
+            return points(body, landmarks, {**state, "local": local})
+
+        numeric = central(move, 3)
+        np.testing.assert_allclose(posed.by_rotations[..., 3 * k : 3 * k + 3], numeric, atol=1e-7 * max(1, np.abs(numeric).max()))
+    numeric = central(lambda d: points(body, landmarks, {**state, "betas": state["betas"] + d}), 10)
+    np.testing.assert_allclose(posed.by_betas, numeric, atol=1e-8)
+    for mark in range(MARKS):
+        def shift(d, mark=mark):
+            offsets = state["offsets"].copy()
+            offsets[mark] += d
+            return points(body, landmarks, {**state, "offsets": offsets})[:, mark]
+
+        np.testing.assert_allclose(posed.by_offsets[:, mark], central(shift, 3), atol=1e-8)
+
+
+def test_torch_equals_numpy(case):
+    torch = pytest.importorskip("torch")
+    body, landmarks, state = case
+    posed = pose_landmarks(body, landmarks, **state, jacobian=True)
+    other = pose_landmarks(body, landmarks, **{k: torch.as_tensor(v) for k, v in state.items()}, jacobian=True)
+    for name in ("points", "by_rotations", "by_betas", "by_offsets"):
+        np.testing.assert_allclose(getattr(other, name).numpy(), getattr(posed, name), atol=1e-12)
+
+
+def test_batch_equals_frame_by_frame(case):
+    body, landmarks, state = case
+    whole = points(body, landmarks, state)
+    for f in range(FRAMES):
+        one = {k: (v[f : f + 1] if k in ("global_orient", "local", "transl") else v) for k, v in state.items()}
+        np.testing.assert_allclose(points(body, landmarks, one)[0], whole[f], atol=1e-13)
