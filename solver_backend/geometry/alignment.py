@@ -39,14 +39,13 @@ def umeyama(
     Reference: Umeyama 1991, "Least-squares estimation of transformation parameters between two point patterns", eq. 39-42.
     """
     xp = array_namespace(source, target)
-    if weights is None:
-        weights = xp.ones_like(source[..., 0])
-    used = weights[..., None] > 0
+    mass: Array = xp.ones_like(source[..., 0]) if weights is None else weights
+    used = mass[..., None] > 0
     source = xp.where(used, source, xp.zeros_like(source))
     target = xp.where(used, target, xp.zeros_like(target))
-    total = xp.sum(weights, axis=-1)
+    total = xp.sum(mass, axis=-1)
     empty = total <= 0
-    w = (weights / xp.where(empty, xp.ones_like(total), total)[..., None])[..., None]
+    w = (mass / xp.where(empty, xp.ones_like(total), total)[..., None])[..., None]
     mean_source, mean_target = xp.sum(w * source, axis=-2), xp.sum(w * target, axis=-2)
     a, b = source - mean_source[..., None, :], target - mean_target[..., None, :]
     R, strength = _rotation_and_strength(xp.matmul(xp.matrix_transpose(w * b), a))

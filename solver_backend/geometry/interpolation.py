@@ -1,0 +1,209 @@
+"""Interpolation through unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
+
+Every point of these curves is a combination of its keys whose weights depend on the keys' inner products alone. The
+derivative by key j is therefore ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, with a handful of numbers a point: ``Combination``.
+Jacobians are (..., d, d) in the ambient space, right for changes of a key tangent to the sphere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.sphere import geodesic_weights, is_antipodal, orthogonal_axis
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A point that depends on n unit keys ``p_i``, to first order."""
+
+    value: Array
+    """(..., d) the point, unit."""
+    weights: Array
+    """(..., n): ``value = Σ w_i p_i`` (but for antipodal neighbours)."""
+    mixing: Array
+    """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
+
+
+def slerp(a: Array, b: Array, t: Array | float) -> Array:
+    """Return the point at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), which is followed beyond its ends.
+
+    ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``; series at ``ψ = 0``; from ``a`` to ``-a`` through a fixed direction.
+
+    Args:
+        a: (..., d) unit vectors.
+        b: (..., d) unit vectors.
+        t: scalar or (...), any real number.
+
+    Returns:
+        (..., d).
+
+    Reference: Shoemake 1985; thesis 6.2.3.
+    """
+    value, _, _ = _geodesic(a, b, constant(t, a))
+    return value
+
+
+def sider2(a: Array, b: Array, c: Array, t: Array | float) -> Array:
+    """Return the point at ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (t = ½) and ``c`` (t = 1).
+
+    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` as long as ``a`` and
+    ``c`` lie within 90° of ``b``.
+
+    Args:
+        a: (..., d) unit vectors.
+        b: (..., d) unit vectors.
+        c: (..., d) unit vectors.
+        t: scalar or (...), any real number.
+
+    Returns:
+        (..., d).
+
+    Reference: Fong and Leung 2023; thesis 6.2.3.
+    """
+    return _sider([a, b, c], constant(t, a), slerp, _reflect)
+
+
+def sider_n(keys: Array, t: Array | float) -> Array:
+    """Return the point at ``t`` of the curve through n + 1 keys at ``t = 0, 1/n, ..., 1``.
+
+    Two keys: SLERP; three: SIDER2; more: the Aitken-Neville recursion with geodesics for straight lines, so that in
+    the flat limit the curve is the polynomial of degree n through its keys.
+
+    Args:
+        keys: (..., n + 1, d) unit vectors, n >= 1.
+        t: scalar or (...), any real number.
+
+    Returns:
+        (..., d).
+
+    Reference: thesis 6.2.3 for n = 2; Neville 1934 for the recursion.
+    """
+    points = [keys[..., i, :] for i in range(keys.shape[-2])]
+    return _sider(points, constant(t, keys), slerp, _reflect)
+
+
+def slerp_with_jacobian(a: Array, b: Array, t: Array | float) -> tuple[Array, tuple[Array, Array]]:
+    """Return ``slerp(a, b, t)`` and its derivatives by ``a`` and ``b``, (..., d, d) each."""
+    x, (by_a, by_b) = _with_jacobian([a, b], t)
+    return x, (by_a, by_b)
+
+
+def sider2_with_jacobian(a: Array, b: Array, c: Array, t: Array | float) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Return ``sider2(a, b, c, t)`` and its derivatives by ``a``, ``b`` and ``c``, (..., d, d) each."""
+    x, (by_a, by_b, by_c) = _with_jacobian([a, b, c], t)
+    return x, (by_a, by_b, by_c)
+
+
+def sider_n_with_jacobian(keys: Array, t: Array | float) -> tuple[Array, Array]:
+    """Return ``sider_n(keys, t)`` and its derivatives by every key, (..., n + 1, d, d)."""
+    x, jacobians = _with_jacobian([keys[..., i, :] for i in range(keys.shape[-2])], t)
+    return x, array_namespace(keys).stack(jacobians, axis=-3)
+
+
+def sider_combination(keys: Array, t: Array | float) -> Combination:
+    """Return ``sider_n(keys, t)`` with its derivative in factored form, for callers that multiply by it.
+
+    Args:
+        keys: (..., n + 1, d) unit vectors; SIDER2 for three.
+        t: scalar or (...), broadcast against the batch of ``keys``.
+    """
+    xp = array_namespace(keys)
+    t = constant(t, keys)
+    batch = tuple(xp.broadcast_arrays(t, keys[..., 0, 0])[0].shape)
+    count, width = keys.shape[-2:]
+    keys = xp.broadcast_to(keys, (*batch, count, width))
+    gram = xp.matmul(keys, xp.matrix_transpose(keys))
+    identity = _identity(count, keys) + xp.zeros_like(gram)
+    zero = xp.zeros_like(gram)[..., None, :, :] * xp.ones_like(gram)[..., :, :, None]
+    points = [Combination(keys[..., i, :], identity[..., i, :], zero) for i in range(count)]
+
+    def join(q: Combination, r: Combination, at: Array) -> Combination:
+        return _join(q, r, at, gram)
+
+    return _sider(points, t, join, lambda point, centre: _reflect_combination(point, centre, gram))
+
+
+def _with_jacobian(points: list[Array], t: Array | float) -> tuple[Array, tuple[Array, ...]]:
+    xp = array_namespace(*points)
+    keys = xp.stack(xp.broadcast_arrays(*points), axis=-2)
+    x = sider_combination(keys, t)
+    identity = _identity(keys.shape[-1], keys)
+    columns = xp.matrix_transpose(keys)
+    jacobians = [
+        x.weights[..., j, None, None] * identity + xp.matmul(columns, xp.matmul(x.mixing[..., j, :, :], keys))
+        for j in range(len(points))
+    ]
+    return x.value, tuple(jacobians)
+
+
+def _identity(size: int, like: Array) -> Array:
+    return constant([[float(i == k) for k in range(size)] for i in range(size)], like)
+
+
+def _sider(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
+    """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, joined by geodesics."""
+    degree = len(points) - 1
+    if degree == 1:
+        return join(points[0], points[1], t)
+    if degree == 2:
+        a, b, c = points
+        return join(join(a, reflect(c, b), t), join(reflect(a, b), c, t), t)
+    stretch = degree / (degree - 1.0)
+    before = _sider(points[:-1], stretch * t, join, reflect)
+    after = _sider(points[1:], stretch * t - 1.0 / (degree - 1.0), join, reflect)
+    return join(before, after, t)
+
+
+def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array], tuple[Array, Array]]:
+    """Return the point of SLERP, the weights of ``a`` and ``b``, and the weights' derivatives by ``a·b``."""
+    xp = array_namespace(a, b)
+    y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
+    z = 0.25 * xp.sum((a + b) ** 2, axis=-1)
+    antipodal = is_antipodal(z)
+    (of_a, slope_a), (of_b, slope_b) = geodesic_weights(y, z, 1.0 - t), geodesic_weights(y, z, t)
+    if not bool(xp.any(antipodal)):
+        return of_a[..., None] * a + of_b[..., None] * b, (of_a, of_b), (slope_a, slope_b)
+    zero, half_turn = xp.zeros_like(of_a), xp.acos(xp.zeros_like(of_a)) * 2.0 * t
+    of_a, of_b = xp.where(antipodal, xp.cos(half_turn), of_a), xp.where(antipodal, zero, of_b)
+    slope_a, slope_b = xp.where(antipodal, zero, slope_a), xp.where(antipodal, zero, slope_b)
+    around = xp.where(antipodal, xp.sin(half_turn), zero)[..., None] * orthogonal_axis(a)
+    return of_a[..., None] * a + of_b[..., None] * b + around, (of_a, of_b), (slope_a, slope_b)
+
+
+def _join(q: Combination, r: Combination, t: Array, gram: Array) -> Combination:
+    """Return SLERP of two combinations: the product rule in the coefficients over the keys."""
+    xp = array_namespace(gram)
+    value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
+    weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
+    towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights
+    cosine = _product_by_keys(q, r, gram) + _product_by_keys(r, q, gram)
+    grown = towards[..., None, :, None] * cosine[..., :, None, :]
+    mixing = of_q[..., None, None, None] * q.mixing + of_r[..., None, None, None] * r.mixing + grown
+    return Combination(value, weights, mixing)
+
+
+def _product_by_keys(q: Combination, r: Combination, gram: Array) -> Array:
+    """Return (..., n, n): row j holds the coefficients over the keys of ``rᵀ dq/dp_j``."""
+    xp = array_namespace(gram)
+    against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
+    return q.weights[..., :, None] * r.weights[..., None, :] + xp.sum(against * q.mixing, axis=-2)
+
+
+def _reflect(point: Array, centre: Array) -> Array:
+    """Return SLERP(point, centre, 2) in closed form: ``2 (point·centre) centre - point``."""
+    return 2.0 * array_namespace(point).sum(point * centre, axis=-1, keepdims=True) * centre - point
+
+
+def _reflect_combination(point: Combination, centre: Combination, gram: Array) -> Combination:
+    xp = array_namespace(gram)
+    twice = 2.0 * xp.sum(point.value * centre.value, axis=-1)
+    weights = twice[..., None] * centre.weights - point.weights
+    cosine = 2.0 * (_product_by_keys(point, centre, gram) + _product_by_keys(centre, point, gram))
+    grown = centre.weights[..., None, :, None] * cosine[..., :, None, :]
+    mixing = twice[..., None, None, None] * centre.mixing - point.mixing + grown
+    return Combination(_reflect(point.value, centre.value), weights, mixing)

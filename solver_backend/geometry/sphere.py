@@ -1,0 +1,99 @@
+"""The unit sphere of any dimension: exponential, logarithm, and the two weights of a geodesic."""
+
+from __future__ import annotations
+
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.arrays import Array
+
+_SERIES_BELOW = 0.01
+"""Of ``(1 + t²) sin²(ψ/2)``: below it the geodesic's weights come from their series."""
+_SERIES_TERMS = 9
+_SMALL_SQUARE = 1e-8
+
+
+def sphere_exp(a: Array, v: Array) -> Array:
+    """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along ``v``.
+
+    Args:
+        a: (..., d) unit vectors.
+        v: (..., d) tangent vectors at ``a``.
+
+    Reference: thesis 6.2.3.
+    """
+    xp = array_namespace(a, v)
+    square = xp.sum(v * v, axis=-1, keepdims=True)
+    small = square < _SMALL_SQUARE
+    length = xp.sqrt(xp.where(small, xp.ones_like(square), square))
+    along = xp.where(small, 1.0 - square / 6.0, xp.sin(length) / length)
+    return xp.where(small, 1.0 - square / 2.0, xp.cos(length)) * a + along * v
+
+
+def sphere_log(a: Array, b: Array) -> Array:
+    """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a``.
+
+    Args:
+        a: (..., d) unit vectors.
+        b: (..., d) unit vectors; where ``b = -a`` a fixed direction orthogonal to ``a`` is taken, of length π.
+
+    Reference: thesis 6.2.3.
+    """
+    xp = array_namespace(a, b)
+    gap, sum_ = b - a, b + a
+    near, far = xp.sqrt(xp.sum(gap * gap, axis=-1)), xp.sqrt(xp.sum(sum_ * sum_, axis=-1))
+    angle = 2.0 * xp.atan2(near, far)
+    u = gap + 0.5 * (near * near)[..., None] * a
+    length = xp.sqrt(xp.sum(u * u, axis=-1))
+    flat = length < xp.finfo(a.dtype).smallest_normal ** 0.5
+    v = u * (angle / xp.where(flat, xp.ones_like(length), length))[..., None]
+    antipodal = is_antipodal(0.25 * far * far)
+    if bool(xp.any(antipodal)):
+        v = xp.where(antipodal[..., None], angle[..., None] * orthogonal_axis(a), v)
+    return v
+
+
+def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, with ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
+
+    Near ``ψ = 0`` from the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)``, which needs no small denominator.
+
+    Args:
+        y: (...) in 0..1, |a - b|²/4 of the two ends.
+        z: (...) in 0..1, |a + b|²/4; values at 0 (antipodal points) give large but finite weights.
+        t: (...) any real number.
+
+    Returns:
+        Two arrays (...).
+
+    Reference: Shoemake 1985; the series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
+    """
+    xp = array_namespace(y, z, t)
+    small = (1.0 + t * t) * y < _SERIES_BELOW
+    inner = xp.where(small, y, xp.zeros_like(y))
+    term, total, slope = t * xp.ones_like(y), t * xp.ones_like(y), xp.zeros_like(y)
+    for k in range(_SERIES_TERMS):
+        factor = ((1.0 + k) ** 2 - t * t) / ((1.5 + k) * (1.0 + k))
+        slope = slope + (k + 1.0) * factor * term
+        term = term * factor * inner
+        total = total + term
+    half_sine = xp.sqrt(xp.where(small, xp.ones_like(y), y))
+    half_cosine = xp.sqrt(xp.clip(xp.where(small, xp.ones_like(z), z), xp.finfo(z.dtype).eps))
+    sine, cosine = 2.0 * half_sine * half_cosine, 1.0 - 2.0 * half_sine**2
+    angle = 2.0 * xp.atan2(half_sine, half_cosine)
+    far = xp.sin(t * angle)
+    far_slope = (far * cosine - t * xp.cos(t * angle) * sine) / sine**3
+    return xp.where(small, total, far / sine), xp.where(small, -0.5 * slope, far_slope)
+
+
+def is_antipodal(z: Array) -> Array:
+    """Return where ``z = cos²(ψ/2) = |a + b|²/4`` says that two points have no unique geodesic; (...) bool."""
+    return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
+
+
+def orthogonal_axis(a: Array) -> Array:
+    """Return the unit vector orthogonal to ``a`` nearest to the axis of its smallest entry; (..., d), d >= 2."""
+    xp = array_namespace(a)
+    smallest = xp.argmin(xp.abs(a), axis=-1)
+    axis = xp.stack([xp.astype(smallest == i, a.dtype) for i in range(a.shape[-1])], axis=-1)
+    e = axis - xp.sum(axis * a, axis=-1, keepdims=True) * a
+    return e / xp.sqrt(xp.sum(e * e, axis=-1, keepdims=True))

@@ -1,0 +1,209 @@
+"""SLERP and SIDER: keys are met, the sphere is kept, the flat limit is Lagrange's, Jacobians are exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from solver_backend.geometry import interpolation as ip
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.sphere import sphere_exp, sphere_log
+
+TIMES = np.array([-0.5, 0.0, 1e-9, 0.2, 0.5, 0.77, 1.0, 1.3, 2.0])
+
+
+def unit(x: np.ndarray) -> np.ndarray:
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+
+def keys_apart(angle: float, count: int = 3, batch: tuple[int, ...] = (6,), d: int = 5, seed: int = 0) -> np.ndarray:
+    """Return (*batch, count, d) unit vectors, each about ``angle`` rad from the one before."""
+    rng = np.random.default_rng(seed)
+    keys = [unit(rng.normal(size=(*batch, d)))]
+    for _ in range(count - 1):
+        v = rng.normal(size=(*batch, d))
+        v -= (v * keys[-1]).sum(-1, keepdims=True) * keys[-1]
+        keys.append(sphere_exp(keys[-1], angle * unit(v)))
+    return np.stack(keys, axis=-2)
+
+
+def numeric_jacobian(function, key: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return an orthonormal tangent basis (d, d-1) at a key and the derivatives (d, d-1) along it, fourth order."""
+    basis = np.linalg.svd(key[None])[2][1:].T
+    columns = []
+    for e in basis.T:
+        near = function(sphere_exp(key, step * e)) - function(sphere_exp(key, -step * e))
+        far = function(sphere_exp(key, 2 * step * e)) - function(sphere_exp(key, -2 * step * e))
+        columns.append((8 * near - far) / (12 * step))
+    return basis, np.stack(columns, axis=-1)
+
+
+def lagrange(keys: np.ndarray, t: float) -> np.ndarray:
+    nodes = np.linspace(0, 1, keys.shape[-2])
+    basis = [np.prod([(t - m) / (n - m) for m in nodes if m != n]) for n in nodes]
+    return (np.asarray(basis)[:, None] * keys).sum(-2)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1e-3, 0.14, 0.15, 1.0, 3.0, np.pi - 1e-3, np.pi - 1e-6])
+def test_slerp_runs_along_the_great_circle_at_constant_speed(angle):
+    a, b = np.moveaxis(keys_apart(angle, 2), -2, 0)
+    for t in TIMES:
+        x = ip.slerp(a, b, t)
+        tolerance = 4e-15 if angle < 3 else 1e-9
+        np.testing.assert_allclose(np.linalg.norm(x, axis=-1), 1.0, atol=tolerance)
+        np.testing.assert_allclose(x, sphere_exp(a, t * sphere_log(a, b)), atol=tolerance)
+    np.testing.assert_allclose(ip.slerp(a, b, 0.0), a, atol=tolerance)
+    np.testing.assert_allclose(ip.slerp(a, b, 1.0), b, atol=1e-14 if angle < 3 else 1e-9)
+
+
+def test_logarithm_inverts_the_exponential_on_the_sphere():
+    for angle in (0.0, 1e-200, 1e-9, 1e-4, 1.0, 3.1):
+        a, b = np.moveaxis(keys_apart(angle, 2), -2, 0)
+        v = sphere_log(a, b)
+        np.testing.assert_allclose(np.linalg.norm(v, axis=-1), angle, rtol=1e-6 if angle < 1e-6 else 1e-12, atol=1e-15)
+        np.testing.assert_allclose((v * a).sum(-1), 0.0, atol=1e-13)
+        np.testing.assert_allclose(sphere_exp(a, v), b, atol=1e-14)
+
+
+def test_antipodal_ends_give_a_half_circle_without_nan():
+    a = np.concatenate([unit(np.random.default_rng(0).normal(size=(5, 4))), np.eye(4)])
+    t = np.linspace(-1, 2, 31)[:, None]
+    x, (by_a, by_b) = ip.slerp_with_jacobian(a, -a, t)
+    np.testing.assert_allclose(np.linalg.norm(x, axis=-1), 1.0, atol=1e-14)
+    np.testing.assert_allclose((x * a).sum(-1), np.broadcast_to(np.cos(np.pi * t), x.shape[:-1]), atol=1e-13)
+    np.testing.assert_allclose(ip.slerp(a, -a, 1.0), -a, atol=1e-14)
+    assert np.isfinite(by_a).all() and np.isfinite(by_b).all()
+    np.testing.assert_allclose(np.linalg.norm(sphere_log(a, -a), axis=-1), np.pi)
+    assert np.isfinite(ip.sider2_with_jacobian(a, -a, a, t)[1][1]).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.3, 1.0, 1.5])
+@pytest.mark.parametrize("d", [2, 3, 4, 32])
+def test_sider2_passes_through_its_keys_and_stays_on_the_sphere(angle, d):
+    a, b, c = np.moveaxis(keys_apart(angle, 3, d=d), -2, 0)
+    for t, key in ((0.0, a), (0.5, b), (1.0, c)):
+        np.testing.assert_allclose(ip.sider2(a, b, c, t), key, atol=3e-15)
+    for t in TIMES:
+        np.testing.assert_allclose(np.linalg.norm(ip.sider2(a, b, c, t), axis=-1), 1.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
+def test_sider_n_passes_through_every_key(count):
+    keys = keys_apart(0.4, count)
+    for i in range(count):
+        np.testing.assert_allclose(ip.sider_n(keys, i / (count - 1)), keys[..., i, :], atol=1e-12)
+    for t in TIMES[1:7]:
+        np.testing.assert_allclose(np.linalg.norm(ip.sider_n(keys, t), axis=-1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+def test_flat_limit_is_the_lagrange_polynomial(count):
+    """The distance to the polynomial through the keys falls with the square of the keys' distance."""
+    errors = []
+    for angle in (1e-2, 1e-3):
+        keys = keys_apart(angle, count)
+        gap = max(np.abs(unit(lagrange(keys, t)) - ip.sider_n(keys, t)).max() for t in TIMES[1:7])
+        errors.append(gap / angle)
+    assert errors[0] < 2e-3 and (count == 2 or errors[1] < errors[0] / 50)
+
+
+def test_sider2_is_the_thesis_construction():
+    a, b, c = np.moveaxis(keys_apart(0.7), -2, 0)
+    for t in TIMES:
+        inner, outer = ip.slerp(a, ip.slerp(c, b, 2.0), t), ip.slerp(ip.slerp(a, b, 2.0), c, t)
+        np.testing.assert_allclose(ip.sider2(a, b, c, t), ip.slerp(inner, outer, t), atol=1e-13)
+    np.testing.assert_array_equal(ip.sider_n(np.stack([a, b, c], -2), 0.3), ip.sider2(a, b, c, 0.3))
+
+
+def test_sider_is_equivariant_and_reversible():
+    keys = keys_apart(0.8, 4, d=3)
+    R = exp_so3(np.array([0.3, -1.0, 2.0]))
+    for t in TIMES:
+        np.testing.assert_allclose(ip.sider_n(keys @ R.T, t), ip.sider_n(keys, t) @ R.T, atol=1e-12)
+        np.testing.assert_allclose(ip.sider_n(keys[..., ::-1, :], 1 - t), ip.sider_n(keys, t), atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-7, 1e-3, 0.05, 0.2, 1.0, 1.4])
+@pytest.mark.parametrize("count", [2, 3])
+def test_jacobians_equal_central_differences(angle, count):
+    keys = keys_apart(angle, count, (1,), d=4, seed=count)[0]
+    for t in TIMES:
+        x, jacobians = ip.sider_n_with_jacobian(keys, t)
+        np.testing.assert_allclose(x, ip.sider_n(keys, t), atol=1e-13)
+        for j in range(count):
+
+            def moved(key, j=j, t=t):
+                return ip.sider_n(np.concatenate([keys[:j], key[None], keys[j + 1 :]]), t)
+
+            basis, numeric = numeric_jacobian(moved, keys[j], 3e-4)
+            np.testing.assert_allclose(
+                jacobians[j] @ basis, numeric, rtol=1e-6, atol=2e-9 * max(1, np.abs(numeric).max())
+            )
+            np.testing.assert_allclose(x @ jacobians[j] @ basis, 0.0, atol=1e-11 * max(1, np.abs(numeric).max()))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-3, 0.3, 0.8])
+def test_jacobians_of_four_keys_equal_central_differences(angle):
+    test_jacobians_equal_central_differences(angle, 4)
+
+
+def test_jacobian_functions_agree_with_each_other():
+    keys = keys_apart(0.6, 3)
+    a, b, c = np.moveaxis(keys, -2, 0)
+    x, by_keys = ip.sider_n_with_jacobian(keys, 0.3)
+    y, three = ip.sider2_with_jacobian(a, b, c, 0.3)
+    np.testing.assert_array_equal(x, y)
+    np.testing.assert_array_equal(by_keys, np.stack(three, axis=-3))
+    x, two = ip.slerp_with_jacobian(a, b, 0.3)
+    np.testing.assert_allclose(x, ip.slerp(a, b, 0.3), atol=1e-15)
+    np.testing.assert_array_equal(np.stack(two, -3), ip.sider_n_with_jacobian(keys[..., :2, :], 0.3)[1])
+
+
+def test_combination_is_the_jacobian_in_factors():
+    keys, A = keys_apart(0.6, 3, d=32), np.random.default_rng(1).normal(size=(7, 32))
+    point, (_, jacobians) = ip.sider_combination(keys, 0.3), ip.sider_n_with_jacobian(keys, 0.3)
+    along = A @ np.swapaxes(keys, -1, -2)
+    for j in range(3):
+        product = point.weights[..., j, None, None] * A + along @ point.mixing[..., j, :, :] @ keys
+        np.testing.assert_allclose(product, A @ jacobians[..., j, :, :], atol=1e-12)
+
+
+def test_batch_and_broadcast_equal_the_loop():
+    keys = keys_apart(0.5, 3, (4,))
+    times = np.linspace(0, 1, 7)
+    a, b, c = np.moveaxis(keys, -2, 0)
+    x, jacobians = ip.sider2_with_jacobian(a[:, None], b[:, None], c[:, None], times)
+    assert x.shape == (4, 7, 5) and jacobians[0].shape == (4, 7, 5, 5)
+    for f in range(4):
+        for n, t in enumerate(times):
+            one, one_jacobians = ip.sider2_with_jacobian(a[f], b[f], c[f], float(t))
+            np.testing.assert_allclose(x[f, n], one, atol=1e-15)
+            for many, single in zip(jacobians, one_jacobians, strict=True):
+                np.testing.assert_allclose(many[f, n], single, atol=1e-14)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize(("dtype", "atol"), [(np.float64, 1e-12), (np.float32, 1e-4)])
+@pytest.mark.parametrize("angle", [0.0, 1e-3, 0.9])
+def test_torch_equals_numpy(count, dtype, atol, angle):
+    keys = keys_apart(angle, count)
+    t = np.linspace(0, 1, 6)
+    exact = ip.sider_n_with_jacobian(keys, t)
+    for convert in (lambda z: z, torch.as_tensor):
+        found = ip.sider_n_with_jacobian(convert(keys.astype(dtype)), convert(t.astype(dtype)))
+        for x, y in zip(found, exact, strict=True):
+            assert np.asarray(x).dtype == dtype
+            np.testing.assert_allclose(np.asarray(x), y, atol=atol)
+
+
+def test_windows_join_continuously_but_with_a_corner():
+    """Two SIDER2 windows that share a keyframe are C0 there; within a window the curve is smooth."""
+    keys = keys_apart(0.5, 5, ())
+    h = 1e-5
+    first, second = (lambda t: ip.sider_n(keys[:3], t)), (lambda t: ip.sider_n(keys[2:], t))
+    assert np.abs(first(1.0) - second(0.0)).max() < 1e-14
+    jump = (second(h) - second(0.0)) / h - (first(1.0) - first(1.0 - h)) / h
+    assert np.linalg.norm(jump) > 0.1
+    inner = (first(0.5 + h) - first(0.5)) / h - (first(0.5) - first(0.5 - h)) / h
+    assert np.linalg.norm(inner) < 1e-3
