@@ -1,0 +1,303 @@
+#!/usr/bin/env python3
+"""Makes the project's environment and runs its verbs; needs nothing but Python 3.11.
+
+    python3 dev.py demo [CAPTURE] [--out DIR]   solve a capture (or the embedded one) and bake it in Blender
+    python3 dev.py test [PYTEST ARGUMENTS]      every check and every test
+    python3 dev.py lint [--fix]                 the checks alone
+    python3 dev.py bench [NAME] [--update]      benchmarks against their committed baseline
+    python3 dev.py build                        the extension's zip
+    python3 dev.py setup                        the environment alone
+
+The environment is ``.venv`` beside this file. It is made on the first call and again when pyproject.toml changes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
+PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+STAMP = VENV / "manifold_mocap.stamp"
+WANTED = (3, 11)
+EXTRAS = ("torch", "bpy", "capture", "train", "dev")
+LIBRARIES = (
+    "libx11-6", "libxrender1", "libxfixes3", "libxi6", "libxkbcommon0", "libsm6", "libgl1", "libegl1", "libgl1-mesa-dri",
+)  # fmt: skip
+"""Debian's and Ubuntu's packages that the Blender module loads; the last two are for rendering."""
+PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
+
+
+class Failed(Exception):
+    """A step did not succeed: what happened, and what to try."""
+
+    def __init__(self, message: str, hint: str = "", code: int = 1) -> None:
+        super().__init__(message)
+        self.message, self.hint, self.code = message, hint, code
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one verb and return its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="dev.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    demo_parser = verbs.add_parser("demo", help="solve a capture and bake it in Blender")
+    demo_parser.add_argument("capture", nargs="?", type=Path, help="folder or file; the embedded capture if left out")
+    demo_parser.add_argument("--out", type=Path, help="new or empty folder for the results")
+    demo_parser.add_argument("--method", choices=("bundle", "frame"), default="bundle")
+    demo_parser.add_argument("--backend", choices=("numpy", "torch"), default="numpy")
+    demo_parser.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
+    demo_parser.add_argument("--joint-set", help="names of the keypoints, where their number fits several sets")
+    demo_parser.add_argument("--trim", action="store_true", help="cut all cameras to the shortest")
+    verbs.add_parser("test", help="every check and every test", add_help=False)
+    verbs.add_parser("lint", help="the checks alone").add_argument("--fix", action="store_true")
+    verbs.add_parser("bench", help="benchmarks", add_help=False)
+    verbs.add_parser("build", help="the extension's zip")
+    verbs.add_parser("setup", help="the environment alone")
+    args, rest = parser.parse_known_args(argv)
+    if rest and args.verb not in ("test", "bench"):
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    try:
+        return run_verb(args, rest)
+    except Failed as error:
+        print(f"\n✗ {error.message}" + (f"\n  {error.hint}" if error.hint else ""), file=sys.stderr, flush=True)
+        return error.code
+    except KeyboardInterrupt:
+        print("\n✗ Cancelled.", file=sys.stderr)
+        return 130
+
+
+def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
+    """Make the environment where it is missing, then do what was asked for."""
+    if args.verb == "demo":
+        return demo(args)
+    set_up()
+    if args.verb == "test":
+        return checks([[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]])
+    if args.verb == "lint":
+        return checks([], fix=args.fix)
+    if args.verb == "bench":
+        return call([str(PYTHON), "-m", "tests.benchmarks", *rest])
+    if args.verb == "build":
+        return call([str(PYTHON), "build_addon.py"])
+    print(f"The environment is ready: {PYTHON}")
+    return 0
+
+
+# --------------------------------------------------------------------------------------------- environment
+
+
+def set_up() -> None:
+    """Make ``.venv`` and install everything, unless that was done for this very pyproject.toml."""
+    mark = fingerprint()
+    if PYTHON.exists() and STAMP.exists() and STAMP.read_text(encoding="utf-8") == mark:
+        return
+    print("Setting up .venv (once; it downloads about 1 GB)", flush=True)
+    STAMP.unlink(missing_ok=True)
+    make_venv()
+    install()
+    check_blender()
+    STAMP.write_text(mark, encoding="utf-8")
+
+
+def fingerprint() -> str:
+    """Return what the environment depends on, as a hash."""
+    parts = ((ROOT / "pyproject.toml").read_bytes(), repr((EXTRAS, sys.version, str(ROOT))).encode())
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+
+
+def make_venv() -> None:
+    """Make the virtual environment; one of another Python or without pip is made anew."""
+    probe = "import sys, pip; sys.exit(sys.version_info[:2] != (%d, %d))" % WANTED
+    if PYTHON.exists() and call([str(PYTHON), "-c", probe], quiet=True) == 0:
+        return
+    if call([sys.executable, "-m", "venv", "--clear", str(VENV)]) != 0:
+        raise Failed(
+            "The virtual environment could not be made.",
+            "On Debian and Ubuntu: apt-get install python3.11-venv. Elsewhere: check free space and permissions here.",
+        )
+
+
+def install() -> None:
+    """Install the project with every extra in one resolved step, so that nothing pulls in another NumPy later."""
+    project = f"{ROOT}[{','.join(EXTRAS)}]"
+    env = dict(os.environ)
+    for uv_name, pip_name in (("UV_FIND_LINKS", "PIP_FIND_LINKS"), ("UV_DEFAULT_INDEX", "PIP_INDEX_URL")):
+        if env.get(pip_name) and not env.get(uv_name):  # uv does not read pip's settings
+            env[uv_name] = env[pip_name]
+    env.pop("UV_SYSTEM_PYTHON", None)
+    pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    if call([*pip, "uv>=0.5"]) == 0:
+        command = [str(PYTHON), "-m", "uv", "pip", "install", "--python", str(PYTHON), "--editable", project]
+    else:
+        print("uv could not be had; pip installs instead, which is slower.", flush=True)
+        command = [*pip, "--editable", project]
+    if call(command, env=env) != 0:
+        raise Failed(
+            "The packages could not be installed; the lines above name the one that failed.",
+            "Check the network and the free space (3 GB), then call again: what is there is kept.",
+        )
+
+
+def check_blender() -> None:
+    """Import the Blender module; on Debian-like machines install the system libraries it lacks, or say how."""
+    apt = shutil.which("apt-get")
+    missing = blender_error() or (apt and not any(Path("/usr/lib").glob("*/dri/*_dri.so")) and "no software renderer")
+    if not missing:
+        return
+    command = "apt-get install -y --no-install-recommends " + " ".join(LIBRARIES)
+    if apt and hasattr(os, "geteuid") and os.geteuid() == 0:
+        print(f"Blender lacks system libraries ({missing}); installing them.", flush=True)
+        env = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+        quiet = ["-q", "-o", "Dpkg::Use-Pty=0"]
+        call([apt, "update", *quiet], env=env, quiet=True)
+        if call([*command.split(), *quiet], env=env, quiet=True) == 0 and not blender_error():
+            return
+    raise Failed(
+        f"Blender's Python module does not load: {blender_error() or missing}",
+        f"It needs system libraries. As root: {command}"
+        if apt
+        else f"Install what Debian calls {' '.join(LIBRARIES)}.",
+    )
+
+
+def blender_error() -> str:
+    """Return the last line of what went wrong when the Blender module was imported, '' if nothing did."""
+    done = subprocess.run([str(PYTHON), "-c", PROBE], capture_output=True, text=True, cwd=ROOT)
+    return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["it crashed"])[-1]
+
+
+# ---------------------------------------------------------------------------------------------- checks, demo
+
+
+def checks(more: list[list[str]], fix: bool = False) -> int:
+    """Run the linters and ``more``; all of them run, and the failures are named at the end."""
+    python = [str(PYTHON), "-m"]
+    steps = [
+        [*python, "ruff", "check", *(["--fix"] if fix else []), "."],
+        [*python, "ruff", "format", *([] if fix else ["--check"]), "--quiet", "."],
+        [str(BIN / "lint-imports")],
+        [*python, "pyright"],
+        *more,
+    ]
+    failed = []
+    for step in steps:
+        name = " ".join(part for part in step[1:] if part not in ("-m", "--quiet")) or "lint-imports"
+        print(f"── {name}", flush=True)
+        if call(step) != 0:
+            failed.append(name)
+    if failed:
+        raise Failed("Failed: " + "; ".join(failed))
+    return 0
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Solve a capture and bake it; every result lands in one new folder."""
+    out = demo_folder(args)
+    capture, motion = out / "capture.npz", out / "motion.npz"
+    backend = [str(PYTHON), "-m", "solver_backend"]
+    if args.capture is None:
+        read = [*backend, "demo-capture", "--out", str(capture)]
+    else:
+        options = [("--fps", args.fps), ("--joint-set", args.joint_set)]
+        given = [text for name, value in options if value is not None for text in (name, str(value))]
+        read = [*backend, "convert", str(args.capture.resolve()), "--out", str(capture), *given]
+        read += ["--trim"] if args.trim else []
+    solve = [*backend, "solve", str(capture), "--out", str(motion), "--report", str(out / "report.html")]
+    solve += ["--method", args.method, "--backend", args.backend]
+    bake = [str(PYTHON), "-m", "blender_addon", "bake", str(motion), "--capture", str(capture), "--out", str(out)]
+    stages = [("Capture", read), ("Solve", solve), ("Bake in Blender", bake)]
+    if args.capture is None:
+        stages.insert(2, ("Compare with the truth", [*backend, "evaluate", str(capture), str(motion)]))
+    started = time.monotonic()
+    stage("Environment", set_up, 1, len(stages) + 1)
+    for number, (name, command) in enumerate(stages, start=2):
+        stage(name, lambda c=command: require(c, out), number, len(stages) + 1)
+    print(f"\nDone in {time.monotonic() - started:.1f} s: {out}")
+    for path in sorted(p for p in out.rglob("*") if p.is_file()):
+        print(f"  {path.stat().st_size / 1e6:8.2f} MB  {path.relative_to(out)}")
+    return 0
+
+
+def demo_folder(args: argparse.Namespace) -> Path:
+    """Return the new folder of the results, after checking that it is free and can be written to."""
+    if args.capture is not None and not args.capture.exists():
+        raise Failed(f"There is no capture at {args.capture}.", "Check the path.", 2)
+    name = "embedded" if args.capture is None else args.capture.resolve().stem
+    names = (Path.cwd() / (f"demo_{name}" + (f"_{n}" if n > 1 else "")) for n in range(1, 10_000))
+    out = (args.out or next(path for path in names if not path.exists())).resolve()
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise Failed(f"{out} is already there and is not empty.", "Choose another --out, or empty it.", 2)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / ".probe").touch()
+        (out / ".probe").unlink()
+    except OSError as error:
+        raise Failed(f"{out} cannot be written to: {error.strerror}.", "Choose another --out.", 2) from error
+    return out
+
+
+def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
+    """Do one stage and say how long it took."""
+    print(f"\n[{number}/{count}] {name}", flush=True)
+    start = time.monotonic()
+    work()
+    print(f"      {time.monotonic() - start:.1f} s", flush=True)
+
+
+def require(command: list[str], out: Path) -> None:
+    """Run a command that must succeed."""
+    code = call(command)
+    if code != 0:
+        raise Failed(f"This stage failed (exit code {code}); what was finished is in {out}.", "", code)
+
+
+def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:
+    """Run a command in the repository's root and return its exit code."""
+    sink = subprocess.DEVNULL if quiet else None
+    try:
+        process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=sink, stderr=sink)
+    except FileNotFoundError:
+        return 127
+    try:
+        return process.wait()
+    except KeyboardInterrupt:  # the child got it too and tidies up
+        try:
+            process.wait(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        raise
+
+
+# ------------------------------------------------------------------------------------------ the right Python
+
+
+def with_wanted_python() -> int:
+    """Run ``main`` in Python 3.11: here, or in the 3.11 that can be found."""
+    if sys.version_info[:2] == WANTED:
+        return main()
+    version = "%d.%d" % WANTED
+    for command in ([f"python{version}"], ["py", f"-{version}"], [str(PYTHON)]):
+        probe = [*command, "-c", "import sys; sys.exit(sys.version_info[:2] != (%d, %d))" % WANTED]
+        if call(probe, quiet=True) == 0:
+            return call([*command, str(Path(__file__).resolve()), *sys.argv[1:]])
+    print(
+        f"✗ This is Python {sys.version.split()[0]}; Blender 4.5's module needs Python {version}, which was not found.\n"
+        f"  Install Python {version} (python.org, pyenv, or your system's packages) and call: python{version} dev.py ...",
+        file=sys.stderr,
+    )
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(with_wanted_python())
