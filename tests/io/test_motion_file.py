@@ -41,12 +41,14 @@ def test_optional_arrays_are_left_out(tmp_path: Path) -> None:
 def test_reads_as_amass(tmp_path: Path) -> None:
     motion = small_motion()
     with np.load(write_motion(tmp_path / "m.npz", motion), allow_pickle=False) as data:
-        assert data["poses"].shape == (6, 156) and str(data["gender"]) == "neutral"
+        assert data["poses"].shape == (6, 156)
+        assert str(data["gender"]) == "neutral"
         np.testing.assert_array_equal(data["poses"][:, :3], motion.global_orient)
         np.testing.assert_array_equal(data["poses"][:, 3:66], motion.body_pose[:, :63])
         assert not data["poses"][:, 66:].any()
         np.testing.assert_array_equal(data["trans"], motion.transl)
-        assert float(data["mocap_framerate"]) == 59.94 and data["betas"].shape == (10,)
+        assert float(data["mocap_framerate"]) == 59.94
+        assert data["betas"].shape == (10,)
 
 
 def test_no_overwriting(tmp_path: Path) -> None:

@@ -1,0 +1,177 @@
+"""A camera from a mapping of names to values, under the many names tools give to the same things."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from solver_backend.errors import CalibrationInvalid
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.calibration.entry import CameraEntry
+
+_NAMES: dict[str, tuple[str, ...]] = {
+    "K": ("matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix"),
+    "distortion": (
+        "distortions", "distortion", "dist", "distcoeffs", "distcoeff", "distcoef", "distortioncoefficients",
+        "distortioncoeffs", "d",
+    ),
+    "rotation": ("rotation", "r", "rvec", "rot", "rotationvector", "rotationmatrix"),
+    "translation": ("translation", "t", "tvec", "translationvector"),
+    "extrinsics": ("extrinsics", "extrinsic", "extrinsicmatrix", "rt", "worldtocamera"),
+    "size": ("size", "imagesize", "imgsize", "resolution"),
+    "width": ("imagewidth", "width", "w"),
+    "height": ("imageheight", "height", "h"),
+    "model": ("distortionmodel", "model", "cameramodel"),
+}  # fmt: skip
+_FISHEYE_MODELS = ("fisheye", "equidistant", "kannalabrandt", "kannalabrandt4", "equi")
+
+
+def plain(key: str) -> str:
+    """Return a key in lower case without separators."""
+    return re.sub(r"[^a-z0-9]", "", key.lower())
+
+
+def is_camera(node: Any) -> bool:
+    """Whether a mapping holds an intrinsic matrix, as a camera's entry does."""
+    return isinstance(node, Mapping) and _find(node, "K") is not None
+
+
+def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEntry:
+    """Return the camera a mapping describes.
+
+    Args:
+        name: used unless the mapping has a name of its own.
+        node: values as numbers, nested lists, or ``{rows, cols, data}``.
+        where: the file, for errors.
+
+    Raises:
+        CalibrationInvalid: intrinsics, rotation or translation are missing or of a wrong size, or vary over time.
+    """
+    own = node.get("name", node.get("camera_name"))
+    name = str(own) if own not in (None, "") else name
+    place = f"{where}, camera {name}"
+    K = _K(_find(node, "K"), place)
+    if K.ndim == 3:
+        node = {key: _constant(value, place) for key, value in node.items()}
+        K = _K(_find(node, "K"), place)
+    distortion = _find(node, "distortion")
+    R, t = _pose(node, place)
+    return CameraEntry(
+        name=name,
+        K=K,
+        distortion=np.zeros(0) if distortion is None else numbers(distortion, place).reshape(-1),
+        R=R,
+        t=t,
+        image_size=_size(node, place),
+        fisheye=_is_fisheye(node),
+    )
+
+
+def numbers(value: Any, place: str) -> np.ndarray:
+    """Return nested lists, or a ``{rows, cols, data}`` node, as a float array.
+
+    Raises:
+        CalibrationInvalid: it is not a rectangular block of numbers.
+    """
+    shape = None
+    if isinstance(value, Mapping) and "data" in value:
+        shape = (value.get("rows", -1), value.get("cols", -1))
+        value = value["data"]
+    try:
+        array = np.array(value, dtype=np.float64)
+        return array if shape is None else array.reshape(shape)
+    except (TypeError, ValueError) as error:
+        raise CalibrationInvalid("Numbers are expected where the file holds something else.", where=place) from error
+
+
+def _find(node: Mapping[str, Any], what: str) -> Any:
+    keys = {plain(str(key)): key for key in node}
+    for name in _NAMES[what]:
+        if name in keys:
+            return node[keys[name]]
+    return None
+
+
+def _K(value: Any, place: str) -> np.ndarray:
+    if isinstance(value, Mapping) and {"fx", "fy", "cx", "cy"} <= set(value):
+        value = [[value["fx"], 0, value["cx"]], [0, value["fy"], value["cy"]], [0, 0, 1]]
+    K = numbers(value, place)
+    if K.shape == (9,):
+        K = K.reshape(3, 3)
+    if K.shape[-2:] != (3, 3) or K.ndim > 3:
+        raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}; (3, 3) is expected.", where=place)
+    return K
+
+
+def _constant(value: Any, place: str) -> Any:
+    """Return the one value of a list that repeats it for every frame."""
+    if not isinstance(value, list):
+        return value
+    array = np.array(value, dtype=object)
+    if not all(item == value[0] for item in value) and array.ndim > 1:
+        raise CalibrationInvalid(
+            "The camera moves: its calibration differs from frame to frame.",
+            where=place,
+            hint="Only fixed cameras are solved.",
+        )
+    return value[0] if array.ndim > 1 else value
+
+
+def _pose(node: Mapping[str, Any], place: str) -> tuple[np.ndarray, np.ndarray]:
+    rotation, translation, extrinsics = (_find(node, key) for key in ("rotation", "translation", "extrinsics"))
+    if rotation is not None and translation is not None:
+        t = numbers(translation, place).reshape(-1)
+        if t.shape != (3,):
+            raise CalibrationInvalid(f"The translation has {t.size} numbers; 3 are expected.", where=place)
+        return rotation_matrix(rotation, place), t
+    if extrinsics is not None:
+        E = numbers(extrinsics, place)
+        E = E.reshape(-1, 4) if E.ndim == 1 and E.size in (12, 16) else E
+        if E.shape not in ((3, 4), (4, 4)):
+            raise CalibrationInvalid(f"The extrinsic matrix has shape {E.shape}; (3, 4) is expected.", where=place)
+        return E[:3, :3], E[:3, 3]
+    lacking = "rotation" if rotation is None else "translation"
+    raise CalibrationInvalid(
+        f"The camera has no {lacking}.",
+        where=place,
+        hint="Calibrate the extrinsics too, so that all cameras share one world.",
+    )
+
+
+def rotation_matrix(value: Any, place: str) -> np.ndarray:
+    """Return the (3, 3) rotation of a Rodrigues vector or a matrix.
+
+    Raises:
+        CalibrationInvalid: it has neither 3 nor 9 numbers.
+    """
+    R = numbers(value, place)
+    if R.size == 3:
+        return np.asarray(exp_so3(R.reshape(3)))
+    if R.size != 9:
+        raise CalibrationInvalid(
+            f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected.", where=place
+        )
+    return R.reshape(3, 3)
+
+
+def _size(node: Mapping[str, Any], place: str) -> tuple[int, int] | None:
+    size, width, height = _find(node, "size"), _find(node, "width"), _find(node, "height")
+    if size is not None:
+        values = numbers(size, place).reshape(-1)
+    elif width is not None and height is not None:
+        values = np.concatenate([numbers(width, place).reshape(-1), numbers(height, place).reshape(-1)])
+    else:
+        return None
+    if values.shape != (2,) or not np.isfinite(values).all():
+        raise CalibrationInvalid("The image size is not a width and a height.", where=place)
+    return round(float(values[0])), round(float(values[1]))
+
+
+def _is_fisheye(node: Mapping[str, Any]) -> bool:
+    if bool(node.get("fisheye", False)):
+        return True
+    model = _find(node, "model")
+    return isinstance(model, str) and plain(model) in _FISHEYE_MODELS

@@ -1,0 +1,112 @@
+"""One camera as a calibration file states it, and the step from such entries to ``Cameras``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.errors import CalibrationInvalid
+from solver_backend.types import Cameras
+
+ROUNDING = 1e-3
+"""A rotation matrix off by less is taken as rounded and made exact."""
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """A camera in OpenCV's axes: ``x_cam = R @ x_world + t``."""
+
+    name: str
+    """Name in the file."""
+    K: np.ndarray
+    """(3, 3) pixels."""
+    distortion: np.ndarray
+    """(n,) OpenCV's coefficients."""
+    R: np.ndarray
+    """(3, 3) world to camera."""
+    t: np.ndarray
+    """(3,) in the file's unit."""
+    image_size: tuple[int, int] | None = None
+    """Width and height in pixels where the file says so."""
+    fisheye: bool = False
+    """The coefficients are those of the fisheye model."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Cameras of one calibration in metres, Z up, with what was assumed."""
+
+    cameras: Cameras
+    """Every camera of the file."""
+    source: Path
+    """File or folder."""
+    size_known: tuple[bool, ...] = ()
+    """Whether the file states each camera's image size."""
+    notes: tuple[str, ...] = ()
+    """Units and axes found."""
+    problems: tuple[str, ...] = field(default=())
+    """What the user should know."""
+
+
+def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> tuple[Cameras, tuple[str, ...]]:
+    """Return the cameras and sentences on what had to be assumed.
+
+    Raises:
+        CalibrationInvalid: a value is impossible, or pinhole and fisheye cameras are mixed.
+    """
+    problems: list[str] = []
+    if len({entry.fisheye for entry in entries}) > 1:
+        fish = ", ".join(entry.name for entry in entries if entry.fisheye)
+        raise CalibrationInvalid(
+            f"Pinhole and fisheye cameras are mixed; fisheye are {fish}.",
+            where=where,
+            hint="Calibrate all with one model.",
+        )
+    finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
+    guessed = [e.name for e in finished if e.image_size is None]
+    if guessed:
+        problems.append(
+            f"The image size of {', '.join(guessed)} is not stated; it is taken as twice the principal point."
+        )
+    sizes = [e.image_size or _guessed_size(e.K) for e in finished]
+    width = max(len(e.distortion) for e in finished)
+    coefficients = np.stack([np.pad(e.distortion, (0, width - len(e.distortion))) for e in finished])
+    cameras = Cameras(
+        names=tuple(e.name for e in finished),
+        K=np.stack([e.K for e in finished]),
+        distortion=coefficients,
+        R=np.stack([e.R for e in finished]),
+        t=np.stack([e.t for e in finished]),
+        image_size=np.array(sizes),
+        distortion_model="fisheye" if finished[0].fisheye else "opencv",
+    )
+    return cameras, tuple(problems)
+
+
+def _exact_rotation(R: np.ndarray) -> np.ndarray:
+    """Return the nearest rotation of one that was rounded; leave anything else for the check in ``Cameras``."""
+    if not np.isfinite(R).all() or np.abs(R @ R.T - np.eye(3)).max() > ROUNDING:
+        return R
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
+
+
+def _trimmed(entry: CameraEntry, where: str) -> np.ndarray:
+    coefficients = np.asarray(entry.distortion, dtype=np.float64).reshape(-1)
+    most = 4 if entry.fisheye else 8
+    if len(coefficients) > most and np.any(coefficients[most:]):
+        raise CalibrationInvalid(
+            f"The camera has {len(coefficients)} distortion coefficients; {most} are read.",
+            where=f"{where}, camera {entry.name}",
+            hint="Calibrate without thin-prism and tilt terms.",
+        )
+    return coefficients[:most]
+
+
+def _guessed_size(K: np.ndarray) -> tuple[int, int]:
+    # A NaN here is reported by Cameras, which looks at K itself.
+    centre = np.nan_to_num(K[:2, 2], nan=0.0, posinf=0.0, neginf=0.0)
+    return max(1, round(2 * float(centre[0]) + 1)), max(1, round(2 * float(centre[1]) + 1))

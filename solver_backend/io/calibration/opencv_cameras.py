@@ -1,0 +1,72 @@
+"""Calibrations as OpenCV stores them, in YAML or JSON: one file a camera, or one file for all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from solver_backend.io.calibration.camera_fields import camera_entry, is_camera
+from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.yaml_storage import read_yaml
+from solver_backend.io.files import read_json
+
+_SUFFIXED = {"K": "K", "dist": "distortion", "R": "rotation", "T": "translation", "H": "height", "W": "width"}
+"""Matrices named ``K_<camera>`` and so on, as EasyMocap's intri.yml and extri.yml do."""
+
+
+def read_opencv_tree(path: Path) -> Any:
+    """Return the nested content of one YAML or JSON file.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, truncated, or neither.
+    """
+    return read_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
+
+
+def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
+    """Return the cameras of one or several files, in the files' unit; files without cameras are passed over.
+
+    Understood are a camera's matrices at the top of a file (named by ``camera_name``, ``name`` or the file), a node for
+    each camera, a list ``cameras``, and matrices named ``K_<camera>``, ``dist_<camera>``, ``R_<camera>`` and
+    ``T_<camera>``, which may be spread over two files.
+
+    Raises:
+        FileMissing, FileDamaged, CalibrationInvalid: see ``read_opencv_tree`` and ``camera_entry``.
+    """
+    entries: list[CameraEntry] = []
+    suffixed: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        tree = read_opencv_tree(path)
+        for name, node in _camera_nodes(path.stem, tree):
+            entries.append(camera_entry(name, node, where=str(path)))
+        for camera, values in _suffixed_nodes(tree).items():
+            suffixed.setdefault(camera, {}).update(values)
+    where = str(paths[0].parent) if paths else ""
+    entries += [camera_entry(name, node, where=where) for name, node in suffixed.items() if is_camera(node)]
+    return entries
+
+
+def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
+    if is_camera(tree):
+        return [(stem, tree)]
+    if isinstance(tree, Mapping):
+        nodes = [(str(key), node) for key, node in tree.items()]
+    elif isinstance(tree, list):
+        nodes = [(f"cam_{i}", node) for i, node in enumerate(tree)]
+    else:
+        return []
+    found = [(name, node) for name, node in nodes if is_camera(node)]
+    if not found and isinstance(tree, Mapping):
+        inner = next((node for key, node in tree.items() if str(key).lower() in ("cameras", "calibration")), None)
+        return _camera_nodes(stem, inner) if inner is not None else []
+    return found
+
+
+def _suffixed_nodes(tree: Any) -> dict[str, dict[str, Any]]:
+    cameras: dict[str, dict[str, Any]] = {}
+    for key, value in tree.items() if isinstance(tree, Mapping) else ():
+        kind, _, camera = str(key).partition("_")
+        if kind in _SUFFIXED and camera and (isinstance(value, Mapping) or kind in "HW"):
+            cameras.setdefault(camera, {})[_SUFFIXED[kind]] = value
+    return cameras

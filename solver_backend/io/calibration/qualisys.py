@@ -1,0 +1,111 @@
+"""Qualisys Track Manager's calibration, ``.qca.txt`` (XML)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from solver_backend.errors import CalibrationInvalid, FileDamaged
+from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.files import require_file
+
+SUBPIXELS = 64.0
+"""Focal lengths and centres are in 1/64 pixel."""
+
+TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
+"""Qualisys' camera looks along -Z with Y up; OpenCV's along +Z with Y down."""
+
+_TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
+
+
+def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:
+    """Return the cameras in metres, and sentences on what the user should know.
+
+    The file holds for each camera its centre ``c`` in mm in a world with Z up and the rows ``r1, r2, r3`` of the
+    rotation world to camera: right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``.
+    ``K = [[fU, skew, cU - left], [0, fV, cV - top], [0, 0, 1]] / 64`` (left and top of the video's field of view are
+    whole pixels). The distortion coefficients are OpenCV's k1 k2 p1 p2 k3 and have no unit: checkerboard pictures of
+    such cameras, calibrated on their own, give the same values.
+
+    Raises:
+        FileMissing, FileDamaged: the file is not there, truncated or not Qualisys' XML.
+        CalibrationInvalid: a camera lacks a value.
+    """
+    try:
+        root = ElementTree.fromstring(require_file(path).read_bytes())
+    except (ElementTree.ParseError, OSError, ValueError) as error:
+        raise FileDamaged(
+            f"The file is truncated or is not Qualisys' XML ({error}).",
+            where=str(path),
+            hint="Export the calibration again.",
+        ) from error
+    nodes = root.findall("cameras/camera")
+    if not nodes:
+        raise FileDamaged("The file lists no cameras.", where=str(path), hint="Export the calibration again.")
+    videos = [n for n in nodes if "video" in n.get("model", "").lower()]
+    used = [n for n in (videos or nodes) if n.get("active", "1") != "0"]
+    problems = tuple(
+        f"The view of {n.get('serial')} is turned by {n.get('viewrotation')}°; "
+        "if its video is turned too, the calibration does not fit it."
+        for n in used
+        if n.get("viewrotation", "0") not in ("0", "")
+    )
+    return [_entry(node, path) for node in used], problems
+
+
+def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:
+    name = node.get("serial", "")
+    place = f"{path}, camera {name}"
+    transform, intrinsic = _child(node, "transform", place), _child(node, "intrinsic", place)
+    rows = np.array([[_number(transform, key, place) for key in row] for row in _TRANSFORM])
+    centre = np.array([_number(transform, key, place) for key in "xyz"]) / 1000.0
+    left, top, size = _field_of_view(node, intrinsic, place)
+    f_u, f_v, c_u, c_v = (
+        _number(intrinsic, key, place) / SUBPIXELS
+        for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV")
+    )
+    skew = _number(intrinsic, "skew", place, default=0.0) / SUBPIXELS
+    radial = [_number(intrinsic, f"radialDistortion{i}", place, default=0.0) for i in (1, 2, 3)]
+    tangential = [_number(intrinsic, f"tangentalDistortion{i}", place, default=0.0) for i in (1, 2)]
+    R = TO_OPENCV_AXES @ rows
+    return CameraEntry(
+        name=name,
+        K=np.array([[f_u, skew, c_u - left], [0.0, f_v, c_v - top], [0.0, 0.0, 1.0]]),
+        distortion=np.array([radial[0], radial[1], tangential[0], tangential[1], radial[2]]),
+        R=R,
+        t=-R @ centre,
+        image_size=size,
+    )
+
+
+def _field_of_view(
+    node: ElementTree.Element, intrinsic: ElementTree.Element, place: str
+) -> tuple[float, float, tuple[int, int]]:
+    """Return left, top and (width, height) of the video in pixels."""
+    view = node.find("fov_video")
+    if view is None:
+        view = node.find("fov_video_max")
+    if view is None:
+        size = [_number(intrinsic, f"sensorMax{axis}", place) / SUBPIXELS + 1 for axis in "UV"]
+        return 0.0, 0.0, (round(size[0]), round(size[1]))
+    left, top, right, bottom = (_number(view, side, place) for side in ("left", "top", "right", "bottom"))
+    return left, top, (round(right - left) + 1, round(bottom - top) + 1)
+
+
+def _child(node: ElementTree.Element, tag: str, place: str) -> ElementTree.Element:
+    child = node.find(tag)
+    if child is None:
+        raise CalibrationInvalid(f"The camera has no <{tag}>.", where=place, hint="Export the calibration again.")
+    return child
+
+
+def _number(node: ElementTree.Element, key: str, place: str, *, default: float | None = None) -> float:
+    text = node.get(key)
+    if text is None and default is not None:
+        return default
+    try:
+        return float(text or "")
+    except ValueError as error:
+        raise CalibrationInvalid(f"'{key}' of <{node.tag}> is {text!r}, not a number.", where=place) from error

@@ -1,0 +1,91 @@
+"""Length unit and up-axis of a calibration's world."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.errors import JobInvalid
+from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.types import Cameras
+
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
+"""Metres in a unit."""
+
+WIDEST_RIG_M = 60.0
+"""Cameras further apart than this many units are not measured in metres."""
+
+UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
+    "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    "-x": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
+}
+"""Rotation from a world whose named axis points up to ours, whose Z points up."""
+
+
+def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str]:
+    """Return the entries in metres and a sentence that says how the unit was told.
+
+    Args:
+        entries: cameras in the file's unit.
+        unit: a key of ``METRES``, or None to tell it from the distances between the cameras: a rig wider than
+            ``WIDEST_RIG_M`` cannot be in metres and is read as millimetres.
+
+    Raises:
+        JobInvalid: the unit is unknown.
+    """
+    if unit is None:
+        width = _rig_width(entries)
+        unit = "mm" if width > WIDEST_RIG_M else "m"
+        reason = f"the cameras are up to {width:.4g} units apart"
+    else:
+        reason = "as stated"
+    if unit not in METRES:
+        raise JobInvalid(f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit")
+    scale = METRES[unit]
+    return [replace(e, t=np.asarray(e.t) * scale) for e in entries], f"Lengths are read as {unit} ({reason})."
+
+
+def _rig_width(entries: list[CameraEntry]) -> float:
+    centres = np.stack([-np.nan_to_num(e.R).T @ np.nan_to_num(e.t, posinf=0.0, neginf=0.0) for e in entries])
+    if len(centres) == 1:
+        return float(np.linalg.norm(centres[0]))
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    return float(apart.max())
+
+
+def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
+    """Return the cameras in a world turned so that ``up_axis`` of the old one becomes Z.
+
+    ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
+
+    Raises:
+        JobInvalid: the axis is unknown.
+    """
+    axis = up_axis.lower().lstrip("+")
+    if axis not in UP_AXES:
+        raise JobInvalid(f"Unknown up-axis '{up_axis}'; known are {', '.join(UP_AXES)}.", where="up_axis")
+    turn = np.array(UP_AXES[axis], dtype=np.float64)
+    return replace(cameras, R=cameras.R @ turn.T)
+
+
+def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
+    """Return the cameras with one of them for images of another size of the same shape.
+
+    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)``.
+
+    Args:
+        cameras: the cameras.
+        index: which of them.
+        size: width and height of the images in pixels.
+    """
+    K, sizes = cameras.K.copy(), cameras.image_size.copy()
+    scale = np.array(size, dtype=np.float64) / sizes[index]
+    K[index, :2] *= scale[:, None]
+    K[index, :2, 2] += (scale - 1) / 2
+    sizes[index] = size
+    return replace(cameras, K=K, image_size=sizes)

@@ -1,0 +1,199 @@
+"""The part of YAML that OpenCV's FileStorage writes: blocks by indentation, flow lists and maps, plain scalars."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from solver_backend.errors import FileDamaged
+from solver_backend.io.files import read_text
+
+_KEY = re.compile(r"""^("[^"]*"|'[^']*'|[^\s\-:"'\[{][^:]*?)\s*:(?:\s+(.*))?$""")
+_TAG = re.compile(r"^!![\w\-]+\s*")
+_SPECIAL = {
+    ".nan": float("nan"), ".inf": float("inf"), "-.inf": float("-inf"), "+.inf": float("inf"),
+    "true": True, "false": False, "null": None, "~": None, "": None,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Line:
+    number: int
+    indent: int
+    text: str
+
+
+def read_yaml(path: Path) -> Any:
+    """Return the nested dicts, lists and scalars of an OpenCV YAML file; matrices are dicts of rows, cols, dt, data.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated or uses YAML that FileStorage never writes.
+    """
+    try:
+        return parse_yaml(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise FileDamaged(
+            f"The file is truncated or is not OpenCV's YAML ({error}).",
+            where=str(path),
+            hint="Write it with cv2.FileStorage.",
+        ) from error
+
+
+def parse_yaml(text: str) -> Any:
+    """Return the content of a text; see ``read_yaml``.
+
+    Raises:
+        ValueError: names the line that is not understood.
+    """
+    lines = _logical_lines(text)
+    if not lines:
+        return {}
+    value, end = _block(lines, 0, lines[0].indent)
+    if end < len(lines):
+        raise ValueError(f"line {lines[end].number}: unexpected indentation")
+    return value
+
+
+def _logical_lines(text: str) -> list[_Line]:
+    """Return the lines without comments and directives; a bracket that spans lines is joined into one."""
+    lines: list[_Line] = []
+    depth = 0
+    for number, raw in enumerate(text.splitlines(), 1):
+        bare = _without_comment(raw.expandtabs(8)).rstrip()
+        if not bare.strip() or (depth == 0 and (bare.startswith(("%", "---", "...")))):
+            continue
+        if depth:
+            last = lines[-1]
+            lines[-1] = _Line(last.number, last.indent, f"{last.text} {bare.strip()}")
+        else:
+            lines.append(_Line(number, len(bare) - len(bare.lstrip()), bare.strip()))
+        depth = max(0, depth + _balance(bare))
+    if depth:
+        raise ValueError(f"line {lines[-1].number}: a bracket is not closed")
+    return lines
+
+
+def _without_comment(line: str) -> str:
+    quote = ""
+    for i, char in enumerate(line):
+        if quote:
+            quote = "" if char == quote else quote
+        elif char in "\"'":
+            quote = char
+        elif char == "#" and (i == 0 or line[i - 1].isspace()):
+            return line[:i]
+    return line
+
+
+def _balance(line: str) -> int:
+    bare = re.sub(r"\"[^\"]*\"|'[^']*'", "", line)
+    return sum(bare.count(c) for c in "[{") - sum(bare.count(c) for c in "]}")
+
+
+def _block(lines: list[_Line], i: int, indent: int) -> tuple[Any, int]:
+    if lines[i].text == "-" or lines[i].text.startswith("- "):
+        return _sequence(lines, i, indent)
+    return _mapping(lines, i, indent)
+
+
+def _sequence(lines: list[_Line], i: int, indent: int) -> tuple[list[Any], int]:
+    items: list[Any] = []
+    while i < len(lines) and lines[i].indent == indent and (lines[i].text == "-" or lines[i].text.startswith("- ")):
+        rest = lines[i].text[1:].lstrip()
+        if rest and _KEY.match(rest):
+            inner = indent + len(lines[i].text) - len(rest)
+            lines[i] = _Line(lines[i].number, inner, rest)
+            value, i = _mapping(lines, i, inner)
+        else:
+            value, i = _value(rest, lines, i, indent)
+        items.append(value)
+    return items, i
+
+
+def _mapping(lines: list[_Line], i: int, indent: int) -> tuple[dict[str, Any], int]:
+    items: dict[str, Any] = {}
+    while i < len(lines) and lines[i].indent == indent:
+        match = _KEY.match(lines[i].text)
+        if match is None:
+            raise ValueError(f"line {lines[i].number}: 'key: value' is expected, not '{lines[i].text[:40]}'")
+        key = match.group(1).strip("\"'")
+        items[key], i = _value(match.group(2) or "", lines, i, indent)
+    return items, i
+
+
+def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int]:
+    """Return the value that starts in ``rest`` of line ``i``, and the line after it."""
+    rest = _TAG.sub("", rest)
+    if rest:
+        return _flow(rest, lines[i].number), i + 1
+    following = lines[i + 1] if i + 1 < len(lines) else None
+    if following is None or following.indent < indent:
+        return None, i + 1
+    if following.indent == indent and not following.text.startswith("-"):
+        return None, i + 1
+    if following.indent == indent and lines[i].text.startswith("-"):
+        return None, i + 1
+    return _block(lines, i + 1, following.indent)
+
+
+def _flow(text: str, number: int) -> Any:
+    try:
+        value, end = _flow_value(text, 0)
+    except IndexError as error:
+        raise ValueError(f"line {number}: a bracket is not closed") from error
+    if text[end:].strip():
+        raise ValueError(f"line {number}: '{text[end:].strip()[:40]}' is not expected")
+    return value
+
+
+def _flow_value(text: str, i: int) -> tuple[Any, int]:
+    while text[i].isspace():
+        i += 1
+    if text[i] == "[":
+        return _flow_list(text, i + 1)
+    if text[i] == "{":
+        return _flow_map(text, i + 1)
+    if text[i] in "\"'":
+        end = text.index(text[i], i + 1)
+        return text[i + 1 : end], end + 1
+    end = i
+    while end < len(text) and text[end] not in ",]}":
+        end += 1
+    return _scalar(text[i:end].strip()), end
+
+
+def _flow_list(text: str, i: int) -> tuple[list[Any], int]:
+    items: list[Any] = []
+    while True:
+        while text[i].isspace() or text[i] == ",":
+            i += 1
+        if text[i] == "]":
+            return items, i + 1
+        value, i = _flow_value(text, i)
+        items.append(value)
+
+
+def _flow_map(text: str, i: int) -> tuple[dict[str, Any], int]:
+    items: dict[str, Any] = {}
+    while True:
+        while text[i].isspace() or text[i] == ",":
+            i += 1
+        if text[i] == "}":
+            return items, i + 1
+        colon = text.index(":", i)
+        key = text[i:colon].strip().strip("\"'")
+        items[key], i = _flow_value(text, colon + 1)
+
+
+def _scalar(text: str) -> Any:
+    if text.lower() in _SPECIAL:
+        return _SPECIAL[text.lower()]
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

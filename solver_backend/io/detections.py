@@ -1,0 +1,38 @@
+"""Detections of everybody in every view, before one person is chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.types import JointSet
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What the detectors wrote: C cameras, F frames, up to P people, K keypoints."""
+
+    cameras: tuple[str, ...]
+    """One name a camera, as the folders say it."""
+    xy: np.ndarray
+    """(C, F, P, K, 2) float32 pixels; NaN where a keypoint or a person is missing."""
+    confidence: np.ndarray
+    """(C, F, P, K) float32 in 0..1; 0 where missing."""
+    joint_set: JointSet
+    """Names of the keypoints."""
+    first_frame: int = 0
+    """The number of the first frame in the files' own numbering."""
+    notes: tuple[str, ...] = ()
+    """What was found and assumed."""
+    problems: tuple[str, ...] = ()
+    """What the user should know."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return self.xy.shape[1]
+
+    def people(self) -> np.ndarray:
+        """Return (C, F) the number of people found in each view and frame."""
+        return (self.confidence > 0).any(axis=-1).sum(axis=-1)
