@@ -29,9 +29,11 @@ BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 STAMP = VENV / "manifold_mocap.stamp"
 WANTED = (3, 11)
+IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "train", "dev")
 LIBRARIES = (
-    "libx11-6", "libxrender1", "libxfixes3", "libxi6", "libxkbcommon0", "libsm6", "libgl1", "libegl1", "libgl1-mesa-dri",
+    "libx11-6", "libxrender1", "libxfixes3", "libxi6", "libxkbcommon0", "libsm6", "libgl1",
+    "libegl1", "libgl1-mesa-dri",
 )  # fmt: skip
 """Debian's and Ubuntu's packages that the Blender module loads; the last two are for rendering."""
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
@@ -118,8 +120,7 @@ def fingerprint() -> str:
 
 def make_venv() -> None:
     """Make the virtual environment; one of another Python or without pip is made anew."""
-    probe = "import sys, pip; sys.exit(sys.version_info[:2] != (%d, %d))" % WANTED
-    if PYTHON.exists() and call([str(PYTHON), "-c", probe], quiet=True) == 0:
+    if PYTHON.exists() and call([str(PYTHON), "-c", f"import pip; {IS_WANTED}"], quiet=True) == 0:
         return
     if call([sys.executable, "-m", "venv", "--clear", str(VENV)]) != 0:
         raise Failed(
@@ -286,14 +287,13 @@ def with_wanted_python() -> int:
     """Run ``main`` in Python 3.11: here, or in the 3.11 that can be found."""
     if sys.version_info[:2] == WANTED:
         return main()
-    version = "%d.%d" % WANTED
+    version = ".".join(map(str, WANTED))
     for command in ([f"python{version}"], ["py", f"-{version}"], [str(PYTHON)]):
-        probe = [*command, "-c", "import sys; sys.exit(sys.version_info[:2] != (%d, %d))" % WANTED]
-        if call(probe, quiet=True) == 0:
+        if call([*command, "-c", IS_WANTED], quiet=True) == 0:
             return call([*command, str(Path(__file__).resolve()), *sys.argv[1:]])
     print(
-        f"✗ This is Python {sys.version.split()[0]}; Blender 4.5's module needs Python {version}, which was not found.\n"
-        f"  Install Python {version} (python.org, pyenv, or your system's packages) and call: python{version} dev.py ...",
+        f"✗ This is Python {sys.version.split()[0]}; Blender 4.5's module needs Python {version}, which is not here.\n"
+        f"  Install Python {version} (python.org, pyenv or your system's packages), then: python{version} dev.py …",
         file=sys.stderr,
     )
     return 1
