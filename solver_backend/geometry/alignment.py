@@ -36,7 +36,7 @@ def umeyama(
         s (...), R (..., 3, 3) and t (..., 3). All weights zero gives NaN; fewer than three points in general position
         leave the rotation underdetermined, and one of the best is returned.
 
-    Reference: Umeyama 1991, "Least-squares estimation of transformation parameters between two point patterns", eq. 39-42.
+    Reference: Umeyama 1991, "Least-squares estimation of transformation parameters", eq. 39-42.
     """
     xp = array_namespace(source, target)
     mass: Array = xp.ones_like(source[..., 0]) if weights is None else weights

@@ -1,7 +1,7 @@
 """Interpolation through unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
 
 Every point of these curves is a combination of its keys whose weights depend on the keys' inner products alone. The
-derivative by key j is therefore ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, with a handful of numbers a point: ``Combination``.
+derivative by key j is therefore ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``: a handful of numbers, ``Combination``.
 Jacobians are (..., d, d) in the ambient space, right for changes of a key tangent to the sphere.
 """
 
@@ -177,7 +177,6 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
 
 def _join(q: Combination, r: Combination, t: Array, gram: Array) -> Combination:
     """Return SLERP of two combinations: the product rule in the coefficients over the keys."""
-    xp = array_namespace(gram)
     value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
     weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
     towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights

@@ -1,0 +1,150 @@
+"""From world points to pixels with the derivative, and from pixels back to normalised coordinates and rays.
+
+Pixels and Jacobians are NaN where a point lies less than ``NEAR_M`` in front of a camera, or beyond the radius where
+the lens distortion stops being monotonic (``largest_radius``). The depth is finite for every finite point.
+"""
+
+from __future__ import annotations
+
+import math
+
+from array_api_compat import array_namespace
+
+from solver_backend.cameras.distortion import distort_with_jacobian, largest_radius, undistort_normalised
+from solver_backend.errors import CalibrationInvalid
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.types import Cameras
+from solver_backend.types.cameras import DISTORTION_MODELS
+
+NEAR_M = 0.01
+"""Depth below which a point is not projected."""
+
+
+def project(K: Array, distortion: Array, R: Array, t: Array, points: Array, model: str = "opencv") -> Array:
+    """Return the pixels of world points in every camera: ``K distort((R x + t)/z)``.
+
+    Args:
+        K: (C, 3, 3) px.
+        distortion: (C, 8).
+        R: (C, 3, 3) world to camera.
+        t: (C, 3) metres.
+        points: (..., 3) world metres.
+        model: 'opencv' or 'fisheye'.
+
+    Returns:
+        (C, ..., 2) px, NaN where not visible (see the module).
+
+    Raises:
+        CalibrationInvalid: the distortion model is unknown.
+    """
+    _check_model(model)
+    xp = array_namespace(K, points)
+    xy, _, valid = _normalised(distortion, R, t, points, model)
+    if _is_distorted(distortion, model):
+        xy, _ = distort_with_jacobian(xy, distortion, model)
+    px = xp.where(valid[..., None], _to_pixels(K, xy), xp.full_like(xy, math.nan))
+    return xp.reshape(px, (K.shape[0], *points.shape[:-1], 2))
+
+
+def project_with_jacobian(
+    K: Array, distortion: Array, R: Array, t: Array, points: Array, model: str = "opencv"
+) -> tuple[Array, Array, Array]:
+    """Return pixels as ``project``, their derivative by the world points, and the depths.
+
+    Returns:
+        px (C, ..., 2), J (C, ..., 2, 3) in px/m, both NaN where not visible, and depth (C, ...) in metres.
+
+    Raises:
+        CalibrationInvalid: the distortion model is unknown.
+    """
+    _check_model(model)
+    xp = array_namespace(K, points)
+    xy, z, valid = _normalised(distortion, R, t, points, model)
+    inverse_z = 1.0 / xp.where(valid, z, xp.full_like(z, math.nan))
+    x, y = xy[..., 0], xy[..., 1]
+    xx, cross, yy = xp.ones_like(z), xp.zeros_like(z), xp.ones_like(z)
+    if _is_distorted(distortion, model):
+        xy, (xx, cross, yy) = distort_with_jacobian(xy, distortion, model)
+    row_x = (xx * inverse_z, cross * inverse_z, -(xx * x + cross * y) * inverse_z)
+    row_y = (cross * inverse_z, yy * inverse_z, -(cross * x + yy * y) * inverse_z)
+    fx, skew, fy = K[:, 0, 0, None], K[:, 0, 1, None], K[:, 1, 1, None]
+    in_camera = xp.stack(
+        [fx * a + skew * b for a, b in zip(row_x, row_y, strict=True)] + [fy * b for b in row_y], axis=-1
+    )
+    J = xp.matmul(xp.reshape(in_camera, (K.shape[0], -1, 3)), R)
+    px = xp.where(valid[..., None], _to_pixels(K, xy), xp.full_like(xy, math.nan))
+    shape = (K.shape[0], *points.shape[:-1])
+    return xp.reshape(px, (*shape, 2)), xp.reshape(J, (*shape, 2, 3)), xp.reshape(z, shape)
+
+
+def undistort(K: Array, distortion: Array, xy: Array, model: str = "opencv") -> Array:
+    """Return the undistorted normalised coordinates of pixels, the inverse of the lens and of ``K``.
+
+    Args:
+        K: (C, 3, 3) px.
+        distortion: (C, 8).
+        xy: (C, ..., 2) px; NaN stays NaN.
+        model: 'opencv' or 'fisheye'.
+
+    Returns:
+        (C, ..., 2), x/z and y/z in camera axes; NaN where the lens maps nothing to that pixel.
+
+    Raises:
+        CalibrationInvalid: the distortion model is unknown.
+    """
+    _check_model(model)
+    xp = array_namespace(K, xy)
+    flat = xp.reshape(xy, (xy.shape[0], -1, 2))
+    y = (flat[..., 1] - K[:, 1, 2, None]) / K[:, 1, 1, None]
+    x = (flat[..., 0] - K[:, 0, 2, None] - K[:, 0, 1, None] * y) / K[:, 0, 0, None]
+    return xp.reshape(undistort_normalised(xp.stack((x, y), axis=-1), distortion, model), tuple(xy.shape))
+
+
+def rays(cameras: Cameras, xy: Array) -> tuple[Array, Array]:
+    """Return the rays in the world that pixels see along.
+
+    Args:
+        cameras: C cameras.
+        xy: (C, ..., 2) px.
+
+    Returns:
+        Origins (C, 3) in metres and unit directions (C, ..., 3), NaN where ``xy`` is or has no ray.
+    """
+    xp = array_namespace(xy)
+    K, distortion, R, t = (constant(a, xy) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
+    n = xp.reshape(undistort(K, distortion, xy, cameras.distortion_model), (xy.shape[0], -1, 2))
+    inverse_length = 1.0 / xp.sqrt(1.0 + xp.sum(n * n, axis=-1, keepdims=True))
+    direction = xp.matmul(xp.concat((n, xp.ones_like(n[..., :1])), axis=-1) * inverse_length, R)
+    origin = -xp.matmul(xp.matrix_transpose(R), t[..., None])[..., 0]
+    return origin, xp.reshape(direction, (*xy.shape[:-1], 3))
+
+
+def _normalised(distortion: Array, R: Array, t: Array, points: Array, model: str) -> tuple[Array, Array, Array]:
+    """Return x/z and y/z (C, N, 2; zero where invalid), depth (C, N) and validity (C, N)."""
+    xp = array_namespace(R, points)
+    flat = xp.reshape(points, (1, -1, 3))
+    camera = xp.matmul(flat, xp.matrix_transpose(R)) + t[:, None, :]
+    z = camera[..., 2]
+    valid = z > NEAR_M
+    xy = camera[..., :2] / xp.where(valid, z, xp.ones_like(z))[..., None]
+    if _is_distorted(distortion, model):
+        limit = largest_radius(distortion, model)[:, None]
+        valid = valid & (xp.sqrt(xp.sum(xy * xy, axis=-1)) <= limit)
+    return xp.where(valid[..., None], xy, xp.zeros_like(xy)), z, valid
+
+
+def _to_pixels(K: Array, xy: Array) -> Array:
+    """Return ``K (x, y, 1)``; K (C, 3, 3), xy (C, N, 2)."""
+    xp = array_namespace(K, xy)
+    x, y = xy[..., 0], xy[..., 1]
+    u = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None]
+    return xp.stack((u, K[:, 1, 1, None] * y + K[:, 1, 2, None]), axis=-1)
+
+
+def _is_distorted(distortion: Array, model: str) -> bool:
+    return model != "opencv" or bool(array_namespace(distortion).any(distortion != 0))
+
+
+def _check_model(model: str) -> None:
+    if model not in DISTORTION_MODELS:
+        raise CalibrationInvalid(f"Unknown distortion model '{model}'; valid are {', '.join(DISTORTION_MODELS)}.")
