@@ -5,14 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from solver_backend.errors import BodyInvalid
-from solver_backend.types import NUM_BETAS, NUM_JOINTS
+from solver_backend.types import NUM_BETAS
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"
-_REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
+REQUIRED_KEYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
+FAMILIES = {24: "SMPL", 52: "SMPL-H", 55: "SMPL-X"}
+"""Family by number of joints; all share joints 0..21."""
+_HANDS = {24: (22, 23), 52: (25, 40), 55: (28, 43)}
+"""Joints that stand for SMPL's left and right hand: themselves, or the root of the middle finger."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +34,19 @@ class Body:
     shapedirs: np.ndarray
     """(V, 3, 10) metres per unit of shape."""
     posedirs: np.ndarray
-    """(V, 3, 207) metres per unit of pose feature flatten(R_j - I), j = 1..23."""
+    """(V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1; J = 24 here."""
     J_regressor: np.ndarray
-    """(24, V), rows sum to 1."""
+    """(J, V), rows sum to 1."""
     weights: np.ndarray
-    """(V, 24), rows sum to 1."""
+    """(V, J), rows sum to 1."""
     parents: tuple[int, ...]
     """Parent of each joint; -1 at the root."""
     faces: np.ndarray
     """(T, 3) vertex indices."""
     joints_template: np.ndarray = field(init=False)
-    """(24, 3) rest joints of the mean shape."""
+    """(J, 3) rest joints of the mean shape."""
     joints_shapedirs: np.ndarray = field(init=False)
-    """(24, 3, 10) metres per unit of shape."""
+    """(J, 3, 10) metres per unit of shape."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints_template", self.J_regressor @ self.v_template)
@@ -49,8 +54,18 @@ class Body:
         object.__setattr__(self, "joints_shapedirs", directions)
 
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (24, 3) rest joints of a shape."""
+        """Return the (J, 3) rest joints of a shape."""
         return self.joints_template + self.joints_shapedirs @ np.asarray(betas, dtype=np.float64)
+
+    @property
+    def family(self) -> str:
+        """'SMPL', 'SMPL-H' or 'SMPL-X'."""
+        return FAMILIES[len(self.parents)]
+
+    @property
+    def smpl_joints(self) -> tuple[int, ...]:
+        """The joints that stand for SMPL's 24, in SMPL's order."""
+        return (*range(22), *_HANDS[len(self.parents)])
 
     @property
     def stature_m(self) -> float:
@@ -72,14 +87,14 @@ def _load_body(path: Path) -> Body:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: data[key] for key in data.files}
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise BodyInvalid(f"The body file cannot be read: {error}", where=str(path)) from error
-    missing = [key for key in _REQUIRED if key not in arrays]
+    missing = [key for key in REQUIRED_KEYS if key not in arrays]
     if missing:
         raise BodyInvalid(
             f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}.",
             where=str(path),
-            hint=f"A body file holds {', '.join(_REQUIRED)}.",
+            hint=f"A body file holds {', '.join(REQUIRED_KEYS)}.",
         )
     return body_from_arrays(arrays, where=str(path), default_id=path.stem)
 
@@ -91,24 +106,33 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
         BodyInvalid: an array has the wrong shape, the wrong number of joints, or values that are not finite.
     """
     v_template = np.asarray(arrays["v_template"], dtype=np.float64)
-    count = len(v_template)
+    kintree = np.asarray(arrays["kintree_table"]).astype(np.int64)
+    count, num_joints = len(v_template), kintree.shape[-1] if kintree.ndim == 2 else 0
+    if num_joints not in FAMILIES:
+        known = ", ".join(f"{n} ({name})" for n, name in FAMILIES.items())
+        raise BodyInvalid(f"kintree_table has {num_joints} joints; {known} are expected.", where=where)
     posedirs = arrays.get("posedirs")
     if posedirs is None:
-        posedirs = np.zeros((count, 3, 9 * (NUM_JOINTS - 1)))
+        posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
+    if np.shape(posedirs)[-1] == 93:
+        raise BodyInvalid(
+            "This is a STAR model (93 pose correctives); its correctives follow another formula.", where=where,
+            hint="Use the SMPL, SMPL-H or SMPL-X file of the same body.",
+        )  # fmt: skip
     expected = {
         "v_template": (v_template, (count, 3)),
         "shapedirs": (np.asarray(arrays["shapedirs"], dtype=np.float64)[..., :NUM_BETAS], (count, 3, NUM_BETAS)),
-        "posedirs": (np.asarray(posedirs, dtype=np.float64), (count, 3, 9 * (NUM_JOINTS - 1))),
-        "J_regressor": (np.asarray(arrays["J_regressor"], dtype=np.float64), (NUM_JOINTS, count)),
-        "weights": (np.asarray(arrays["weights"], dtype=np.float64), (count, NUM_JOINTS)),
-        "kintree_table": (np.asarray(arrays["kintree_table"]).astype(np.int64), (2, NUM_JOINTS)),
+        "posedirs": (np.asarray(posedirs, dtype=np.float64), (count, 3, 9 * (num_joints - 1))),
+        "J_regressor": (np.asarray(arrays["J_regressor"], dtype=np.float64), (num_joints, count)),
+        "weights": (np.asarray(arrays["weights"], dtype=np.float64), (count, num_joints)),
+        "kintree_table": (kintree, (2, num_joints)),
     }
     for name, (value, shape) in expected.items():
         if value.shape != shape:
             raise BodyInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where=where)
         if not np.isfinite(value).all():
             raise BodyInvalid(f"{name} holds NaN or infinite values.", where=where)
-    parents = tuple(-1 if p > NUM_JOINTS or p < 0 else int(p) for p in expected["kintree_table"][0][0])
+    parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in expected["kintree_table"][0][0])
     if any(p >= j for j, p in enumerate(parents)):
         raise BodyInvalid(f"Parents {parents} do not come before their children.", where=where)
     weights = expected["weights"][0]

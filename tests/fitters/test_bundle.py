@@ -1,0 +1,134 @@
+"""Recover known keyframes of a stick figure from noisy detections, window by window and all at once."""
+
+import numpy as np
+import pytest
+
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.cameras.projection import project
+from solver_backend.fitters.bundle import Schedule, solve_global, solve_sliding
+from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned
+from solver_backend.fitters.latent import normalise_latent
+from solver_backend.fitters.motion_prior import MotionPrior
+from solver_backend.fitters.subject import Subject, pose
+from solver_backend.geometry.arrays import constant
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.synthetic.demo import tripods
+from solver_backend.types import JointSet, Keypoints2D
+from tests.fitters.stick_body import stick_body
+from tests.fitters.toy_prior import ToyPrior
+
+FRAMES, WINDOW, NOISE_PX = 61, 20, 2.0
+SCHEDULE = Schedule((12.0, 3.0), 8)
+
+
+class Scene:
+    """Truth, detections and a start a little off."""
+
+    def __init__(self, like=np.zeros(1)) -> None:
+        rng = np.random.default_rng(11)
+        self.body, self.prior = stick_body(), ToyPrior()
+        self.layout = KeyframeLayout.even(FRAMES, WINDOW)
+        count = self.layout.num_keys
+        walk = np.cumsum(rng.normal(size=(count, 32)), axis=0)
+        z = normalise_latent(rng.normal(size=32) * 3 + walk * 0.5)
+        turn = np.cumsum(0.1 * rng.normal(size=count))
+        half = (np.pi / 2 * np.ones(count)) / 2
+        quat = np.stack([np.cos(half), np.sin(half), 0 * half, turn * 0.3], 1)
+        quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+        transl = np.array([0, 0, 0.95]) + np.cumsum(0.04 * rng.normal(size=(count, 3)), 0)
+        self.truth = hemisphere_aligned(Keyframes(z, quat, transl, np.zeros((count, 21, 3))))
+        landmarks = keypoint_landmarks(self.body, JointSet.SMPL_24)
+        self.subject = Subject(self.body, landmarks, constant(np.zeros(10), like), constant(np.zeros((24, 3)), like))
+        exact = Subject(self.body, landmarks, np.zeros(10), np.zeros((24, 3)))
+        frames = bundle_frames(self.prior, self.truth, self.layout.window, self.layout.time, residuals=False)
+        self.points = pose(exact, frames.poses).points
+        cameras = tripods(np.array([0.0, 0.0, 0.95]))
+        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, self.points, cameras.distortion_model)
+        px = px + NOISE_PX * rng.normal(size=px.shape)
+        wrong = rng.random(px.shape[:-1]) < 0.03
+        px[wrong] += 80 * rng.choice([-1, 1], (wrong.sum(), 2))
+        self.keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
+        self.cameras = cameras
+        self.term = ReprojectionTerm.of(cameras, self.keypoints, np.full(24, NOISE_PX), like)
+        off = 0.03 * rng.normal(size=(count, 36))
+        off[0] = 0
+        start = self.truth.retract(off)
+        self.start = Keyframes(*(constant(getattr(start, n), like) for n in ("z", "quat", "transl", "residual")))
+
+    def error_mm(self, keys) -> float:
+        frames = bundle_frames(self.prior, keys, self.layout.window, self.layout.time, residuals=True)
+        solved = np.asarray(pose(self.subject, frames.poses).points)
+        return 1000 * float(np.linalg.norm(solved - self.points, axis=-1).mean())
+
+
+def prior_of_motion() -> MotionPrior:
+    return MotionPrior(10 / 60, np.full((21, 3), 0.05))
+
+
+def test_sliding_recovers_the_keys():
+    scene = Scene()
+    before = scene.error_mm(scene.start)
+    solved = solve_sliding(scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE)
+    assert before > 25
+    assert scene.error_mm(solved) < 3.0
+
+
+def test_global_is_no_worse_than_sliding():
+    scene = Scene()
+    sliding = solve_sliding(scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE)
+    together, _ = solve_global(
+        scene.subject, scene.prior, scene.term, scene.layout, sliding, SCHEDULE, prior_of_motion(), residuals=False
+    )
+    assert scene.error_mm(together) < scene.error_mm(sliding)
+
+
+def test_residual_rotations_reach_poses_off_the_manifold():
+    scene = Scene()
+    rng = np.random.default_rng(0)
+    bent = Keyframes(
+        scene.truth.z, scene.truth.quat, scene.truth.transl, 0.15 * rng.normal(size=(21, 3)) * np.ones((7, 1, 1))
+    )
+    frames = bundle_frames(scene.prior, bent, scene.layout.window, scene.layout.time, residuals=True)
+    scene.points = pose(scene.subject, frames.poses).points
+    px = project(*(getattr(scene.cameras, n) for n in ("K", "distortion", "R", "t")), scene.points)
+    keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
+    scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), px)
+    errors = []
+    for residuals in (False, True):
+        keys, _ = solve_global(
+            scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE, prior_of_motion(),
+            residuals=residuals,
+        )  # fmt: skip
+        errors.append(scene.error_mm(keys))
+    assert errors[1] < 0.4 * errors[0]
+
+
+def test_a_second_without_any_view_is_bridged():
+    scene = Scene()
+    blind = scene.keypoints.confidence.copy()
+    blind[:, 21:40] = 0
+    keypoints = Keypoints2D(scene.keypoints.xy, blind, JointSet.SMPL_24, 60.0)
+    scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
+    keys, _ = solve_global(
+        scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE, prior_of_motion(), residuals=True
+    )
+    frames = bundle_frames(scene.prior, keys, scene.layout.window, scene.layout.time, residuals=True)
+    points = pose(scene.subject, frames.poses).points
+    assert np.isfinite(points).all()
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=-1) * 60
+    assert speed.max() < 6.0
+    assert np.linalg.norm(points - scene.points, axis=-1)[:15].mean() < 0.003
+
+
+def test_torch_equals_numpy():
+    torch = pytest.importorskip("torch")
+    results = []
+    for like in (np.zeros(1), torch.zeros(1, dtype=torch.float64)):
+        scene = Scene(like)
+        keys = solve_sliding(scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE)
+        keys, _ = solve_global(
+            scene.subject, scene.prior, scene.term, scene.layout, keys, SCHEDULE, prior_of_motion(), residuals=True
+        )
+        frames = bundle_frames(scene.prior, keys, scene.layout.window, scene.layout.time, residuals=True)
+        results.append(np.asarray(pose(scene.subject, frames.poses).points))
+    np.testing.assert_allclose(results[1], results[0], atol=1e-6)

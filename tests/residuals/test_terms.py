@@ -1,0 +1,87 @@
+"""Data terms: gradients against central differences, weights that act as they should."""
+
+import numpy as np
+import pytest
+
+from solver_backend.residuals.positions import PositionTerm
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.robust import geman_mcclure, graduated_scales
+from solver_backend.synthetic.demo import tripods
+from solver_backend.types import JointSet, Keypoints2D
+
+FRAMES, POINTS = 3, 17
+
+
+def reprojection(seed=0):
+    rng = np.random.default_rng(seed)
+    cameras = tripods(np.array([0.0, 0.0, 1.0]))
+    points = rng.uniform([-0.5, -0.5, 0.2], [0.5, 0.5, 1.8], (FRAMES, POINTS, 3))
+    from solver_backend.cameras.projection import project
+
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    confidence = rng.uniform(0.2, 1.0, px.shape[:-1])
+    confidence[0, 1, 4] = confidence[2, 2, 5] = 0
+    keypoints = Keypoints2D(px + rng.normal(size=px.shape) * 6, confidence, JointSet.COCO_17, 60.0)
+    return cameras, keypoints, points + 0.01 * rng.normal(size=points.shape)
+
+
+def check_gradient(term, points, scale):
+    evidence = term(points, scale)
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        d = rng.normal(size=points.shape)
+        numeric = (term(points + 1e-6 * d, scale).cost - term(points - 1e-6 * d, scale).cost) / 2e-6
+        analytic = (evidence.gradient * d).sum((1, 2))
+        np.testing.assert_allclose(analytic, numeric, rtol=1e-6, atol=1e-6 * np.abs(numeric).max())
+
+
+@pytest.mark.parametrize("scale", [1e4, 2.0])
+def test_gradient_of_reprojection(scale):
+    cameras, keypoints, points = reprojection()
+    check_gradient(ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), points), points, scale)
+
+
+def test_gradient_of_positions():
+    _, _, points = reprojection()
+    rng = np.random.default_rng(2)
+    term = PositionTerm(points + 0.05 * rng.normal(size=points.shape), rng.uniform(0, 900, points.shape[:2]))
+    check_gradient(term, points, 3.0)
+
+
+def test_information_is_the_hessian_at_zero_residual():
+    cameras, keypoints, points = reprojection()
+    from solver_backend.cameras.projection import project
+
+    exact = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    keypoints = Keypoints2D(exact, keypoints.confidence, keypoints.joint_set, 60.0)
+    term = ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), points)
+    information = term(points, 3.0).information
+    for axis in range(3):
+        d = np.zeros(3)
+        d[axis] = 1e-5
+        column = (term(points + d, 3.0).gradient - term(points - d, 3.0).gradient) / 2e-5
+        np.testing.assert_allclose(information[..., axis], column, rtol=2e-4, atol=1e-4 * np.abs(information).max())
+
+
+def test_missing_detections_carry_no_information():
+    cameras, keypoints, points = reprojection()
+    blind = Keypoints2D(keypoints.xy, 0 * keypoints.confidence, keypoints.joint_set, 60.0)
+    evidence = ReprojectionTerm.of(cameras, blind, np.full(POINTS, 5.0), points)(points, 3.0)
+    assert evidence.cost.sum() == 0 and np.abs(evidence.gradient).sum() == 0 and np.abs(evidence.information).sum() == 0
+
+
+def test_torch_equals_numpy():
+    torch = pytest.importorskip("torch")
+    cameras, keypoints, points = reprojection()
+    one = ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), points)(points, 2.0)
+    tensor = torch.as_tensor(points)
+    other = ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), tensor)(tensor, 2.0)
+    for name in ("cost", "gradient", "information"):
+        np.testing.assert_allclose(getattr(other, name).numpy(), getattr(one, name), rtol=1e-10, atol=1e-8)
+
+
+def test_geman_mcclure_forgets_outliers_and_keeps_inliers():
+    penalty, weight = geman_mcclure(np.array([0.0, 1e-4, 1e6]), 3.0)
+    np.testing.assert_allclose(weight[:2], 1.0, atol=1e-4)
+    assert weight[2] < 1e-9 and penalty[2] == pytest.approx(9.0, rel=1e-4)
+    assert graduated_scales(3.0, 12.0, 3) == pytest.approx((12.0, 6.0, 3.0))
