@@ -148,6 +148,12 @@ class WeightsInvalid(MocapError):
     code = "weights_invalid"
 
 
+class TrainingMismatch(MocapError):
+    """A checkpoint was made with other settings than the run that wants to go on from it."""
+
+    code = "training_mismatch"
+
+
 class PoseInvalid(MocapError):
     """Poses or rotations have the wrong shape, are not finite or are off SO(3)."""
 
@@ -170,3 +176,9 @@ class Cancelled(MocapError):
     """The user cancelled the work."""
 
     code = "cancelled"
+
+
+class ShapeMismatch(MocapError):
+    """Two arrays that are compared, or an array and what it stands for, have different shapes."""
+
+    code = "shape_mismatch"
