@@ -1,0 +1,50 @@
+"""How far solved points are from the detections, seen through the cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.cameras.projection import project
+from solver_backend.metrics.shapes import has_shape
+from solver_backend.types import Cameras, Keypoints2D
+
+
+def reprojection_px(cameras: Cameras, points: np.ndarray, keypoints: Keypoints2D) -> np.ndarray:
+    """Return the distance between each detection and the projection of its point.
+
+    Args:
+        cameras: C cameras, in the order of the views.
+        points: (F, K, 3) world metres.
+        keypoints: C views of F frames with K keypoints.
+
+    Returns:
+        (C, F, K) pixels, NaN where there is no detection or no visible point.
+
+    Raises:
+        ShapeMismatch: the points do not fit the detections, or the cameras the views.
+    """
+    views, frames, count = keypoints.confidence.shape
+    points = has_shape(points, (frames, count, 3), "The array of points")
+    has_shape(cameras.t, (views, 3), "The cameras' translation")
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    return np.linalg.norm(px - keypoints.xy, axis=-1)
+
+
+def reprojection_rmse_px(error_px: np.ndarray) -> float:
+    """Return the root of the mean squared reprojection error of all detections, in pixels.
+
+    Args:
+        error_px: (C, F, K) pixels, NaN where unseen.
+    """
+    seen = error_px[np.isfinite(error_px)]
+    return float(np.sqrt(np.mean(seen**2))) if seen.size else float("nan")
+
+
+def reprojection_median_px(error_px: np.ndarray) -> float:
+    """Return the median reprojection error of all detections, in pixels, which outliers do not move.
+
+    Args:
+        error_px: (C, F, K) pixels, NaN where unseen.
+    """
+    seen = error_px[np.isfinite(error_px)]
+    return float(np.median(seen)) if seen.size else float("nan")
