@@ -85,7 +85,7 @@ def load_body(path: Path | None = None) -> Body:
 @lru_cache(maxsize=4)
 def _load_body(path: Path) -> Body:
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             arrays = {key: data[key] for key in data.files}
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise BodyInvalid(f"The body file cannot be read: {error}", where=str(path)) from error

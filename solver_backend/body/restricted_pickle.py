@@ -63,10 +63,10 @@ _ALLOWED: dict[tuple[str, str], Any] = {
     ("scipy.sparse.csc", "csc_matrix"): _SparseColumns,
     ("scipy.sparse._csc", "csc_matrix"): _SparseColumns,
 }
-_core = getattr(np, "_core", None) or np.core
+# NumPy's own constructors, asked of NumPy itself: their module moved between NumPy 1 and 2.
 for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
-    _ALLOWED[(_module, "_reconstruct")] = _core.multiarray._reconstruct
-    _ALLOWED[(_module, "scalar")] = _core.multiarray.scalar
+    _ALLOWED[(_module, "_reconstruct")] = np.empty(0).__reduce__()[0]
+    _ALLOWED[(_module, "scalar")] = np.float64(0).__reduce__()[0]
 
 
 class _Unpickler(pickle.Unpickler):

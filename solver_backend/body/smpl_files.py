@@ -45,7 +45,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None) -> Body:
 
 def _read_npz(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             wanted = set(REQUIRED_KEYS) | {"posedirs"}
             return {key: data[key] for key in data.files if key in wanted}
     except (OSError, ValueError, EOFError, KeyError, BadZipFile) as error:
