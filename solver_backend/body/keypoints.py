@@ -2,42 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
+from solver_backend.body.anatomy import AtJoints, Between, LandmarkBuilder, OnSurface, Rule
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks
-from solver_backend.body.raycast import cast_ray
 from solver_backend.types import SMPL_JOINTS, JointSet
-
-
-@dataclass(frozen=True)
-class AtJoints:
-    """The weighted mean of joints, moved by an offset carried by ``bone`` (lengths for a stature of 1.70 m)."""
-
-    joints: dict[str, float]
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class OnSurface:
-    """Where a ray from a joint (moved by ``start``) leaves the skin, then ``depth`` metres inwards."""
-
-    joint: str
-    direction: tuple[float, float, float]
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    depth: float = 0.0
-
-
-@dataclass(frozen=True)
-class Between:
-    """The weighted mean of other keypoints."""
-
-    keypoints: dict[str, float] = field(default_factory=dict)
-
-
-Rule = AtJoints | OnSurface | Between
 
 _MIDLINE: dict[str, Rule] = {
     "nose": OnSurface("head", (0, 0, 1), (0, 0.045, 0)),
@@ -76,80 +46,20 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
         BodyInvalid: a ray misses the mesh, so the body is not a closed T-posed mesh in SMPL's frame.
     """
     if joint_set is JointSet.SMPL_24:
-        return _joint_landmarks(body)
-    return _Builder(body).build(joint_set.keypoints)
+        chosen = list(body.smpl_joints)
+        one_hot = np.eye(len(body.parents))[chosen]
+        joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]
+        return Landmarks(SMPL_JOINTS, joints, directions, one_hot, np.eye(len(chosen)))
+    return LandmarkBuilder(body, _RULES).build(joint_set.keypoints)
 
 
-def _joint_landmarks(body: Body) -> Landmarks:
-    eye = np.eye(len(SMPL_JOINTS))
-    return Landmarks(SMPL_JOINTS, body.joints_template, body.joints_shapedirs, eye, eye)
+def _sided_rules() -> dict[str, tuple[str, Rule]]:
+    """Return side and rule of every keypoint name."""
+    rules: dict[str, tuple[str, Rule]] = {name: ("", rule) for name, rule in _MIDLINE.items()}
+    for part, rule in _LEFT.items():
+        for side in ("left", "right"):
+            rules[f"mouth_{side}" if part == "mouth" else f"{side}_{part}"] = (side, rule)
+    return rules
 
 
-class _Builder:
-    """Collects skinned points and mixes them into keypoints."""
-
-    def __init__(self, body: Body) -> None:
-        self._body, self._scale = body, body.stature_m / 1.70
-        self._rest: list[np.ndarray] = []
-        self._shapedirs: list[np.ndarray] = []
-        self._weights: list[np.ndarray] = []
-
-    def build(self, names: tuple[str, ...]) -> Landmarks:
-        mixes = [self._keypoint(name) for name in names]
-        mix = np.zeros((len(names), len(self._rest)))
-        for row, shares in enumerate(mixes):
-            for point, share in shares.items():
-                mix[row, point] += share
-        return Landmarks(names, np.stack(self._rest), np.stack(self._shapedirs), np.stack(self._weights), mix)
-
-    def _keypoint(self, name: str) -> dict[int, float]:
-        side, rule = _rule(name)
-        if isinstance(rule, Between):
-            shares: dict[int, float] = {}
-            for other, share in rule.keypoints.items():
-                for point, part in self._keypoint(other).items():
-                    shares[point] = shares.get(point, 0.0) + share * part
-            return shares
-        if isinstance(rule, AtJoints):
-            return self._at_joints(rule, side)
-        return {self._on_surface(rule, side): 1.0}
-
-    def _at_joints(self, rule: AtJoints, side: str) -> dict[int, float]:
-        shares = {}
-        for joint, share in rule.joints.items():
-            j = _joint_index(joint, side)
-            rest = self._body.joints_template[j] + self._vector(rule.offset, side)
-            shares[self._add(rest, self._body.joints_shapedirs[j], np.eye(len(SMPL_JOINTS))[j])] = share
-        return shares
-
-    def _on_surface(self, rule: OnSurface, side: str) -> int:
-        start = self._body.joints_template[_joint_index(rule.joint, side)] + self._vector(rule.start, side)
-        direction = self._vector(rule.direction, side)
-        hit = cast_ray(self._body, start, direction)
-        rest = hit.barycentric @ self._body.v_template[hit.vertices]
-        rest = rest - rule.depth * self._scale * direction / np.linalg.norm(direction)
-        shapedirs = np.tensordot(hit.barycentric, self._body.shapedirs[hit.vertices], axes=1)
-        return self._add(rest, shapedirs, hit.barycentric @ self._body.weights[hit.vertices])
-
-    def _add(self, rest: np.ndarray, shapedirs: np.ndarray, weights: np.ndarray) -> int:
-        self._rest.append(rest)
-        self._shapedirs.append(shapedirs)
-        self._weights.append(weights)
-        return len(self._rest) - 1
-
-    def _vector(self, value: tuple[float, float, float], side: str) -> np.ndarray:
-        return np.array(value, dtype=np.float64) * self._scale * ([-1, 1, 1] if side == "right" else [1, 1, 1])
-
-
-def _rule(name: str) -> tuple[str, Rule]:
-    """Return the side ('left', 'right' or '') and the rule of a keypoint."""
-    if name in _MIDLINE:
-        return "", _MIDLINE[name]
-    if name in ("mouth_left", "mouth_right"):
-        return name[6:], _LEFT["mouth"]
-    side, _, part = name.partition("_")
-    return side, _LEFT[part]
-
-
-def _joint_index(joint: str, side: str) -> int:
-    return SMPL_JOINTS.index(joint if joint in SMPL_JOINTS else f"{side}_{joint}")
+_RULES = _sided_rules()

@@ -51,7 +51,9 @@ def forward_kinematics(
         if shape_jacobian:
             by_betas.append(by_betas[p] + xp.matmul(G[p], directions[j] - directions[p]))
         G.append(xp.matmul(G[p], local[:, j - 1]) if j <= count else G[p])
-    return PosedSkeleton(xp.stack(G, axis=1), xp.stack(joints, axis=1), xp.stack(by_betas, axis=1) if shape_jacobian else None)
+    return PosedSkeleton(
+        xp.stack(G, axis=1), xp.stack(joints, axis=1), xp.stack(by_betas, axis=1) if shape_jacobian else None
+    )
 
 
 def subtree_matrix(parents: tuple[int, ...]) -> np.ndarray:

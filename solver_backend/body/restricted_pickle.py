@@ -104,8 +104,19 @@ def read_pickle(path: Path) -> dict[str, Any]:
             content = _Unpickler(stream, str(path)).load()
     except UnsafePickle:
         raise
-    except (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, AttributeError, pickle.UnpicklingError) as error:
-        raise BodyInvalid(f"The pickle cannot be read: {error}", where=str(path), hint="The file may be truncated.") from error
+    except (
+        OSError,
+        EOFError,
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        pickle.UnpicklingError,
+    ) as error:
+        raise BodyInvalid(
+            f"The pickle cannot be read: {error}", where=str(path), hint="The file may be truncated."
+        ) from error
     if not isinstance(content, dict):
         raise BodyInvalid(f"The pickle holds a {type(content).__name__}; a dictionary is expected.", where=str(path))
     return {str(key): plain(value) for key, value in content.items()}

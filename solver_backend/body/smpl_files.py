@@ -49,4 +49,6 @@ def _read_npz(path: Path) -> dict[str, Any]:
             wanted = set(REQUIRED_KEYS) | {"posedirs"}
             return {key: data[key] for key in data.files if key in wanted}
     except (OSError, ValueError, EOFError, KeyError, BadZipFile) as error:
-        raise BodyInvalid(f"The file cannot be read: {error}", where=str(path), hint="The file may be truncated.") from error
+        raise BodyInvalid(
+            f"The file cannot be read: {error}", where=str(path), hint="The file may be truncated."
+        ) from error

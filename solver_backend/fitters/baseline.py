@@ -16,7 +16,9 @@ def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: 
         keypoints: detections of the same views.
         cutoff_hz: cut-off of the fourth-order filter, applied forwards and backwards.
     """
-    return butterworth(bridged(triangulate(cameras, keypoints.xy, keypoints.confidence).points), keypoints.fps, cutoff_hz)
+    return butterworth(
+        bridged(triangulate(cameras, keypoints.xy, keypoints.confidence).points), keypoints.fps, cutoff_hz
+    )
 
 
 def bridged(points: np.ndarray) -> np.ndarray:

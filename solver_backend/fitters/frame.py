@@ -50,7 +50,9 @@ def select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
     xp = array_namespace(mask)
     pick = mask[:, None]
     return FrameStates(
-        xp.where(pick, new.z, old.z), xp.where(pick[..., None], new.root, old.root), xp.where(pick, new.transl, old.transl)
+        xp.where(pick, new.z, old.z),
+        xp.where(pick[..., None], new.root, old.root),
+        xp.where(pick, new.transl, old.transl),
     )
 
 

@@ -51,7 +51,9 @@ def leave_one_camera_out(
         both = np.isfinite(errors[0]) & np.isfinite(errors[1])
         ours.append(errors[0][both])
         theirs.append(errors[1][both])
-        report(f"{name}: solve {np.median(ours[-1]):.2f} px, triangulation + Butterworth {np.median(theirs[-1]):.2f} px")
+        report(
+            f"{name}: solve {np.median(ours[-1]):.2f} px, triangulation + Butterworth {np.median(theirs[-1]):.2f} px"
+        )
     pooled = float(np.median(np.concatenate(ours))), float(np.median(np.concatenate(theirs)))
     medians = [np.array([np.median(e) for e in side]) for side in (ours, theirs)]
     return HeldOut(cameras.names, medians[0], medians[1], pooled)

@@ -71,7 +71,9 @@ def build_motion(
 def _flags(normalised: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Return (F,) flags: frames nobody saw, and frames whose residual is far above the take's."""
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
-    per_frame = np.array([np.median(f[np.isfinite(f)]) if np.isfinite(f).any() else np.nan for f in normalised.swapaxes(0, 1)])
+    per_frame = np.array(
+        [np.median(f[np.isfinite(f)]) if np.isfinite(f).any() else np.nan for f in normalised.swapaxes(0, 1)]
+    )
     finite = per_frame[np.isfinite(per_frame)]
     if finite.size:
         limit = max(3.0 * float(np.median(finite)), 2.0)

@@ -37,13 +37,18 @@ class SolveSettings:
             "method": (self.method in METHODS, f"one of {', '.join(METHODS)}"),
             "backend": (self.backend in BACKENDS, f"one of {', '.join(BACKENDS)}"),
             "window": (isinstance(self.window, int) and 4 <= self.window <= 240, "a whole number from 4 to 240"),
-            "iterations": (isinstance(self.iterations, int) and 1 <= self.iterations <= 200, "a whole number from 1 to 200"),
+            "iterations": (
+                isinstance(self.iterations, int) and 1 <= self.iterations <= 200,
+                "a whole number from 1 to 200",
+            ),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
         }
         for name, (valid, expected) in checks.items():
             if not valid:
-                raise JobInvalid(f"The setting {name} = {getattr(self, name)!r} is not valid; {expected} is expected.", where=name)
+                raise JobInvalid(
+                    f"The setting {name} = {getattr(self, name)!r} is not valid; {expected} is expected.", where=name
+                )
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> SolveSettings:

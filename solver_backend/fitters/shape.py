@@ -58,7 +58,9 @@ def fit_shape(
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
         xp = array_namespace(step)
-        return _State(moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1))))
+        return _State(
+            moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1)))
+        )
 
     for scale in scales:
 
@@ -86,12 +88,20 @@ def fit_shape(
             return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
 
         settings = LMSettings(max_iterations=iterations)
-        state = levenberg_marquardt(state, linearise, retract, lambda mask, new, old: new if bool(mask[0]) else old, settings).state
+        state = levenberg_marquardt(
+            state, linearise, retract, lambda mask, new, old: new if bool(mask[0]) else old, settings
+        ).state
     return state.subject, state.frames
 
 
 def refit_shape(
-    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float, shape_prior: ShapePrior, *, free_betas: bool = True
+    subject: Subject,
+    frames: PosedFrames,
+    term: PointTerm,
+    scale: float,
+    shape_prior: ShapePrior,
+    *,
+    free_betas: bool = True,
 ) -> Subject:
     """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
     J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)

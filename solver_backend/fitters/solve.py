@@ -147,7 +147,11 @@ def _refine(
 ) -> tuple[Subject, Keyframes]:  # fmt: skip
     spacing = 0.5 * settings.window
     motion_prior = MotionPrior(spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing)
-    steps = ((False, (2 * settings.robust_scale,)), (residuals, (settings.robust_scale,)), (residuals, (settings.robust_scale,)))
+    steps = (
+        (False, (2 * settings.robust_scale,)),
+        (residuals, (settings.robust_scale,)),
+        (residuals, (settings.robust_scale,)),
+    )
     sample = np.unique(np.linspace(0, problem.num_frames - 1, min(problem.num_frames, 200)).astype(int))
     for number, (free, scales) in enumerate(steps):
         keys, _ = solve_global(

@@ -1,0 +1,126 @@
+"""Anatomical rules: where a landmark sits on any body, from its joints and by rays cast at its skin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.raycast import cast_ray
+from solver_backend.types import SMPL_JOINTS
+
+
+@dataclass(frozen=True)
+class AtJoints:
+    """The weighted mean of joints, each moved by an offset in the rest frame (metres for a stature of 1.70 m)."""
+
+    joints: dict[str, float]
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class OnSurface:
+    """Where a ray leaves the skin; it starts at a joint, or on the way ``along`` to the next one, moved by ``start``.
+
+    The point then moves ``depth`` metres inwards (a marker's negative depth moves it out along the normal).
+    """
+
+    joint: str
+    direction: tuple[float, float, float]
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    depth: float = 0.0
+    towards: str = ""
+    along: float = 0.0
+
+
+@dataclass(frozen=True)
+class Between:
+    """The weighted mean of other landmarks."""
+
+    landmarks: dict[str, float] = field(default_factory=dict)
+
+
+Rule = AtJoints | OnSurface | Between
+
+
+class LandmarkBuilder:
+    """Collects skinned points on one body and mixes them into landmarks."""
+
+    def __init__(self, body: Body, rules: Mapping[str, tuple[str, Rule]], *, correctives: bool = False) -> None:
+        """Prepare a builder.
+
+        Args:
+            body: a closed T-posed body in SMPL's frame.
+            rules: for each landmark name its side ('left', 'right' or '') and the rule of the left side.
+            correctives: also slice the pose correctives (skin markers need them, keypoints inside the body do not).
+        """
+        self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
+        self._correctives = correctives
+        self._rest: list[np.ndarray] = []
+        self._shapedirs: list[np.ndarray] = []
+        self._weights: list[np.ndarray] = []
+        self._posedirs: list[np.ndarray] = []
+
+    def build(self, names: tuple[str, ...]) -> Landmarks:
+        """Return the named landmarks.
+
+        Raises:
+            BodyInvalid: a ray misses the mesh.
+        """
+        mixes = [self._landmark(name) for name in names]
+        mix = np.zeros((len(names), len(self._rest)))
+        for row, shares in enumerate(mixes):
+            for point, share in shares.items():
+                mix[row, point] += share
+        posedirs = np.stack(self._posedirs) if self._correctives else None
+        arrays = (np.stack(self._rest), np.stack(self._shapedirs), np.stack(self._weights))
+        return Landmarks(names, *arrays, mix, posedirs)
+
+    def _landmark(self, name: str) -> dict[int, float]:
+        side, rule = self._rules[name]
+        if isinstance(rule, Between):
+            shares: dict[int, float] = {}
+            for other, share in rule.landmarks.items():
+                for point, part in self._landmark(other).items():
+                    shares[point] = shares.get(point, 0.0) + share * part
+            return shares
+        if isinstance(rule, AtJoints):
+            return self._at_joints(rule, side)
+        return {self._on_surface(rule, side): 1.0}
+
+    def _at_joints(self, rule: AtJoints, side: str) -> dict[int, float]:
+        shares = {}
+        for joint, share in rule.joints.items():
+            j = self._joint(joint, side)
+            rest = self._body.joints_template[j] + self._vector(rule.offset, side)
+            one_hot = np.eye(len(self._body.parents))[j]
+            still = np.zeros(self._body.posedirs.shape[1:])
+            shares[self._add(rest, self._body.joints_shapedirs[j], one_hot, still)] = share
+        return shares
+
+    def _on_surface(self, rule: OnSurface, side: str) -> int:
+        origin = self._body.joints_template[self._joint(rule.joint, side)]
+        if rule.towards:
+            origin = origin + rule.along * (self._body.joints_template[self._joint(rule.towards, side)] - origin)
+        hit = cast_ray(self._body, origin + self._vector(rule.start, side), self._vector(rule.direction, side))
+        share = hit.barycentric
+        rest = share @ self._body.v_template[hit.vertices] - rule.depth * hit.normal
+        shapedirs = np.tensordot(share, self._body.shapedirs[hit.vertices], axes=1)
+        posedirs = np.tensordot(share, self._body.posedirs[hit.vertices], axes=1)
+        return self._add(rest, shapedirs, share @ self._body.weights[hit.vertices], posedirs)
+
+    def _add(self, rest: np.ndarray, shapedirs: np.ndarray, weights: np.ndarray, posedirs: np.ndarray) -> int:
+        self._rest.append(rest)
+        self._shapedirs.append(shapedirs)
+        self._weights.append(weights)
+        self._posedirs.append(posedirs)
+        return len(self._rest) - 1
+
+    def _joint(self, joint: str, side: str) -> int:
+        return self._body.smpl_joints[SMPL_JOINTS.index(joint if joint in SMPL_JOINTS else f"{side}_{joint}")]
+
+    def _vector(self, value: tuple[float, float, float], side: str) -> np.ndarray:
+        return np.array(value, dtype=np.float64) * self._scale * ([-1, 1, 1] if side == "right" else [1, 1, 1])
