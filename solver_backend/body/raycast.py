@@ -22,14 +22,13 @@ class SurfacePoint:
     """(3,) outward unit normal."""
 
 
-def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, nearest: bool = False) -> SurfacePoint:
-    """Return where a ray leaves the rest mesh (the farthest hit, or the nearest).
+def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray) -> SurfacePoint:
+    """Return where a ray that starts inside the rest mesh first leaves it.
 
     Args:
         body: the body model.
         origin: (3,) start, rest frame, metres.
         direction: (3,) any length.
-        nearest: take the first hit instead of the last.
 
     Raises:
         BodyInvalid: the ray misses the mesh.
@@ -54,8 +53,9 @@ def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, nearest: 
             where=body.id,
             hint="The body must be a closed T-posed mesh in SMPL's frame (Y up, facing +Z, metres).",
         )
-    choose = np.argmin if nearest else np.argmax
-    face = int(choose(np.where(hit, t, np.inf if nearest else -np.inf)))
+    normals = np.cross(edge1, edge2)
+    leaving = hit & (normals @ direction > 0)
+    face = int(np.argmin(np.where(leaving if leaving.any() else hit, t, np.inf)))
     barycentric = np.array([1 - u[face] - v[face], u[face], v[face]]).clip(0)
-    normal = np.cross(edge1[face], edge2[face])
-    return SurfacePoint(body.faces[face], barycentric / barycentric.sum(), normal / np.linalg.norm(normal))
+    normal = normals[face] / np.linalg.norm(normals[face])
+    return SurfacePoint(body.faces[face], barycentric / barycentric.sum(), normal)
