@@ -42,6 +42,7 @@ class ConsoleProgress:
         self._clock, self._last = _Clock(), 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show how far the stage has come."""
         eta_s = self._clock.eta_s(stage, done, total)
         finished = done >= total
         if not finished and (not self._stream.isatty() or time.monotonic() - self._last < self._interval_s):
@@ -63,12 +64,19 @@ class JsonProgress:
         self._clock, self._last = _Clock(), 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show how far the stage has come."""
         eta_s = self._clock.eta_s(stage, done, total)
         if done < total and time.monotonic() - self._last < self._interval_s:
             return
         self._last = time.monotonic()
         self.event(
-            {"event": "progress", "stage": stage, "done": int(done), "total": int(total), "eta_s": None if eta_s is None else round(eta_s, 2)}
+            {
+                "event": "progress",
+                "stage": stage,
+                "done": int(done),
+                "total": int(total),
+                "eta_s": None if eta_s is None else round(eta_s, 2),
+            }
         )
 
     def event(self, event: dict[str, Any]) -> None:

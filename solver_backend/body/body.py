@@ -24,7 +24,8 @@ _HANDS = {24: (22, 23), 52: (25, 40), 55: (28, 43)}
 class Body:
     """A skinned, shaped and corrected body in its rest frame: Y up, facing +Z, left = +X, metres.
 
-    ``v(betas) = v_template + shapedirs @ betas`` and ``J(betas) = J_regressor @ v(betas)`` (Loper et al. 2015, eqs. 8, 10).
+    ``v(betas) = v_template + shapedirs @ betas`` and ``J(betas) = J_regressor @ v(betas)``
+    (Loper et al. 2015, eqs. 8, 10).
     """
 
     id: str

@@ -10,6 +10,11 @@ import numpy as np
 
 from solver_backend.errors import BodyInvalid, UnsafePickle
 
+_DAMAGE = (
+    OSError, EOFError, ValueError, TypeError, KeyError, IndexError, AttributeError, pickle.UnpicklingError,
+)  # fmt: skip
+"""What a damaged pickle raises."""
+
 
 class _Chumpy:
     """Stands in for chumpy's arrays: holds the state, never computes."""
@@ -88,7 +93,7 @@ class _Unpickler(pickle.Unpickler):
             raise UnsafePickle(
                 f"The pickle asks for {module}.{name}, which a body model has no business with; nothing was run.",
                 where=self._where,
-                hint="Do not open this file with other tools; download the model again from its own site, as .npz if offered.",
+                hint="Do not open this file with other tools; download the model again from its own site.",
             ) from None
 
 

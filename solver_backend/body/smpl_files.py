@@ -22,7 +22,7 @@ def load_smpl_file(path: Path | str, *, family: str | None = None) -> Body:
 
     Raises:
         UnsafePickle: the pickle asks for code.
-        BodyInvalid: keys are missing, shapes or joint counts are wrong, values are not finite, or another family is found.
+        BodyInvalid: keys are missing, shapes or joint counts are wrong, values are not finite, or it is another family.
     """
     path = Path(path)
     arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)

@@ -44,16 +44,14 @@ def butterworth(signal: np.ndarray, fps: float, cutoff_hz: float) -> np.ndarray:
     pad = min(len(signal) - 1, int(3 * fps / cutoff_hz))
     head, tail = 2 * signal[:1] - signal[pad:0:-1], 2 * signal[-1:] - signal[-2 : -pad - 2 : -1]
     extended = np.concatenate([head, signal, tail])
-    corrected = cutoff_hz / (np.sqrt(2.0) - 1.0) ** 0.25
-    section = _second_order_section(corrected / fps)
+    section = _second_order_section(np.tan(np.pi * cutoff_hz / fps) / (np.sqrt(2.0) - 1.0) ** 0.25)
     for _ in range(2):
         extended = _run(section, extended)[::-1]
     return extended[pad : pad + len(signal)]
 
 
-def _second_order_section(cutoff: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b, a) of the bilinear second-order Butterworth section; ``cutoff`` in cycles per sample."""
-    w = np.tan(np.pi * cutoff)
+def _second_order_section(w: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (b, a) of the bilinear second-order Butterworth section of warped cut-off ``w = tan(pi f / fps)``."""
     norm = 1 + np.sqrt(2.0) * w + w * w
     return np.array([w * w, 2 * w * w, w * w]) / norm, np.array([2 * (w * w - 1), 1 - np.sqrt(2.0) * w + w * w]) / norm
 

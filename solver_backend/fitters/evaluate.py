@@ -41,12 +41,13 @@ class Evaluation:
 
     def lines(self) -> list[str]:
         """Return the figures as sentences for a person."""
-        return [
-            f"MPJPE of 24 joints      {self.joints_mpjpe_mm:7.2f} mm     acceleration error {self.joints_accel_m_s2:6.2f} m/s²",
-            f"MPJPE of keypoints      {self.keypoints_mpjpe_mm:7.2f} mm     acceleration error {self.keypoints_accel_m_s2:6.2f} m/s²",
-            f"triangulation + filter  {self.baseline_mpjpe_mm:7.2f} mm     acceleration error {self.baseline_accel_m_s2:6.2f} m/s²",
-            f"ratio to the filter     {self.mpjpe_ratio:7.2f}                            {self.accel_ratio:6.2f}",
+        rows = [
+            ("24 joints", self.joints_mpjpe_mm, self.joints_accel_m_s2),
+            ("observed keypoints", self.keypoints_mpjpe_mm, self.keypoints_accel_m_s2),
+            ("triangulation + filter", self.baseline_mpjpe_mm, self.baseline_accel_m_s2),
         ]
+        lines = [f"{name:<24} {mm:7.2f} mm   acceleration error {accel:6.2f} m/s²" for name, mm, accel in rows]
+        return [*lines, f"{'ratio to the filter':<24} {self.mpjpe_ratio:7.2f}      {'':<18} {self.accel_ratio:6.2f}"]
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:

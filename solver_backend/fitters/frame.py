@@ -100,7 +100,7 @@ def fit_frames(
 
 
 def _reduced(hessian: Array, gradient: Array, chain: Any) -> DenseBlocks:
-    """Return the normal equations of the unknowns, ``Cᵀ H C`` and ``Cᵀ g``, with a floor that keeps unseen parts still."""
+    """Return the normal equations of the unknowns, ``Cᵀ H C`` and ``Cᵀ g``; a floor keeps unseen parts still."""
     xp = array_namespace(hessian)
     turned = xp.permute_dims(chain, (0, 2, 1))
     reduced = xp.matmul(turned, xp.matmul(hessian, chain))

@@ -102,7 +102,7 @@ def points_term(observations: Observations, frames: np.ndarray, like: Array) -> 
 def fit_to_points(
     subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int = 12
 ) -> FrameStates:
-    """Fit poses to the triangulated points of these frames, from several start poses, and keep the best of each frame."""
+    """Fit poses to the triangulated points of these frames from several start poses; keep each frame's best."""
     xp = array_namespace(subject.betas)
     term = points_term(observations, frames, subject.betas)
     starts = [_start(subject, prior, term, values) for values in _START_POSES]

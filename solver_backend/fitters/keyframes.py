@@ -181,7 +181,7 @@ def _root_jacobian(quat: Array, by_key: Array, key: Array) -> Array:
     return xp.matmul(back, xp.matmul(by_key, by_tangent))
 
 
-def _right_multiplication(xp, q: Array) -> Array:  # noqa: ANN001
+def _right_multiplication(xp, q: Array) -> Array:
     """Return the (..., 4, 4) matrix M(q) with ``p q = M(q) p`` (wxyz)."""
     w, x, y, z = (q[..., i] for i in range(4))
     rows = [[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]]

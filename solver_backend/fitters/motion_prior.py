@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 import numpy as np
 from array_api_compat import array_namespace
 
@@ -105,7 +106,7 @@ class MotionPrior:
         return 0.5 * xp.sum(pull * flat)
 
 
-def _quat_tangents(xp, quat: Array) -> Array:  # noqa: ANN001
+def _quat_tangents(xp, quat: Array) -> Array:
     """Return (K, 4, 3): ``dq = 1/2 (0, d) q``."""
     w, x, y, z = (quat[:, i] for i in range(4))
     columns = [[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]

@@ -54,6 +54,7 @@ def fit_shape(
     """
     state = _State(subject, start)
     precision = _prior_precision(subject, shape_prior, free_betas)
+    mean = _prior_mean(subject, free_betas)
 
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
@@ -65,33 +66,44 @@ def fit_shape(
     for scale in scales:
 
         def linearise(s: _State, scale: float = scale) -> tuple[Array, Arrowhead]:
-            xp = array_namespace(s.frames.z)
-            frames, chain = single.by_unknowns(prior, s.frames)
-            J, gradient, information, cost = _point_jacobian(s.subject, frames, term, scale)
-            by_pose = xp.matmul(J[..., :69], chain[:, None])
-            by_shape = J[..., 69:]
-            flat_pose = xp.reshape(by_pose, (by_pose.shape[0], -1, by_pose.shape[-1]))
-            flat_shape = xp.reshape(by_shape, (by_shape.shape[0], -1, by_shape.shape[-1]))
-            weighted_pose = xp.reshape(xp.matmul(information, by_pose), flat_pose.shape)
-            weighted_shape = xp.reshape(xp.matmul(information, by_shape), flat_shape.shape)
-            turned = xp.permute_dims(flat_pose, (0, 2, 1))
-            g_flat = xp.reshape(gradient, (gradient.shape[0], -1, 1))
-            eye = xp.eye(flat_pose.shape[-1], dtype=J.dtype, device=getattr(J, "device", None))
-            shared = xp.sum(xp.matmul(xp.permute_dims(flat_shape, (0, 2, 1)), weighted_shape), axis=0)
-            g_shared = xp.sum(xp.matmul(xp.permute_dims(flat_shape, (0, 2, 1)), g_flat)[..., 0], axis=0)
-            value = _parameters(s.subject)
-            system = Arrowhead(
-                xp.matmul(turned, weighted_pose) + 1e-2 * eye, xp.matmul(turned, weighted_shape),
-                shared + precision[:, None] * xp.eye(precision.shape[0], dtype=J.dtype, device=getattr(J, "device", None)),
-                xp.matmul(turned, g_flat)[..., 0], g_shared + precision * value,
-            )  # fmt: skip
-            return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
+            return _arrowhead(prior, s, term, scale, precision, mean)
 
         settings = LMSettings(max_iterations=iterations)
-        state = levenberg_marquardt(
-            state, linearise, retract, lambda mask, new, old: new if bool(mask[0]) else old, settings
-        ).state
+        state = levenberg_marquardt(state, linearise, retract, _take, settings).state
     return state.subject, state.frames
+
+
+def _take(mask: Array, new: _State, old: _State) -> _State:
+    return new if bool(mask[0]) else old
+
+
+def _arrowhead(
+    prior: PosePrior, state: _State, term: PointTerm, scale: float, precision: Array, mean: Array
+) -> tuple[Array, Arrowhead]:
+    """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
+    xp = array_namespace(state.frames.z)
+    frames, chain = single.by_unknowns(prior, state.frames)
+    J, gradient, information, cost = _point_jacobian(state.subject, frames, term, scale)
+    like = {"dtype": J.dtype, "device": getattr(J, "device", None)}
+    count = J.shape[0]
+
+    def flat(matrices: Array) -> Array:
+        return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
+
+    by_pose, by_shape = xp.matmul(J[..., :69], chain[:, None]), J[..., 69:]
+    turned_pose = xp.permute_dims(flat(by_pose), (0, 2, 1))
+    turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
+    weighted_shape = flat(xp.matmul(information, by_shape))
+    pull = xp.reshape(gradient, (count, -1, 1))
+    value = _parameters(state.subject) - mean
+    system = Arrowhead(
+        blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose))) + 1e-2 * xp.eye(chain.shape[-1], **like),
+        coupling=xp.matmul(turned_pose, weighted_shape),
+        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0) + precision[:, None] * xp.eye(len(value), **like),
+        g_blocks=xp.matmul(turned_pose, pull)[..., 0],
+        g_shared=xp.sum(xp.matmul(turned_shape, pull)[..., 0], axis=0) + precision * value,
+    )
+    return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
 
 
 def refit_shape(
@@ -110,7 +122,8 @@ def refit_shape(
     by_shape = J[..., 69:]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
-    g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * _parameters(subject)
+    deviation = _parameters(subject) - _prior_mean(subject, free_betas)
+    g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
     eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
     step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
     return moved(subject, step[0])
@@ -127,6 +140,13 @@ def moved(subject: Subject, step: Array) -> Subject:
 def _parameters(subject: Subject) -> Array:
     xp = array_namespace(subject.betas)
     return xp.concat([subject.betas, xp.reshape(subject.offsets, (-1,))])
+
+
+def _prior_mean(subject: Subject, free_betas: bool) -> Array:
+    """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or the known shape."""
+    xp = array_namespace(subject.betas)
+    betas = xp.zeros_like(subject.betas) if free_betas else subject.betas
+    return xp.concat([betas, xp.reshape(xp.zeros_like(subject.offsets), (-1,))])
 
 
 def _prior_precision(subject: Subject, shape_prior: ShapePrior, free_betas: bool) -> Array:

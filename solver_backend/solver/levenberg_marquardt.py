@@ -52,7 +52,8 @@ def levenberg_marquardt(
 ) -> LMResult[State]:
     """Minimise ``sum_b f_b`` where problem b depends on its own unknowns alone.
 
-    ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` where the cost falls, else λ grows (Levenberg 1944, Marquardt 1963).
+    ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` where the cost falls, else λ grows
+    (Levenberg 1944, Marquardt 1963).
 
     Args:
         state: where to start.

@@ -1,4 +1,4 @@
-"""Normal equations of least squares in the two sparsity patterns a bundle has: independent blocks and a chain of blocks."""
+"""Normal equations of least squares: independent blocks, a chain of blocks, blocks that share unknowns."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _STAND: Pose = {
 _SQUAT: Pose = {
     **_STAND,
     "left_hip": (-1.45, 0.25, 0.2), "right_hip": (-1.45, -0.25, -0.2), "left_knee": (1.75, 0, 0),
-    "right_knee": (1.75, 0, 0), "left_ankle": (-0.55, 0, 0), "right_ankle": (-0.55, 0, 0),
+    "right_knee": (1.75, 0, 0), "left_ankle": (-0.3, 0, 0), "right_ankle": (-0.3, 0, 0),
     "spine1": (0.2, 0, 0), "spine2": (0.12, 0, 0), "neck": (-0.15, 0, 0),
     "left_shoulder": (0, -1.2, -0.25), "right_shoulder": (0, 1.2, 0.25),
     "left_elbow": (0, -0.15, 0), "right_elbow": (0, 0.15, 0),
@@ -103,7 +103,9 @@ def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float, bl
     tracks = np.concatenate([poses, np.array([[h] for _, _, h, _ in _SCORE])], axis=1)
     curves = np.stack([np.interp(fine, times, track) for track in tracks.T], axis=1)
     kernel = np.exp(-0.5 * (np.arange(-120, 121) / 240 / blend_s) ** 2)
-    curves = np.stack([np.convolve(np.pad(c, 120, mode="edge"), kernel / kernel.sum(), mode="valid") for c in curves.T], 1)
+    curves = np.stack(
+        [np.convolve(np.pad(c, 120, mode="edge"), kernel / kernel.sum(), mode="valid") for c in curves.T], 1
+    )
     at = np.arange(num_frames) / fps
     sampled = np.stack([np.interp(at, fine, c) for c in curves.T], axis=1)
     body_pose, heading = sampled[:, :-1].reshape(num_frames, NUM_BODY_JOINTS, 3), sampled[:, -1]
@@ -144,7 +146,8 @@ def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) ->
         ball = joints[:, foot] + G[:, foot] @ np.array([0.0, -sole_depth, 0.0])
         back = np.array([0.0, rest[foot, 1] - rest[ankle, 1] - sole_depth, -0.04])
         heel = joints[:, ankle] + G[:, ankle] @ back
-        heights += [ball[:, 2], heel[:, 2]]
+        toe = joints[:, foot] + G[:, foot] @ np.array([0.0, -sole_depth, 0.065])
+        heights += [ball[:, 2], heel[:, 2], toe[:, 2]]
     stacked = np.stack(heights)
-    sharpness = 120.0
-    return -np.log(np.exp(-sharpness * stacked).sum(axis=0)) / sharpness
+    sharpness = 300.0
+    return -np.log(np.exp(-sharpness * (stacked - stacked.min(axis=0))).sum(axis=0)) / sharpness + stacked.min(axis=0)

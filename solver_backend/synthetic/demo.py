@@ -17,7 +17,9 @@ DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])
 """Shape of the person in the demo capture."""
 
 
-def demo_capture(num_frames: int = 360, fps: float = 60.0, seed: int = 7, noise: DetectorNoise = DetectorNoise()) -> Capture:
+def demo_capture(
+    num_frames: int = 360, fps: float = 60.0, seed: int = 7, noise: DetectorNoise = DetectorNoise()
+) -> Capture:
     """Return the demo capture with its truth.
 
     Args:
@@ -56,7 +58,9 @@ def demo_capture(num_frames: int = 360, fps: float = 60.0, seed: int = 7, noise:
 
 def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2, height_m: float = 1.6) -> Cameras:
     """Return cameras on tripods around a target, 1920 x 1080, with mild lens distortion."""
-    angles = np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
+    angles = (
+        np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
+    )
     heights = height_m + 0.25 * np.cos(2.3 * np.arange(count))
     centres = np.stack([radius_m * np.cos(angles), radius_m * np.sin(angles), heights], axis=1)
     centres[:, :2] += target[:2]

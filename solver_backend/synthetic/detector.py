@@ -47,7 +47,9 @@ def detect(
     xy = px + jitter + np.where(wrong[..., None], elsewhere, 0.0)
     inside = ((xy >= 0) & (xy < image_size[:, None, None, :])).all(-1)
     missing = _bursts(px.shape[:-1], noise.missing, noise.burst_frames, rng) | ~inside
-    confidence = np.clip(0.85 - 0.03 * np.linalg.norm(jitter / scale, axis=-1) + 0.08 * rng.normal(size=wrong.shape), 0.1, 1)
+    confidence = np.clip(
+        0.85 - 0.03 * np.linalg.norm(jitter / scale, axis=-1) + 0.08 * rng.normal(size=wrong.shape), 0.1, 1
+    )
     confidence = np.where(wrong, rng.uniform(0.15, 0.7, wrong.shape), confidence)
     return np.where(missing[..., None], np.nan, xy), np.where(missing, 0.0, confidence)
 

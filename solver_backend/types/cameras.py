@@ -82,7 +82,9 @@ class Cameras:
                     where=f"camera {name}",
                 )
             if (self.image_size[c] <= 0).any():
-                raise CalibrationInvalid(f"The image size {tuple(self.image_size[c])} is not positive.", where=f"camera {name}")
+                raise CalibrationInvalid(
+                    f"The image size {tuple(self.image_size[c])} is not positive.", where=f"camera {name}"
+                )
 
     def __len__(self) -> int:
         return len(self.names)

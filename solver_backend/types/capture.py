@@ -30,7 +30,8 @@ class Keypoints2D:
         confidence = np.array(self.confidence, dtype=np.float64)
         if xy.ndim != 4 or xy.shape[-1] != 2 or confidence.shape != xy.shape[:-1]:
             raise KeypointCountMismatch(
-                f"xy {xy.shape} and confidence {confidence.shape} must be (views, frames, keypoints, 2) and (views, frames, keypoints)."
+                f"xy {xy.shape} and confidence {confidence.shape} must be (views, frames, keypoints, 2) and the same "
+                "without the last."
             )
         if xy.shape[2] != self.joint_set.num_keypoints:
             fits = ", ".join(s.value for s in JointSet.fitting(xy.shape[2])) or "none"
@@ -133,7 +134,9 @@ class Capture:
         seen = self.keypoints.confidence > 0
         if not seen.any():
             raise NoDetections(
-                "Every confidence is zero: nobody was detected.", where=self.name, hint="Run the detector again or choose other files."
+                "Every confidence is zero: nobody was detected.",
+                where=self.name,
+                hint="Run the detector again or choose other files.",
             )
         if len(self.cameras) < 2 or seen.any(axis=(1, 2)).sum() < 2:
             raise TooFewViews(
@@ -149,4 +152,6 @@ class Capture:
         """Return the capture restricted to these cameras."""
         assert self.cameras is not None and self.keypoints is not None
         footage = tuple(self.footage[i] for i in indices) if self.footage else ()
-        return replace(self, cameras=self.cameras.subset(indices), keypoints=self.keypoints.views(indices), footage=footage)
+        return replace(
+            self, cameras=self.cameras.subset(indices), keypoints=self.keypoints.views(indices), footage=footage
+        )

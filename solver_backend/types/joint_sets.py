@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 SMPL_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
@@ -64,7 +64,7 @@ _KEYPOINTS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
-class JointSet(str, Enum):
+class JointSet(StrEnum):
     """A detector's vocabulary; its value is the name written to files."""
 
     BODY_25 = "BODY_25"

@@ -75,6 +75,7 @@ def test_jacobians_equal_central_differences(case):
     body, landmarks, state = case
     posed = pose_landmarks(body, landmarks, **state, jacobian=True)
     for k in range(22):
+
         def move(d, k=k):
             if k == 0:
                 return points(body, landmarks, {**state, "global_orient": turned(state["global_orient"], d)})
@@ -83,10 +84,13 @@ def test_jacobians_equal_central_differences(case):
             return points(body, landmarks, {**state, "local": local})
 
         numeric = central(move, 3)
-        np.testing.assert_allclose(posed.by_rotations[..., 3 * k : 3 * k + 3], numeric, atol=1e-7 * max(1, np.abs(numeric).max()))
+        np.testing.assert_allclose(
+            posed.by_rotations[..., 3 * k : 3 * k + 3], numeric, atol=1e-7 * max(1, np.abs(numeric).max())
+        )
     numeric = central(lambda d: points(body, landmarks, {**state, "betas": state["betas"] + d}), 10)
     np.testing.assert_allclose(posed.by_betas, numeric, atol=1e-8)
     for mark in range(MARKS):
+
         def shift(d, mark=mark):
             offsets = state["offsets"].copy()
             offsets[mark] += d

@@ -52,7 +52,11 @@ class _FakeModules:
         self.ch, self.csc = types.ModuleType("chumpy.ch"), types.ModuleType("scipy.sparse.csc")
         self.ch.Ch = type("Ch", (), {"__module__": "chumpy.ch"})
         self.csc.csc_matrix = type("csc_matrix", (), {"__module__": "scipy.sparse.csc"})
-        for name, module in (("chumpy", types.ModuleType("chumpy")), ("chumpy.ch", self.ch), ("scipy.sparse.csc", self.csc)):
+        for name, module in (
+            ("chumpy", types.ModuleType("chumpy")),
+            ("chumpy.ch", self.ch),
+            ("scipy.sparse.csc", self.csc),
+        ):
             monkeypatch.setitem(sys.modules, name, module)
 
 
@@ -111,7 +115,10 @@ def spoil(arrays, **changes):
         ({"weights": None, "f": None}, "lacks weights, f; found J_regressor"),
         ({"v_template": np.full((60, 3), np.nan)}, "v_template holds NaN"),
         ({"weights": np.ones((59, 24))}, r"weights has shape \(59, 24\); \(60, 24\) is expected"),
-        ({"kintree_table": np.zeros((2, 30))}, r"kintree_table has 30 joints; 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)"),
+        (
+            {"kintree_table": np.zeros((2, 30))},
+            r"kintree_table has 30 joints; 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)",
+        ),
         ({"posedirs": np.zeros((60, 3, 93))}, "This is a STAR model"),
     ],
 )
