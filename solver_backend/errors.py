@@ -182,3 +182,15 @@ class ShapeMismatch(MocapError):
     """Two arrays that are compared, or an array and what it stands for, have different shapes."""
 
     code = "shape_mismatch"
+
+
+class CommandLineInvalid(MocapError):
+    """The command line names an unknown verb or option, or lacks one."""
+
+    code = "command_line_invalid"
+
+
+class SolverFailed(MocapError):
+    """The solver itself broke: a defect of the program or a machine out of memory, not of the input."""
+
+    code = "solver_failed"

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.cameras.projection import project
 from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, MarkerCloud, Motion
 
 NAMES = ("cam_a", "cam_b", "cam_c", "cam_d")
@@ -85,3 +86,53 @@ def small_motion(frames: int = 6, optional: bool = True, seed: int = 0) -> Motio
         provenance={"version": "0.1", "settings": {"window": 20}, "mean": np.float32(1.5), "worst": float("nan")},
         **(extra if optional else {}),
     )
+
+
+_STANDING = {
+    "nose": (0.0, 0.10, 1.62), "left_eye": (0.03, 0.08, 1.66), "right_eye": (-0.03, 0.08, 1.66),
+    "left_ear": (0.07, 0.0, 1.64), "right_ear": (-0.07, 0.0, 1.64), "left_shoulder": (0.19, 0.0, 1.45),
+    "right_shoulder": (-0.19, 0.0, 1.45), "left_elbow": (0.27, 0.02, 1.17), "right_elbow": (-0.27, 0.02, 1.17),
+    "left_wrist": (0.30, 0.10, 0.93), "right_wrist": (-0.30, 0.10, 0.93), "left_hip": (0.10, 0.0, 0.95),
+    "right_hip": (-0.10, 0.0, 0.95), "left_knee": (0.11, 0.03, 0.52), "right_knee": (-0.11, 0.03, 0.52),
+    "left_ankle": (0.11, 0.0, 0.09), "right_ankle": (-0.11, 0.0, 0.09),
+}  # fmt: skip
+_BETWEEN = {
+    "neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip"),
+    "upper_neck": ("left_shoulder", "right_shoulder"), "thorax": ("left_shoulder", "right_shoulder"),
+    "spine": ("neck", "mid_hip"), "head_top": ("nose", "nose"),
+}  # fmt: skip
+_FOOT = {"heel": (0.0, -0.05, -0.05), "big_toe": (0.0, 0.17, -0.06), "small_toe": (0.05, 0.13, -0.06)}
+
+
+def walker(
+    joint_set: JointSet, frames: int, start: tuple[float, float], velocity: tuple[float, float], *, phase: float = 0.0
+) -> np.ndarray:
+    """Return (F, K, 3) world metres of a person of 1.75 m who walks over the floor and swings arms and legs."""
+    base = {name: np.array(point) for name, point in _STANDING.items()}
+    for name, (a, b) in _BETWEEN.items():
+        base[name] = (base[a] + base[b]) / 2 if name != "head_top" else np.array([0.0, 0.0, 1.75])
+    for side in ("left", "right"):
+        for name, offset in _FOOT.items():
+            base[f"{side}_{name}"] = base[f"{side}_ankle"] + offset
+    time = np.arange(frames) / 30.0
+    heading = np.arctan2(-velocity[0], velocity[1]) if any(velocity) else phase
+    turn = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
+    points = np.empty((frames, joint_set.num_keypoints, 3))
+    for k, name in enumerate(joint_set.keypoints):
+        point = np.tile(base[name], (frames, 1))
+        side = 1.0 if name.startswith("left") else -1.0 if name.startswith("right") else 0.0
+        reach = {"wrist": 0.25, "elbow": 0.12, "knee": -0.12}.get(name.split("_")[-1], 0.0)
+        reach = -0.25 if any(part in name for part in ("ankle", "heel", "toe")) else reach
+        point[:, 1] += side * reach * np.sin(2 * np.pi * time + phase)
+        points[:, k] = point @ turn.T
+    points[..., :2] += np.array(start) + time[:, None, None] * np.array(velocity)
+    return points
+
+
+def detected(
+    cameras: Cameras, points: np.ndarray, rng: np.random.Generator, *, sigma_px: float = 4.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return noisy pixels (C, F, K, 2) and confidences (C, F, K) of world points (F, K, 3)."""
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    xy = px + rng.normal(scale=sigma_px, size=px.shape)
+    return xy, np.where(np.isfinite(xy).all(-1), rng.uniform(0.4, 0.9, xy.shape[:-1]), 0.0)
