@@ -36,7 +36,8 @@ def best_hypothesis(views: Sightings, scale_px: Array) -> Array:
     """Return for every point the linear triangulation that its views agree with most.
 
     Tried are all usable views, all but one, and every pair (of the ``MOST_VIEWS`` most confident views of that point).
-    The judge is ``Σ confidence r²/(r² + scale²)`` over all views (Geman and McClure 1987), with r in pixels.
+    The judge is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), with r in pixels: two
+    doubtful views outvote a confident one, and between equal numbers confidence decides.
 
     Args:
         views: C views of N points.
@@ -108,4 +109,5 @@ def _disagreement(views: Sightings, point: Array, scale_px: Array) -> Array:
     ey = (camera[:, 1] * inverse - views.normalised[..., 1]) * views.focal[:, 1, None]
     square = ex * ex + ey * ey
     share = xp.where(front, square / (square + scale_px * scale_px), xp.ones_like(square))
-    return xp.sum(views.weight * share, axis=0)
+    votes = xp.where(views.weight > 0, 0.5 + 0.5 * views.weight, xp.zeros_like(views.weight))
+    return xp.sum(votes * share, axis=0)

@@ -122,11 +122,11 @@ def _errors(rig: Rig, px: Array, weight: Array, points: Array) -> tuple[Array, A
 def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
     """Return ``Σ w JᵀJ`` (N, 3, 3) and ``Σ w Jᵀe`` (N, 3) over the views."""
     xp = array_namespace(J)
-    count = J.shape[1]
-    rows = xp.reshape(xp.permute_dims(J, (1, 0, 2, 3)), (count, -1, 3))
-    weights = xp.reshape(xp.permute_dims(xp.stack((w, w), axis=-1), (1, 0, 2)), (count, 1, -1))
+    count, coordinates = J.shape[1], 2 * J.shape[0]
+    rows = xp.reshape(xp.permute_dims(J, (1, 0, 2, 3)), (count, coordinates, 3))
+    weights = xp.reshape(xp.permute_dims(xp.stack((w, w), axis=-1), (1, 0, 2)), (count, 1, coordinates))
     turned = xp.matrix_transpose(rows) * weights
-    residuals = xp.reshape(xp.permute_dims(error, (1, 0, 2)), (count, -1, 1))
+    residuals = xp.reshape(xp.permute_dims(error, (1, 0, 2)), (count, coordinates, 1))
     return xp.matmul(turned, rows), xp.matmul(turned, residuals)[..., 0]
 
 

@@ -15,8 +15,8 @@ from solver_backend.types import Cameras
 
 LARGEST_SIGMA_M = 0.3
 """A point less certain than this is no point."""
-_CHUNK = 400_000
-"""Observations worked on at once; bounds the memory."""
+_CHUNK = 32_000
+"""Observations worked on at once: few enough to stay in the cache."""
 
 
 @dataclass(frozen=True)
