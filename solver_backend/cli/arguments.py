@@ -1,0 +1,75 @@
+"""What may stand on the command line."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+from solver_backend import __version__
+from solver_backend.cli.exit_codes import EPILOG
+from solver_backend.errors import CommandLineInvalid
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises our own error where argparse would end the process."""
+
+    def error(self, message: str) -> NoReturn:
+        raise CommandLineInvalid(
+            f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=f"Usage: {self.format_usage().strip()[7:]}"
+        )
+
+
+def parse(argv: list[str]) -> argparse.Namespace:
+    """Return the parsed command line.
+
+    Raises:
+        CommandLineInvalid: it makes no sense; the hint is the usage.
+    """
+    return _parser().parse_args(argv)
+
+
+def _parser() -> argparse.ArgumentParser:
+    common = _Parser(add_help=False)
+    common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
+    common.add_argument("-v", "--verbose", action="store_true", help="log details to standard error")
+    reading = _Parser(add_help=False)
+    reading.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
+    reading.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
+    reading.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
+    writing = _Parser(add_help=False)
+    writing.add_argument("--overwrite", action="store_true", default=None, help="replace results that are there")
+
+    parser = _Parser(
+        prog="python -m solver_backend",
+        description="Turns multi-view keypoints into the motion of an SMPL-type body.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"Manifold MoCap {__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
+
+    solve = verbs.add_parser("solve", parents=[reading, writing, common], help="solve a capture and write the motion")
+    solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="file or folder of the capture")
+    solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write")
+    solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
+    solve.add_argument("--method", help="bundle (default) or frame")
+    solve.add_argument("--backend", help="numpy (default) or torch")
+    solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
+
+    info = verbs.add_parser(
+        "info", parents=[reading, common], help="say what a capture holds and what is wrong with it"
+    )
+    info.add_argument("capture", type=Path, metavar="CAPTURE")
+
+    convert = verbs.add_parser("convert", parents=[reading, writing, common], help="write any capture as one file")
+    convert.add_argument("capture", type=Path, metavar="CAPTURE")
+    convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+
+    demo = verbs.add_parser("demo-capture", parents=[writing, common], help="write the embedded synthetic capture")
+    demo.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+
+    evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")
+    evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
+    evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
+    return parser

@@ -1,0 +1,57 @@
+"""Ctrl-C and termination signals become an ordinary error, so that everything unwinds and tidies up."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import NoReturn
+
+from solver_backend.errors import Cancelled
+from solver_backend.progress import Progress
+
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)]
+
+
+class Cancellation:
+    """Remembers that the work is to end; the first signal raises, later ones let the unwinding go on."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Raise ``Cancelled`` at the first signal."""
+        if not self.asked:
+            self.asked = True
+            _cancel()
+
+    def watched(self, progress: Progress) -> Progress:
+        """Return a progress receiver that also ends the work, should the signal's error have been swallowed."""
+
+        def watching(stage: str, done: int, total: int) -> None:
+            if self.asked:
+                _cancel()
+            progress(stage, done, total)
+
+        return watching
+
+
+def _cancel() -> NoReturn:
+    raise Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
+
+
+@contextmanager
+def cancel_on_signals() -> Iterator[Cancellation]:
+    """Turn signals into ``Cancelled`` while the block runs (in the main thread; elsewhere signals do not arrive)."""
+    cancellation = Cancellation()
+    if threading.current_thread() is not threading.main_thread():
+        yield cancellation
+        return
+    before = {number: signal.signal(number, cancellation.on_signal) for number in _SIGNALS}
+    try:
+        yield cancellation
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,93 @@
+"""A capture or a motion in words and in plain values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
+
+
+def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
+    """Return text and JSON values: cameras, frames, keypoints, who is seen where, notes and problems."""
+    data: dict[str, Any] = {
+        "name": capture.name, "frames": capture.num_frames, "fps": capture.fps,
+        "duration_s": round(capture.num_frames / capture.fps, 3) if capture.fps else None,
+        "cameras": _cameras(capture), "joint_set": None, "markers": None,
+        "truth": sorted(capture.truth), "notes": list(capture.notes), "problems": list(capture.problems),
+    }  # fmt: skip
+    if capture.keypoints is not None:
+        data["joint_set"] = capture.keypoints.joint_set.value
+        data["bridged_frames"] = frames_without_two_views(capture)
+    if capture.markers is not None:
+        data["markers"] = int(capture.markers.positions.shape[1])
+    return _capture_text(data), data
+
+
+def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]]:
+    """Return text and JSON values: length, reprojection error and the frames that deserve a look."""
+    error = (
+        np.empty(0) if motion.reprojection_px is None else motion.reprojection_px[np.isfinite(motion.reprojection_px)]
+    )
+    flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
+    data = {
+        "frames": motion.num_frames, "fps": motion.fps, "solve_s": round(solve_s, 2),
+        "reprojection_median_px": round(float(np.median(error)), 3) if error.size else None,
+        "unseen_frames": int(np.count_nonzero(flags & FLAG_UNSEEN)),
+        "unsure_frames": int(np.count_nonzero(flags & FLAG_UNSURE)),
+    }  # fmt: skip
+    lines = [
+        f"Solved {data['frames']} frames at {motion.fps:g} fps in {solve_s:.1f} s",
+        f"  residual    {data['reprojection_median_px']} px (median)",
+        f"  to look at  {data['unsure_frames']} frames far from the detections, {data['unseen_frames']} bridged",
+    ]
+    return "\n".join(lines), data
+
+
+def frames_without_two_views(capture: Capture) -> list[list[int]]:
+    """Return [first, last] of each stretch of frames in which no keypoint is seen by two cameras."""
+    assert capture.keypoints is not None
+    blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= 2).any(axis=-1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], blind.astype(np.int8), [0]])))
+    return [[int(first), int(stop) - 1] for first, stop in edges.reshape(-1, 2)]
+
+
+def _cameras(capture: Capture) -> list[dict[str, Any]]:
+    """Return what each camera is and the share of keypoints it sees, in percent."""
+    cameras = capture.cameras
+    if cameras is None:
+        return []
+    seen = None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=(1, 2))
+    return [
+        {
+            "name": name, "image_size": cameras.image_size[c].tolist(),
+            "position_m": [round(float(v), 3) for v in cameras.centres[c]],
+            "seen_percent": None if seen is None else round(100 * float(seen[c]), 1),
+            "footage": str(capture.footage[c]) if c < len(capture.footage) and capture.footage[c] else None,
+        }
+        for c, name in enumerate(cameras.names)
+    ]  # fmt: skip
+
+
+def _capture_text(data: dict[str, Any]) -> str:
+    seconds = f" ({data['duration_s']:g} s)" if data["duration_s"] is not None else ""
+    lines = [f"Capture {data['name']}", f"  frames      {data['frames']} at {data['fps']:g} fps{seconds}"]
+    if data["joint_set"]:
+        lines.append(f"  keypoints   {data['joint_set']}")
+    if data["markers"] is not None:
+        lines.append(f"  markers     {data['markers']}")
+    for camera in data["cameras"]:
+        width, height = camera["image_size"]
+        seen = "" if camera["seen_percent"] is None else f", sees {camera['seen_percent']:.0f} % of the keypoints"
+        at = ", ".join(f"{v:.2f}" for v in camera["position_m"])
+        footage = ", footage" if camera["footage"] else ""
+        lines.append(f"  camera      {camera['name']}: {width} x {height} at ({at}) m{seen}{footage}")
+    if data["truth"]:
+        lines.append(f"  truth       {', '.join(data['truth'])}")
+    gaps = [f"{first}-{last}" for first, last in data.get("bridged_frames", [])]
+    if gaps:
+        lines.append(f"  nobody is seen by two cameras in frames {', '.join(gaps)}; they will be bridged and flagged")
+    lines += [f"  note        {note}" for note in data["notes"]]
+    lines += [f"  problem     {problem}" for problem in data["problems"]] or ["  problems    none"]
+    return "\n".join(lines)

@@ -1,0 +1,43 @@
+"""What the exit code says; a program that starts the solver needs nothing else to know how it went."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from solver_backend.errors import Cancelled, CommandLineInvalid, JobInvalid, MocapError, SolverFailed
+
+
+class ExitCode(IntEnum):
+    """How a run ended."""
+
+    RESULT = 0
+    """There is a result."""
+    USAGE = 2
+    """The command line, the job file or a setting is wrong."""
+    BAD_INPUT = 3
+    """A file is missing, damaged or unusable, or the output cannot be written."""
+    FAILED = 4
+    """The solver broke."""
+    CANCELLED = 130
+    """The user, or a signal, ended the work; nothing was left half-written."""
+
+    @classmethod
+    def of(cls, error: MocapError) -> ExitCode:
+        """Return the exit code of a named error."""
+        if isinstance(error, Cancelled):
+            return cls.CANCELLED
+        if isinstance(error, SolverFailed):
+            return cls.FAILED
+        return cls.USAGE if isinstance(error, CommandLineInvalid | JobInvalid) else cls.BAD_INPUT
+
+
+EPILOG = """exit codes:
+  0    there is a result
+  2    the command line, the job file or a setting is wrong
+  3    a file is missing, damaged or unusable, or the output cannot be written
+  4    the solver broke
+  130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
+
+With --json, standard output carries one JSON object a line: any number of {"event": "progress", ...} and then exactly
+one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}.
+Messages for people go to standard error."""

@@ -1,0 +1,81 @@
+"""Runs one verb: parse, do, tell, and return the exit code."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from typing import TextIO
+
+from solver_backend.cli.arguments import parse
+from solver_backend.cli.cancel import Cancellation, cancel_on_signals
+from solver_backend.cli.exit_codes import ExitCode
+from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
+from solver_backend.errors import MocapError, SolverFailed
+from solver_backend.progress import Progress
+
+logger = logging.getLogger("solver_backend")
+
+Verb = Callable[[argparse.Namespace, Progress], Outcome]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line and return its exit code (see ``ExitCode``).
+
+    Args:
+        argv: arguments after the program's name; the process's own if left out.
+    """
+    argv = sys.argv[1:] if argv is None else argv
+    teller = ForPrograms(sys.stdout) if "--json" in argv else ForPeople(sys.stdout)
+    try:
+        with cancel_on_signals() as cancellation:
+            return _run(argv, teller, cancellation)
+    except BrokenPipeError:  # whoever read our lines is gone, so nobody waits for the result
+        _silence(sys.stdout)
+        return ExitCode.CANCELLED
+    except SystemExit as done:  # argparse has printed its help or the version
+        return int(done.code or 0)
+
+
+def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancellation) -> int:
+    """Run one verb; exactly one result or error is told."""
+    try:
+        args = parse(argv)
+        logging.basicConfig(
+            level=logging.INFO if args.verbose else logging.WARNING,
+            format="%(levelname)s: %(message)s",
+            stream=sys.stderr,
+        )
+        with redirect_stdout(sys.stderr):  # what libraries print must not mix with the result
+            outcome = _verb(args.verb)(args, cancellation.watched(teller.progress))
+    except MocapError as error:
+        teller.error(error)
+        return ExitCode.of(error)
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        logger.exception("The solver broke.")
+        kind = type(error).__name__
+        failed = SolverFailed(f"The solver broke: {kind}: {error}", hint="Please report this with the log above.")
+        teller.error(failed)
+        return ExitCode.FAILED
+    teller.result(outcome)
+    return ExitCode.RESULT
+
+
+def _verb(name: str) -> Verb:
+    """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
+    verbs = importlib.import_module("solver_backend.cli.verbs")
+    return getattr(verbs, name.replace("-", "_"))
+
+
+def _silence(stream: TextIO) -> None:
+    """Send what is left in a stream's buffer nowhere; flushing it at exit would fail again."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    except (OSError, ValueError):
+        return

@@ -1,0 +1,55 @@
+"""What a verb hands back, and how it is told to a person or to a program."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any, TextIO
+
+from solver_backend.errors import MocapError
+from solver_backend.progress import ConsoleProgress, JsonProgress, Progress
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a verb."""
+
+    text: str
+    """For people; printed to standard output."""
+    data: dict[str, Any]
+    """For programs: plain JSON values of the result event."""
+
+
+class ForPeople:
+    """Progress bars and messages on standard error, the result's text on standard output."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self.progress: Progress = ConsoleProgress(sys.stderr)
+
+    def result(self, outcome: Outcome) -> None:
+        """Print the result."""
+        print(outcome.text, file=self._stream, flush=True)
+
+    def error(self, error: MocapError) -> None:
+        """Print what went wrong, where, and what to try."""
+        start = "\n" if sys.stderr.isatty() else ""
+        where = f"\n  where: {error.where}" if error.where else ""
+        hint = f"\n  try:   {error.hint}" if error.hint else ""
+        print(f"{start}error: {error.message}{where}{hint}", file=sys.stderr, flush=True)
+
+
+class ForPrograms:
+    """JSON lines on standard output."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._lines = JsonProgress(stream)
+        self.progress: Progress = self._lines
+
+    def result(self, outcome: Outcome) -> None:
+        """Write the result event."""
+        self._lines.event({"event": "result", **outcome.data})
+
+    def error(self, error: MocapError) -> None:
+        """Write the error event."""
+        self._lines.event(error.as_event())

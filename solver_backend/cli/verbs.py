@@ -1,0 +1,126 @@
+"""The verbs. What they call is imported inside them: ``--help`` and a wrong path answer at once."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.describe import describe_capture, describe_motion
+from solver_backend.cli.outcome import Outcome
+from solver_backend.errors import CommandLineInvalid
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.files import check_output
+from solver_backend.job import Job, joint_set_named, positive_fps
+from solver_backend.progress import Progress
+from solver_backend.types import Capture
+
+
+def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Solve a capture, write the motion and, if asked for, the report."""
+    job = _job(args)
+    for path in (job.out, job.report):
+        if path is not None:
+            check_output(path, overwrite=job.overwrite)
+    capture = _load(job.capture, job.fps, job.trim, job.joint_set, progress)
+    from solver_backend.fitters.solve import solve as solve_capture
+    from solver_backend.io.motion_file import write_motion
+    from solver_backend.report.page import write_report
+
+    start = time.monotonic()
+    motion = solve_capture(capture, job.settings, progress)
+    solve_s = time.monotonic() - start
+    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
+    write_motion(job.out, timed, overwrite=job.overwrite)
+    if job.report is not None:
+        progress("Writing the report", 0, 1)
+        write_report(job.report, capture, timed, overwrite=job.overwrite)
+        progress("Writing the report", 1, 1)
+    text, data = describe_motion(timed, solve_s)
+    written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
+    files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
+    return Outcome(text + files, {**written, **data, "problems": list(capture.problems)})
+
+
+def info(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Say what a capture holds, what the reader assumed and what is wrong with it."""
+    text, data = describe_capture(_read(args, progress))
+    return Outcome(text, data)
+
+
+def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write any capture as one of our own files."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    return _write(args.out, _read(args, progress), overwrite)
+
+
+def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write the embedded synthetic capture, truth included."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    from solver_backend.synthetic.demo import demo_capture as make_capture
+
+    return _write(args.out, make_capture(), overwrite)
+
+
+def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Compare a motion with the truth of a synthetic capture, beside triangulation and a low-pass filter."""
+    from solver_backend.fitters.evaluate import evaluate as compare
+    from solver_backend.io.motion_file import read_motion
+
+    capture = _load(args.capture, None, False, None, progress)
+    found = compare(capture, read_motion(args.motion))
+    ratios = {"mpjpe_ratio": found.mpjpe_ratio, "accel_ratio": found.accel_ratio}
+    figures = {name: round(value, 4) for name, value in {**asdict(found), **ratios}.items()}
+    return Outcome("\n".join(found.lines()), figures)
+
+
+def _job(args: argparse.Namespace) -> Job:
+    """Return the job of the command line: a job file, or the options that would stand in one."""
+    names = ("capture", "out", "report", "overwrite", "fps", "trim", "joint_set", "method", "backend")
+    given = [name for name in names if getattr(args, name) is not None]
+    if args.job is not None:
+        if given:
+            raise CommandLineInvalid(
+                f"--job cannot be combined with {', '.join(given)}.", hint="Write it into the job file."
+            )
+        return Job.read(args.job)
+    if args.capture is None or args.out is None:
+        raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
+    chosen = {name: getattr(args, name) for name in ("method", "backend") if getattr(args, name) is not None}
+    return Job(
+        capture=args.capture,
+        out=args.out,
+        report=args.report,
+        overwrite=bool(args.overwrite),
+        fps=None if args.fps is None else positive_fps(args.fps),
+        trim=bool(args.trim),
+        joint_set=None if args.joint_set is None else joint_set_named(args.joint_set),
+        settings=SolveSettings.from_dict(chosen),
+    )
+
+
+def _read(args: argparse.Namespace, progress: Progress) -> Capture:
+    fps = None if args.fps is None else positive_fps(args.fps)
+    joint_set = None if args.joint_set is None else joint_set_named(args.joint_set)
+    return _load(args.capture, fps, bool(args.trim), joint_set, progress)
+
+
+def _load(path: Path, fps: float | None, trim: bool, joint_set: Any, progress: Progress) -> Capture:
+    from solver_backend.io.load import load_capture
+
+    progress("Reading the capture", 0, 1)
+    capture = load_capture(path, fps=fps, trim=trim, joint_set=joint_set)
+    progress("Reading the capture", 1, 1)
+    return capture
+
+
+def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:
+    from solver_backend.io.capture_file import write_capture
+
+    write_capture(path, capture, overwrite=overwrite)
+    text, data = describe_capture(capture)
+    return Outcome(f"{text}\n  written     {path}", {"capture": str(path), **data})

@@ -1,0 +1,153 @@
+"""Job file: everything one solve needs, as JSON; the add-on writes it, batches keep it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from solver_backend.errors import JobInvalid
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.files import read_json
+from solver_backend.types import JointSet
+
+VERSION = 1
+"""Of the schema; a job of another version is refused."""
+MOTION_SUFFIX = ".npz"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One solve: what is read, how it is solved, where the result goes."""
+
+    capture: Path
+    """File or folder of the capture."""
+    out: Path
+    """Motion file to be written."""
+    report: Path | None = None
+    """HTML page to be written, None for none."""
+    overwrite: bool = False
+    """Replace results that are already there."""
+    fps: float | None = None
+    """Frame rate, where the capture does not say it."""
+    trim: bool = False
+    """Cut all cameras to the shortest."""
+    joint_set: JointSet | None = None
+    """Names of the keypoints, where their number fits several sets."""
+    settings: SolveSettings = field(default_factory=SolveSettings)
+    """How to solve."""
+
+    def __post_init__(self) -> None:
+        if self.out.suffix.lower() != MOTION_SUFFIX:
+            raise JobInvalid(
+                f"A motion file ends in {MOTION_SUFFIX}.",
+                where=f"out = {self.out}",
+                hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
+            )
+        places = [p.resolve() for p in (self.capture, self.out, self.report) if p is not None]
+        if len(set(places)) < len(places):
+            raise JobInvalid(
+                "The capture, the motion and the report must be three different files.", where=str(self.out)
+            )
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], folder: Path = Path()) -> Job:
+        """Build a job from a job file's plain values.
+
+        Args:
+            values: ``version``, ``capture``, ``out`` and any other field; ``settings`` holds those of a solve.
+            folder: what relative paths are relative to.
+
+        Raises:
+            JobInvalid: the version is another one, a key is unknown or missing, or a value is of the wrong type.
+        """
+        known = {"version", *cls.__dataclass_fields__}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise JobInvalid(
+                f"Unknown key {', '.join(unknown)}.", where="job", hint=f"Known keys: {', '.join(sorted(known))}."
+            )
+        if values.get("version") != VERSION:
+            raise JobInvalid(
+                f"The job has version {values.get('version')!r}; {VERSION} is read.",
+                where="job",
+                hint=f'Write "version": {VERSION}.',
+            )
+        missing = [key for key in ("capture", "out") if not values.get(key)]
+        if missing:
+            raise JobInvalid(f"The job lacks {' and '.join(missing)}.", where="job", hint="Both are paths of files.")
+        report, fps, name = (
+            _typed(values, key, kind) for key, kind in (("report", str), ("fps", (int, float)), ("joint_set", str))
+        )
+        return cls(
+            capture=folder / _typed(values, "capture", str),
+            out=folder / _typed(values, "out", str),
+            report=None if report is None else folder / report,
+            overwrite=bool(_typed(values, "overwrite", bool)),
+            fps=None if fps is None else positive_fps(fps),
+            trim=bool(_typed(values, "trim", bool)),
+            joint_set=None if name is None else joint_set_named(name),
+            settings=_settings(_typed(values, "settings", dict) or {}),
+        )
+
+    @classmethod
+    def read(cls, path: Path | str) -> Job:
+        """Read a job file; relative paths in it are relative to its folder.
+
+        Raises:
+            FileMissing, FileDamaged: it is not there or is not JSON.
+            JobInvalid: see ``from_dict``.
+        """
+        values = read_json(path)
+        if not isinstance(values, dict):
+            raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
+        return cls.from_dict(values, Path(path).parent)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the job as plain values, which ``from_dict`` reads back."""
+        paths = {"capture": str(self.capture), "out": str(self.out), "report": self.report and str(self.report)}
+        plain = {"version": VERSION, **paths, "overwrite": self.overwrite, "fps": self.fps, "trim": self.trim}
+        return {**plain, "joint_set": self.joint_set and self.joint_set.value, "settings": asdict(self.settings)}
+
+
+def joint_set_named(name: str) -> JointSet:
+    """Return the joint set of this name.
+
+    Raises:
+        JobInvalid: there is none; the message lists those there are.
+    """
+    try:
+        return JointSet(name)
+    except ValueError as error:
+        names = ", ".join(item.value for item in JointSet)
+        raise JobInvalid(f"There is no joint set '{name}'.", where="joint_set", hint=f"Known sets: {names}.") from error
+
+
+def positive_fps(value: float) -> float:
+    """Return a frame rate that can be one.
+
+    Raises:
+        JobInvalid: it is not a positive, finite number.
+    """
+    if not 0 < value < float("inf"):
+        raise JobInvalid(f"The frame rate must be a positive number, not {value}.", where="fps")
+    return float(value)
+
+
+def _settings(values: Mapping[str, Any]) -> SolveSettings:
+    """Return the settings after checking that each value is of the type of its default."""
+    for item in fields(SolveSettings):
+        kind = (int, float) if isinstance(item.default, float) else type(item.default)
+        _typed(values, item.name, list if item.default is None else kind)
+    return SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
+
+
+def _typed(values: Mapping[str, Any], key: str, kind: type | tuple[type, ...]) -> Any:
+    """Return the value of a key or None, after checking its type (true and false are no numbers)."""
+    value = values.get(key)
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    if value is None or (isinstance(value, kinds) and (bool in kinds or not isinstance(value, bool))):
+        return value
+    names = {str: "text", bool: "true or false", dict: "an object", list: "a list"}
+    raise JobInvalid(f"{key} is {value!r}; {names.get(kinds[0], 'a number')} is expected.", where="job")

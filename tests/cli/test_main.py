@@ -1,0 +1,183 @@
+"""The command line: results, errors, exit codes, the protocol, and that nothing is left half-written."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.errors import Cancelled, NoDetections
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.capture_file import read_capture
+from solver_backend.io.motion_file import read_motion
+from solver_backend.types import JointSet
+from tests.cli.stand_ins import FRAMES, StandIns
+
+
+@pytest.fixture
+def stand_ins(monkeypatch) -> StandIns:
+    made = StandIns()
+    for name, module in made.modules().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    return made
+
+
+def events(text: str) -> list[dict]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_solve_writes_a_motion_and_says_so(stand_ins, tmp_path, capsys):
+    out = tmp_path / "new" / "motion.npz"
+    assert main(["solve", "take", "--out", str(out)]) == 0
+    motion = read_motion(out)
+    assert motion.num_frames == FRAMES
+    assert motion.provenance["solve_s"] >= 0
+    shown = capsys.readouterr()
+    assert "Solved 7 frames at 59.94 fps" in shown.out
+    assert str(out) in shown.out
+    assert "a library that prints" in shown.err
+    assert "a library" not in shown.out
+
+
+def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
+    argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--fps", "50", "--trim", "--joint-set", "COCO_17"]
+    assert main([*argv, "--method", "frame", "--backend", "torch", "--report", str(tmp_path / "r.html")]) == 0
+    calls = dict(stand_ins.calls)
+    assert calls["load"] | {"path": None} == {"path": None, "fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17}
+    assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch")
+    assert calls["report"]["path"] == tmp_path / "r.html"
+
+
+def test_json_ends_in_exactly_one_result(stand_ins, tmp_path, capsys):
+    out = tmp_path / "motion.npz"
+    assert main(["solve", "take", "--out", str(out), "--json"]) == 0
+    *progress, last = events(capsys.readouterr().out)
+    assert {event["event"] for event in progress} == {"progress"}
+    assert ("Solving", 2, 2) in [(event["stage"], event["done"], event["total"]) for event in progress]
+    assert last["event"] == "result"
+    assert last["motion"] == str(out)
+    assert last["frames"] == FRAMES
+    assert last["problems"] == ["One camera is dark.", "Ünicode."]
+
+
+def test_a_job_file_says_the_same_as_the_options(stand_ins, tmp_path, capsys):
+    job = {"version": 1, "capture": "take", "out": "m.npz", "report": "r.html", "settings": {"method": "frame"}}
+    (tmp_path / "job.json").write_text(json.dumps(job), encoding="utf-8")
+    assert main(["solve", "--job", str(tmp_path / "job.json"), "--json"]) == 0
+    assert dict(stand_ins.calls)["load"]["path"] == tmp_path / "take"
+    assert events(capsys.readouterr().out)[-1]["report"] == str(tmp_path / "r.html")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "name"),
+    [
+        (NoDetections("Nobody.", where="take", hint="Look again."), 3, "no_detections"),
+        (Cancelled("Enough."), 130, "cancelled"),
+        (np.linalg.LinAlgError("Singular matrix"), 4, "solver_failed"),
+        (MemoryError("full"), 4, "solver_failed"),
+    ],
+)
+@pytest.mark.parametrize("at", ["load_error", "solve_error"])
+def test_an_error_is_told_once_and_leaves_nothing(stand_ins, tmp_path, capsys, caplog, at, error, code, name):
+    setattr(stand_ins, at, error)
+    assert main(["solve", "take", "--out", str(tmp_path / "m.npz"), "--json"]) == code
+    *progress, last = events(capsys.readouterr().out)
+    assert {event["event"] for event in progress} <= {"progress"}
+    assert (last["event"], last["code"]) == ("error", name)
+    assert set(last) == {"event", "code", "message", "where", "hint"}
+    assert not list(tmp_path.iterdir())
+    if code == 4:
+        assert type(error).__name__ in last["message"]
+        assert "Traceback" in caplog.text
+
+
+def test_people_read_what_where_and_what_to_try(stand_ins, tmp_path, capsys):
+    stand_ins.load_error = NoDetections("Nobody was detected.", where="take", hint="Look again.")
+    assert main(["info", "take"]) == 3
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert "error: Nobody was detected.\n  where: take\n  try:   Look again.\n" in shown.err
+
+
+@pytest.mark.parametrize("option", ["--out", "--report"])
+def test_an_output_that_exists_is_refused_before_the_solve(stand_ins, tmp_path, capsys, option):
+    places = {"--out": tmp_path / "m.npz", "--report": tmp_path / "r.html"}
+    places[option].write_bytes(b"mine")
+    argv = ["solve", "take", *(str(part) for pair in places.items() for part in pair)]
+    assert main(argv) == 3
+    assert "already there" in capsys.readouterr().err
+    assert stand_ins.calls == []
+    assert places[option].read_bytes() == b"mine"
+    assert main([*argv, "--overwrite"]) == 0
+    assert places[option].read_bytes() != b"mine"
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["solve", "take", "--out", str(tmp_path / "file" / "m.npz")]) == 3
+    assert "cannot be written" in capsys.readouterr().err
+    assert stand_ins.calls == []
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        ([], "The following arguments are required: VERB."),
+        (["slove"], "invalid choice: 'slove'"),
+        (["solve"], "solve needs a capture and --out, or --job."),
+        (["solve", "take"], "solve needs a capture and --out, or --job."),
+        (["solve", "take", "--out", "m.npz", "--fps", "fast"], "invalid float value: 'fast'"),
+        (["solve", "take", "--out", "m.npz", "--fps", "-5"], "The frame rate must be a positive number"),
+        (
+            ["solve", "take", "--out", "m.npz", "--method", "magic"],
+            "method = 'magic' is not valid; one of bundle, frame",
+        ),
+        (["solve", "take", "--out", "m.npz", "--joint-set", "X"], "There is no joint set 'X'."),
+        (["solve", "take", "--out", "m.bvh"], "A motion file ends in .npz."),
+        (["solve", "take", "--job", "j.json", "--trim"], "--job cannot be combined with capture, trim."),
+        (["info", "take", "--colour"], "Unrecognized arguments: --colour."),
+        (["convert", "take"], "The following arguments are required: --out."),
+    ],
+)
+@pytest.mark.parametrize("as_json", [True, False])
+def test_a_wrong_command_line_is_exit_code_2(stand_ins, capsys, argv, message, as_json):
+    assert main([*argv, "--json"] if as_json else argv) == 2
+    shown = capsys.readouterr()
+    if as_json:
+        (event,) = events(shown.out)
+        assert event["event"] == "error"
+        assert message in event["message"]
+    else:
+        assert shown.out == ""
+        assert message in shown.err
+    assert stand_ins.calls == []
+
+
+@pytest.mark.parametrize("argv", [["--help"], ["solve", "--help"], ["--version"]])
+def test_help_and_version_are_results(argv, capsys):
+    assert main(argv) == 0
+    assert capsys.readouterr().out
+
+
+def test_info_tells_people_and_programs_the_same(stand_ins, capsys):
+    assert main(["info", "take", "--fps", "30"]) == 0
+    text = capsys.readouterr().out
+    assert dict(stand_ins.calls)["load"]["fps"] == 30.0
+    assert main(["info", "take", "--json"]) == 0
+    data = events(capsys.readouterr().out)[-1]
+    assert data["name"] in text
+    assert f"{data['frames']} at {data['fps']:g} fps" in text
+    assert all(problem in text for problem in data["problems"])
+    assert all(camera["name"] in text for camera in data["cameras"])
+
+
+def test_convert_writes_the_capture_it_read(stand_ins, tmp_path, capsys):
+    out = tmp_path / "capture.npz"
+    assert main(["convert", "take", "--out", str(out), "--json"]) == 0
+    assert read_capture(out).num_frames == FRAMES
+    assert events(capsys.readouterr().out)[-1]["capture"] == str(out)
+    assert main(["convert", "take", "--out", str(out)]) == 3
+    assert "already there" in capsys.readouterr().err

@@ -1,0 +1,49 @@
+"""A solver that is told to stop: one error event, exit code 130, nothing on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def start(tmp_path: Path) -> subprocess.Popen[str]:
+    """Start a solve of a minute and wait until it is under way."""
+    command = [sys.executable, "-m", "tests.cli.stand_ins", "solve", "take", "--out", str(tmp_path / "m.npz"), "--json"]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if json.loads(line)["stage"] == "Solving":
+            return process
+    raise AssertionError(process.stderr.read() if process.stderr else "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows ends a process without telling it")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_cancels(tmp_path, number):
+    process = start(tmp_path)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 130, err
+    (event,) = [json.loads(line) for line in out.splitlines()]
+    assert (event["event"], event["code"]) == ("error", "cancelled")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_reader_that_goes_away_ends_the_solver(tmp_path):
+    process = start(tmp_path)
+    assert process.stdout is not None
+    process.stdout.close()
+    process.send_signal(signal.SIGTERM)
+    process.stdout = None
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,86 @@
+"""Job files: what they may say, and what is refused with which words."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from solver_backend.errors import FileDamaged, FileMissing, JobInvalid
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.job import Job
+from solver_backend.types import JointSet
+
+MINIMAL = {"version": 1, "capture": "take", "out": "motion.npz"}
+
+
+def full_job() -> Job:
+    return Job(
+        capture=Path("/takes/one"),
+        out=Path("/results/one.npz"),
+        report=Path("/results/one.html"),
+        overwrite=True,
+        fps=59.94,
+        trim=True,
+        joint_set=JointSet.HALPE_26,
+        settings=SolveSettings(method="frame", backend="torch", robust_scale=2.5, betas=(0.5,) * 10),
+    )
+
+
+def test_a_job_survives_the_round_trip_through_json(tmp_path):
+    path = tmp_path / "job.json"
+    path.write_text(json.dumps(full_job().as_dict()), encoding="utf-8")
+    assert Job.read(path) == full_job()
+
+
+def test_relative_paths_start_at_the_job_file(tmp_path):
+    path = tmp_path / "job.json"
+    path.write_text(json.dumps({**MINIMAL, "report": "page.html"}), encoding="utf-8")
+    job = Job.read(path)
+    assert (job.capture, job.out) == (tmp_path / "take", tmp_path / "motion.npz")
+    assert job.report == tmp_path / "page.html"
+    assert job.settings == SolveSettings()
+    assert not job.overwrite
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"methd": "frame"}, r"Unknown key methd\..*Known keys: capture, fps, joint_set, out, overwrite"),
+        ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, backend, window"),
+        ({"settings": {"window": 3}}, r"window = 3 is not valid; a whole number from 4 to 240"),
+        ({"settings": {"refine": "no"}}, r"refine is 'no'; true or false is expected"),
+        ({"settings": {"robust_scale": "wide"}}, r"robust_scale is 'wide'; a number is expected"),
+        ({"settings": {"betas": 3}}, r"betas is 3; a list is expected"),
+        ({"settings": ["frame"]}, r"settings is \['frame'\]; an object is expected"),
+        ({"version": 2}, r"The job has version 2; 1 is read"),
+        ({"version": None}, r"The job has version None; 1 is read.*Write \"version\": 1"),
+        ({"capture": None}, r"The job lacks capture"),
+        ({"capture": None, "out": None}, r"The job lacks capture and out"),
+        ({"out": 3}, r"out is 3; text is expected"),
+        ({"fps": True}, r"fps is True; a number is expected"),
+        ({"fps": 0}, r"frame rate must be a positive number, not 0"),
+        ({"fps": float("nan")}, r"frame rate must be a positive number, not nan"),
+        ({"overwrite": 1}, r"overwrite is 1; true or false is expected"),
+        ({"joint_set": "BODY_26"}, r"There is no joint set 'BODY_26'.*Known sets: BODY_25, BODY_25B, COCO_17"),
+        ({"out": "motion.bvh"}, r"A motion file ends in \.npz.*Try motion\.bvh\.npz"),
+        ({"capture": "motion.npz"}, r"must be three different files"),
+        ({"report": "sub/../motion.npz"}, r"must be three different files"),
+    ],
+)
+def test_what_is_wrong_is_named(change, message):
+    with pytest.raises(JobInvalid, match=message):
+        Job.from_dict({**MINIMAL, **change})
+
+
+def test_a_file_that_is_no_job(tmp_path):
+    with pytest.raises(FileMissing, match="There is no such file"):
+        Job.read(tmp_path / "absent.json")
+    path = tmp_path / "job.json"
+    path.write_text('{"version": 1, "cap', encoding="utf-8")
+    with pytest.raises(FileDamaged, match="truncated or is not JSON"):
+        Job.read(path)
+    path.write_text("[1]", encoding="utf-8")
+    with pytest.raises(JobInvalid, match="does not hold a JSON object"):
+        Job.read(path)
