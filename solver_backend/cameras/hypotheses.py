@@ -36,8 +36,8 @@ def best_hypothesis(views: Sightings, scale_px: Array) -> Array:
     """Return for every point the linear triangulation that its views agree with most.
 
     Tried are all usable views, all but one, and every pair (of the ``MOST_VIEWS`` most confident views of that point).
-    The judge is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), with r in pixels: two
-    doubtful views outvote a confident one, and between equal numbers confidence decides.
+    The judge is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), with r in pixels:
+    two doubtful views outvote a confident one, and between equal numbers confidence decides.
 
     Args:
         views: C views of N points.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
@@ -103,5 +105,5 @@ def spherical_bezier(controls: Array, t: Array | float) -> Array:
     """
     points = [controls[..., i, :] for i in range(controls.shape[-2])]
     while len(points) > 1:
-        points = [slerp(p, q, t) for p, q in zip(points[:-1], points[1:], strict=True)]
+        points = [slerp(p, q, t) for p, q in itertools.pairwise(points)]
     return points[0]

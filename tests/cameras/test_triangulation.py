@@ -189,7 +189,7 @@ def test_no_frames_and_no_detections():
 
 def test_noise_is_measured_per_keypoint_despite_outliers():
     cameras = ring(5)
-    points, xy, confidence = record(cameras, 1200, 3, 0.0)
+    _points, xy, confidence = record(cameras, 1200, 3, 0.0)
     rng = np.random.default_rng(5)
     sigma = np.array([1.5, 2.5, 4.0])
     xy = xy + sigma[:, None] * rng.normal(size=xy.shape)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import torch
@@ -66,7 +68,7 @@ def test_lerp_and_bezier():
     np.testing.assert_allclose(curves.lerp(p[0], p[1], t), p[0] + t[:, None] * (p[1] - p[0]), atol=1e-15)
     points = list(p)
     while len(points) > 1:
-        points = [curves.lerp(a, b, t) for a, b in zip(points[:-1], points[1:], strict=True)]
+        points = [curves.lerp(a, b, t) for a, b in itertools.pairwise(points)]
     np.testing.assert_allclose(curves.bezier(*p, t), points[0], atol=1e-15)
 
 
