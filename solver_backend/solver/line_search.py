@@ -1,0 +1,104 @@
+"""A step length that satisfies the strong Wolfe conditions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Payload = TypeVar("Payload")
+
+
+@dataclass(frozen=True)
+class WolfeSettings:
+    """What a step must achieve."""
+
+    decrease: float = 1e-4
+    """Share c1 of the predicted decrease that must be met (Armijo)."""
+    curvature: float = 0.9
+    """Share c2 of the starting slope that may be left."""
+    max_evaluations: int = 25
+    """Trials at most."""
+    growth: float = 2.5
+    """Factor of the step while it is too short."""
+
+
+@dataclass(frozen=True)
+class Trial(Generic[Payload]):
+    """The objective along the line at one step."""
+
+    step: float
+    cost: float
+    slope: float
+    """Derivative of the cost by the step."""
+    payload: Payload
+    """Whatever the caller wants back from the evaluation."""
+
+
+def strong_wolfe(
+    evaluate: Callable[[float], Trial[Payload]],
+    start: Trial[Payload],
+    first: float,
+    settings: WolfeSettings = WolfeSettings(),
+) -> tuple[Trial[Payload], bool, int]:
+    """Return a step with ``f(a) <= f(0) + c1 a f'(0)`` and ``|f'(a)| <= c2 |f'(0)|``.
+
+    The step grows until an interval brackets such a point; the interval then shrinks by safeguarded cubic
+    interpolation. A cost that is not finite counts as too long a step.
+
+    Args:
+        evaluate: step -> trial.
+        start: the trial at step 0, with a negative slope.
+        first: first step to try.
+        settings: what to achieve.
+
+    Returns:
+        The trial, whether it satisfies both conditions, and the number of evaluations. Without success it is the best
+        trial with sufficient decrease, or ``start``.
+
+    Reference: Nocedal and Wright 2006, "Numerical Optimization", algorithms 3.5 and 3.6.
+    """
+
+    def enough(trial: Trial[Payload]) -> bool:
+        target = start.cost + settings.decrease * trial.step * start.slope
+        return math.isfinite(trial.cost) and math.isfinite(trial.slope) and trial.cost <= target
+
+    def flat(trial: Trial[Payload]) -> bool:
+        return abs(trial.slope) <= -settings.curvature * start.slope
+
+    low, high, step, count = start, None, first, 0
+    for count in range(1, settings.max_evaluations + 1):
+        trial = evaluate(step)
+        if not enough(trial) or (low.step > 0 and trial.cost >= low.cost):
+            high = trial
+        elif flat(trial):
+            return trial, True, count
+        else:
+            if high is None:
+                high = low if trial.slope >= 0 else None
+            elif trial.slope * (high.step - low.step) >= 0:
+                high = low
+            low = trial
+        step = settings.growth * step if high is None else _between(low, high)
+        if high is not None and abs(high.step - low.step) <= 1e-14 * max(abs(high.step), abs(low.step)):
+            break
+    return low, False, count
+
+
+def _between(low: Trial[Payload], high: Trial[Payload]) -> float:
+    """Return the minimiser of the cubic through both trials, kept 10 % away from the ends of the interval."""
+    width = high.step - low.step
+    middle = low.step + 0.5 * width
+    if not (math.isfinite(high.cost) and math.isfinite(high.slope)):
+        return low.step + 0.1 * width
+    d1 = low.slope + high.slope - 3.0 * (high.cost - low.cost) / width
+    square = d1 * d1 - low.slope * high.slope
+    if square < 0:
+        return middle
+    d2 = math.copysign(math.sqrt(square), width)
+    bottom = high.slope - low.slope + 2.0 * d2
+    if bottom == 0:
+        return middle
+    share = 1.0 - (high.slope + d2 - d1) / bottom
+    return low.step + min(max(share, 0.1), 0.9) * width
