@@ -1,0 +1,101 @@
+"""What every pose prior offers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from array_api_compat import array_namespace
+
+from solver_backend.errors import PoseInvalid
+from solver_backend.geometry.arrays import Array
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
+
+ORTHONORMAL_WITHIN = 1e-3
+"""Largest entry of ``R^T R - I`` that still counts as a rotation (float32 files round to 1e-7)."""
+
+
+class PosePrior(ABC):
+    """A model of plausible poses of joints 1..21, in NumPy or torch."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Short name, as in file names."""
+
+    @property
+    @abstractmethod
+    def latent_dim(self) -> int:
+        """Length of a code."""
+
+    @abstractmethod
+    def encode(self, rotations: Array) -> Array:
+        """Return the codes (N, d) of (N, 21, 3, 3) local rotations."""
+
+    @abstractmethod
+    def decode(self, z: Array) -> Array:
+        """Return (N, 21, 3, 3) local rotations of (N, d) codes."""
+
+    @abstractmethod
+    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Return ``decode(z)`` and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
+
+    @abstractmethod
+    def energy(self, rotations: Array) -> Array:
+        """Return how implausible (N, 21, 3, 3) poses are: (N,), zero or more, less is more plausible."""
+
+    @abstractmethod
+    def sample(self, count: int, seed: int) -> Array:
+        """Return ``count`` poses drawn from the prior, (count, 21, 3, 3), the same for the same seed."""
+
+
+def check_rotations(rotations: Array) -> None:
+    """Make sure that poses are (N, 21, 3, 3) finite rotations.
+
+    Raises:
+        PoseInvalid: wrong number of joints or shape, NaN, or matrices off SO(3).
+    """
+    xp = array_namespace(rotations)
+    if rotations.ndim != 4 or tuple(rotations.shape[1:]) != (NUM_BODY_JOINTS, 3, 3):
+        raise PoseInvalid(
+            f"Poses must have the shape (N, {NUM_BODY_JOINTS}, 3, 3), not {tuple(rotations.shape)}.",
+            hint="The root's rotation and the hands are left out: joints 1 to 21.",
+        )
+    finite = xp.all(xp.isfinite(xp.reshape(rotations, (rotations.shape[0], 9 * NUM_BODY_JOINTS))), axis=-1)
+    if not bool(xp.all(finite)):
+        raise PoseInvalid("A pose has NaN or infinite rotations.", where=f"pose {_first_false(finite)}")
+    gram = xp.matmul(xp.permute_dims(rotations, (0, 1, 3, 2)), rotations)
+    eye = xp.eye(3, dtype=rotations.dtype, device=getattr(rotations, "device", None))
+    off = xp.max(xp.reshape(xp.abs(gram - eye), (rotations.shape[0], 9 * NUM_BODY_JOINTS)), axis=-1)
+    proper = xp.all(_determinant(rotations) > 0, axis=-1)
+    good = xp.logical_and(off < ORTHONORMAL_WITHIN, proper)
+    if not bool(xp.all(good)):
+        raise PoseInvalid(
+            "A pose has matrices that are no rotations.", where=f"pose {_first_false(good)}",
+            hint="Orthonormalise them, or pass rotation vectors through exp_so3.",
+        )  # fmt: skip
+
+
+def check_codes(z: Array, latent_dim: int) -> None:
+    """Make sure that codes are (N, d) and finite.
+
+    Raises:
+        PoseInvalid: wrong shape or NaN.
+    """
+    xp = array_namespace(z)
+    if z.ndim != 2 or z.shape[1] != latent_dim:
+        raise PoseInvalid(f"Codes must have the shape (N, {latent_dim}), not {tuple(z.shape)}.")
+    if not bool(xp.all(xp.isfinite(z))):
+        raise PoseInvalid("A code has NaN or infinite values.")
+
+
+def _determinant(R: Array) -> Array:
+    a, b, c = R[..., 0, :], R[..., 1, :], R[..., 2, :]
+    return (
+        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
+        - a[..., 1] * (b[..., 0] * c[..., 2] - b[..., 2] * c[..., 0])
+        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
+    )
+
+
+def _first_false(flags: Array) -> int:
+    return next(i for i in range(flags.shape[0]) if not bool(flags[i]))

@@ -1,0 +1,113 @@
+"""Weight files of priors: ``.npz`` without pickle, with metadata that is checked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.errors import FileMissing, WeightsInvalid
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
+
+FORMAT = "manifold_mocap_prior"
+VERSION = 1
+BODY_JOINTS: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
+ASSETS = Path(__file__).resolve().parents[1] / "assets"
+"""Folder of the weights that ship."""
+
+
+@dataclass(frozen=True)
+class PriorWeights:
+    """The arrays of a prior and what is known of them."""
+
+    prior: str
+    arrays: dict[str, np.ndarray]
+    metadata: dict[str, Any]
+    """Architecture, training command, seed, metrics."""
+    sha256: str = ""
+    """Hash of the arrays."""
+
+    def array(self, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
+        """Return an array as float64, of the given shape (None = any length).
+
+        Raises:
+            WeightsInvalid: it is missing, of another shape or not finite.
+        """
+        if name not in self.arrays:
+            raise WeightsInvalid(f"The weights of {self.prior} lack the array {name!r}.")
+        value = np.asarray(self.arrays[name], dtype=np.float64)
+        fits = value.ndim == len(shape) and all(w in (None, h) for h, w in zip(value.shape, shape, strict=True))
+        if not fits:
+            raise WeightsInvalid(f"The array {name!r} of {self.prior} has the shape {value.shape}, not {shape}.")
+        if not np.isfinite(value).all():
+            raise WeightsInvalid(f"The array {name!r} of {self.prior} has values that are not numbers.")
+        return value
+
+
+def write_weights(path: Path, weights: PriorWeights) -> str:
+    """Write a weight file under a temporary name, rename it, and return the hash of its arrays."""
+    digest = arrays_hash(weights.arrays)
+    header = {
+        "format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS, "sha256": digest,
+        **weights.metadata,
+    }  # fmt: skip
+    temporary = path.with_name(path.name + ".part")
+    with temporary.open("wb") as stream:
+        np.savez_compressed(stream, header=np.array(json.dumps(header)), **weights.arrays)
+    os.replace(temporary, path)
+    return digest
+
+
+def read_weights(path: Path, prior: str) -> PriorWeights:
+    """Read and check a weight file.
+
+    Args:
+        path: the ``.npz``.
+        prior: name of the prior it must be for.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: it is no weight file, or for another prior, body or version, or damaged.
+    """
+    if not path.is_file():
+        raise FileMissing(f"The weights of {prior} are missing.", where=path.name, hint="Train them, or reinstall.")
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+            arrays = {key: data[key] for key in data.files if key != "header"}
+            header = json.loads(str(data["header"]))
+    except Exception as error:
+        raise WeightsInvalid("The file is no weight file of a prior.", where=path.name, hint=str(error)) from error
+    _check_header(header, prior, path.name)
+    if arrays_hash(arrays) != header.get("sha256"):
+        raise WeightsInvalid("The weights are damaged: their hash differs.", where=path.name, hint="Reinstall them.")
+    return PriorWeights(prior, arrays, header, header["sha256"])
+
+
+def arrays_hash(arrays: dict[str, np.ndarray]) -> str:
+    """Return the SHA-256 of arrays with their names, types and shapes."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        value = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {value.dtype.str} {value.shape}".encode())
+        digest.update(value.tobytes())
+    return digest.hexdigest()
+
+
+def _check_header(header: Any, prior: str, where: str) -> None:
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise WeightsInvalid("The file is no weight file of a prior.", where=where)
+    if header.get("version") != VERSION:
+        raise WeightsInvalid(f"The weights have version {header.get('version')}, this reads {VERSION}.", where=where)
+    if header.get("prior") != prior:
+        raise WeightsInvalid(f"The weights are for the prior {header.get('prior')!r}, not {prior!r}.", where=where)
+    if tuple(header.get("body_joints", ())) != BODY_JOINTS:
+        raise WeightsInvalid(
+            "The weights are for another body: the joints differ.",
+            where=where,
+            hint="They must be SMPL's joints 1 to 21.",
+        )

@@ -1,0 +1,146 @@
+"""The training corpus: recorded clips as body rotations at 30 Hz, split by subject, without near-repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.errors import FileMissing
+from solver_backend.progress import Progress, silent
+from solver_backend.training.points import rotation_points
+from solver_backend.training.retarget import body_rotations, read_clip, resample
+from solver_backend.training.shoulder_rhythm import with_shoulder_rhythm
+
+FPS = 30.0
+HELD_OUT = frozenset({"03", "08", "13", "60_61"})
+"""Subjects nothing is trained on."""
+NEAR_REPEAT_M = 0.012
+"""Poses closer than this to a kept one (root mean square over the joints) are repeats."""
+_SAME_TAKE_M = 0.004
+_FOLDERS = ("mb2", "expmap", "max", "daz")
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A clip ready for training."""
+
+    name: str
+    subject: str
+    rotations: np.ndarray
+    """(F, 21, 3, 3) float32, local, 30 Hz."""
+
+
+@dataclass(frozen=True)
+class Corpus:
+    """Clips of one side of the split, laid end to end."""
+
+    rotations: np.ndarray
+    """(N, 21, 3, 3) float32."""
+    clip_start: np.ndarray
+    """(N,) first frame of the clip each frame belongs to."""
+    clip_end: np.ndarray
+    """(N,) one past its last frame."""
+    distinct: np.ndarray
+    """(D,) frames that are no near-repeats of one another."""
+    names: tuple[str, ...]
+
+    @property
+    def num_frames(self) -> int:
+        """Frames with repeats."""
+        return len(self.rotations)
+
+
+def load_clips(data: Path, progress: Progress = silent) -> list[Clip]:
+    """Read every clip under ``data/motion_cmu``.
+
+    Raises:
+        FileMissing: the folder holds no clips.
+    """
+    paths = [path for folder in _FOLDERS for path in sorted((data / "motion_cmu" / folder).glob("*.npz"))]
+    if not paths:
+        raise FileMissing("No training clips were found.", where="motion_cmu", hint="--data takes the folder above it.")
+    clips = []
+    for number, path in enumerate(paths):
+        recorded = read_clip(path)
+        # Frame 0 is the T-pose that was put before the take.
+        rotations = resample(body_rotations(recorded)[1:, 1:], recorded.fps, FPS)
+        rotations = with_shoulder_rhythm(rotations).astype(np.float32)
+        clips.append(Clip(f"{path.parent.name}/{path.stem}", subject_of(path), rotations))
+        progress("Reading clips", number + 1, len(paths))
+    return clips
+
+
+def subject_of(path: Path) -> str:
+    """Return the CMU subject of a clip's file; "unknown" for conversions that do not keep it."""
+    folder, stem = path.parent.name, path.stem
+    if folder == "mb2" and stem[:2].isdigit():
+        return stem[:2]
+    if folder == "daz":
+        return "60_61" if stem.startswith("salsa") else "135"
+    return "131" if folder == "max" else "unknown"
+
+
+def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:
+    """Return (training, validation); takes of the held-out subjects under another name are in neither."""
+    held = [clip for clip in clips if clip.subject in HELD_OUT]
+    rest = [clip for clip in clips if clip.subject not in HELD_OUT]
+    known = _features(np.concatenate([clip.rotations for clip in held]))
+    kept = [clip for clip in rest if clip.subject != "unknown" or not _repeats(clip, known)]
+    return build_corpus(kept), build_corpus(held)
+
+
+def build_corpus(clips: list[Clip]) -> Corpus:
+    """Lay clips end to end and find the distinct poses."""
+    rotations = np.concatenate([clip.rotations for clip in clips])
+    ends = np.cumsum([len(clip.rotations) for clip in clips])
+    lengths = [len(clip.rotations) for clip in clips]
+    starts = np.repeat(ends - lengths, lengths)
+    distinct = distinct_poses(_features(rotations), NEAR_REPEAT_M)
+    return Corpus(rotations, starts, np.repeat(ends, lengths), distinct, tuple(clip.name for clip in clips))
+
+
+def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:
+    """Return indices of poses that cover all others within ``radius`` (leader clustering, in order of time).
+
+    Args:
+        features: (N, d), Euclidean.
+        radius: largest distance of any pose to a kept one.
+        block: poses compared at a time.
+    """
+    kept: list[np.ndarray] = []
+    leaders = np.zeros((0, features.shape[1]), dtype=features.dtype)
+    for first in range(0, len(features), block):
+        part = np.arange(first, min(first + block, len(features)))
+        for chunk in range(0, len(leaders), 16384):
+            part = part[_nearest(features[part], leaders[chunk : chunk + 16384]) > radius]
+        near = _squared(features[part], features[part]) <= radius**2
+        alive = np.ones(len(part), dtype=bool)
+        for i in range(len(part)):
+            if alive[i]:
+                alive[i + 1 :] &= ~near[i, i + 1 :]
+        kept.append(part[alive])
+        leaders = np.concatenate((leaders, features[part[alive]]))
+    return np.concatenate(kept)
+
+
+def _features(rotations: np.ndarray) -> np.ndarray:
+    """Return (N, 69) joint positions whose Euclidean distance is the root mean square over 23 joints, m."""
+    joints = rotation_points(rotations.astype(np.float32))[:, 1:24]
+    return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
+
+
+def _repeats(clip: Clip, known: np.ndarray) -> bool:
+    """Whether most of a clip's frames are frames of ``known``."""
+    return bool(np.mean(_nearest(_features(clip.rotations[::5]), known) < _SAME_TAKE_M) > 0.5)
+
+
+def _nearest(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    if not len(a) or not len(b):
+        return np.full(len(a), np.inf)
+    return np.sqrt(np.maximum(_squared(a, b).min(axis=1), 0.0))
+
+
+def _squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * a).sum(1)[:, None] - 2.0 * a @ b.T + (b * b).sum(1)[None, :]

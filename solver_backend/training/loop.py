@@ -1,0 +1,156 @@
+"""The training loop every prior shares: AdamW, cosine schedule, averaged weights, checkpoints that resume exactly."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Protocol
+
+import torch
+from torch import nn
+
+from solver_backend.errors import TrainingMismatch
+from solver_backend.progress import Progress, silent
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How long and how fast to train."""
+
+    steps: int = 6000
+    """Gradient steps in all."""
+    batch: int = 256
+    """Windows a step."""
+    learning_rate: float = 2e-3
+    """At its height, after the warm-up."""
+    weight_decay: float = 1e-4
+    """Of AdamW."""
+    averaging: float = 0.998
+    """Decay of the exponential average of the weights, which is what is kept."""
+    seed: int = 0
+    """Of the initial weights and every draw."""
+    checkpoint_s: float = 60.0
+    """Seconds between checkpoints."""
+    evaluate_every: int = 500
+    """Steps between validations."""
+
+
+class Task(Protocol):
+    """What is trained: a model with a loss and a validation."""
+
+    @property
+    def model(self) -> nn.Module:
+        """The network whose parameters are trained."""
+        ...
+
+    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+        """Return the loss of a fresh batch."""
+        ...
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return validation figures."""
+        ...
+
+
+def run_training(task: Task, settings: TrainingSettings, folder: Path, progress: Progress = silent) -> nn.Module:
+    """Train, or go on from the last checkpoint in ``folder``, and return the model with averaged weights.
+
+    Raises:
+        TrainingMismatch: the checkpoint was made with other settings.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    run = _Run(task, settings, folder)
+    run.resume()
+    while run.step < settings.steps:
+        run.advance()
+        if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
+            run.log(task.evaluate(run.averaged))
+        if run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s:
+            run.save()
+        progress("Training", run.step, settings.steps)
+    return run.averaged
+
+
+class _Run:
+    """The state of a run."""
+
+    def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:
+        self.task, self.settings, self.folder, self.step = task, settings, folder, 0
+        self.generator = torch.Generator().manual_seed(settings.seed)
+        self.optimizer = torch.optim.AdamW(
+            task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        )
+        self.averaged = copy.deepcopy(task.model).requires_grad_(False)
+        self.saved_at = time.monotonic()
+        self.recent = 0.0
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.folder / "checkpoint.pt"
+
+    def advance(self) -> None:
+        """Take one step."""
+        rate = self.settings.learning_rate * _schedule(self.step, self.settings.steps)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        loss = self.task.loss(self.step, self.generator)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.task.model.parameters(), 1.0)
+        self.optimizer.step()
+        self.step += 1
+        decay = min(self.settings.averaging, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for kept, fresh in zip(self.averaged.parameters(), self.task.model.parameters(), strict=True):
+                kept.lerp_(fresh, 1.0 - decay)
+        self.recent += 0.02 * (float(loss.detach()) - self.recent) if self.recent else float(loss.detach())
+
+    def log(self, figures: dict[str, float]) -> None:
+        """Append one JSON line to ``log.jsonl``."""
+        with (self.folder / "log.jsonl").open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({"step": self.step, "loss": self.recent, **figures}) + "\n")
+
+    def save(self) -> None:
+        """Write the checkpoint under a temporary name and rename it."""
+        state = {
+            "settings": asdict(self.settings),
+            "step": self.step,
+            "model": self.task.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "generator": self.generator.get_state(),
+            "recent": self.recent,
+        }
+        temporary = self.checkpoint.with_suffix(".part")
+        torch.save(state, temporary)
+        temporary.replace(self.checkpoint)
+        self.saved_at = time.monotonic()
+
+    def resume(self) -> None:
+        """Take over the last checkpoint, if there is one."""
+        if not self.checkpoint.is_file():
+            return
+        state = torch.load(self.checkpoint, weights_only=True)
+        changed = [k for k, v in asdict(self.settings).items() if k != "checkpoint_s" and state["settings"].get(k) != v]
+        if changed:
+            raise TrainingMismatch(
+                f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
+                hint="Go on with the same settings, or train into another folder.",
+            )  # fmt: skip
+        self.task.model.load_state_dict(state["model"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.generator.set_state(state["generator"])
+        self.step, self.recent = state["step"], state["recent"]
+
+
+def _schedule(step: int, steps: int) -> float:
+    """Return the share of the learning rate: linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
+    warm = max(1, steps // 50)
+    if step < warm:
+        return (step + 1) / warm
+    return 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))
