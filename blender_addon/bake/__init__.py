@@ -1,0 +1,1 @@
+"""From solver files to Blender objects: armature, mesh, action, cameras, detections and floor."""

@@ -1,0 +1,85 @@
+"""Frames and lenses: the solver's conventions to Blender's, and back.
+
+Solver and Blender share metres and a world with Z up. They differ in two things. The body's rest frame is SMPL's
+(Y up, facing +Z, left = +X) and becomes an armature that stands in Blender's way (Z up, facing -Y, left = +X). Cameras
+are OpenCV's (x right, y down, looking along +z; pixel (0, 0) is the centre of the top-left pixel) and become
+Blender's (x right, y up, looking along -z; the image spans 0..1 from the bottom left).
+
+Blender's cameras have neither lens distortion nor skew: what they show is the undistorted image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+R_ARMATURE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation of the body's rest frame to the armature's: +90° about X."""
+
+QUAT_BODY_ARMATURE = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
+"""The inverse of ``R_ARMATURE_BODY`` as a quaternion wxyz: -90° about X."""
+
+SENSOR_WIDTH_MM = 36.0
+"""Nominal sensor width; only its ratio to the focal length has an effect."""
+
+_FLIP_YZ = np.diag([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole in Blender's words, for ``sensor_fit = 'HORIZONTAL'``."""
+
+    focal_mm: float
+    """Focal length for a sensor of ``SENSOR_WIDTH_MM``."""
+    shift_x: float
+    """Principal point left of the image's centre, in image widths."""
+    shift_y: float
+    """Principal point below the image's centre, in image widths of square pixels."""
+    pixel_aspect: tuple[float, float]
+    """The scene's pixel aspect x and y, both at least 1."""
+
+
+def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> Lens:
+    """Return Blender's lens of an OpenCV intrinsic matrix.
+
+    With width w, height h and a = fx / fy: ``focal = 36 fx / w``, ``shift_x = (w/2 - cx - 1/2) / w``,
+    ``shift_y = a (cy + 1/2 - h/2) / w`` and a pixel aspect of 1 : a. The halves are there because OpenCV counts from
+    a pixel's centre and Blender from its edge. Skew is left out.
+
+    Args:
+        K: (3, 3) pixels.
+        image_size: width and height in pixels.
+    """
+    width, height = image_size
+    aspect = K[0, 0] / K[1, 1]
+    return Lens(
+        focal_mm=float(SENSOR_WIDTH_MM * K[0, 0] / width),
+        shift_x=float((width / 2 - K[0, 2] - 0.5) / width),
+        shift_y=float(aspect * (K[1, 2] + 0.5 - height / 2) / width),
+        pixel_aspect=(float(max(1.0, 1.0 / aspect)), float(max(1.0, aspect))),
+    )
+
+
+def intrinsics_from_lens(lens: Lens, image_size: tuple[int, int]) -> np.ndarray:
+    """Return the (3, 3) OpenCV intrinsic matrix of a lens; the inverse of ``lens_from_intrinsics``."""
+    width, height = image_size
+    aspect = lens.pixel_aspect[1] / lens.pixel_aspect[0]
+    fx = lens.focal_mm * width / SENSOR_WIDTH_MM
+    cx = width / 2 - 0.5 - lens.shift_x * width
+    cy = height / 2 - 0.5 + lens.shift_y * width / aspect
+    return np.array([[fx, 0.0, cx], [0.0, fx / aspect, cy], [0.0, 0.0, 1.0]])
+
+
+def camera_to_world(R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return the (4, 4) ``matrix_world`` of a Blender camera from ``x_cam = R @ x_world + t`` (metres)."""
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = R.T @ _FLIP_YZ
+    T_world_camera[:3, 3] = -R.T @ t
+    return T_world_camera
+
+
+def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
+    """Return points at depth 1 m in a Blender camera's frame: (..., 2) normalised image to (..., 3) metres."""
+    x, y = xy_normalised[..., 0], xy_normalised[..., 1]
+    return np.stack([x, -y, np.full_like(x, -1.0)], axis=-1)

@@ -1,0 +1,43 @@
+"""Materials: one plain colour each, the same in the solid viewport and in renders."""
+
+from __future__ import annotations
+
+import bpy
+
+Colour = tuple[float, float, float, float]
+"""Linear RGBA."""
+
+BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
+    ("Suit", (0.115, 0.245, 0.42, 1.0)),
+    ("Skin", (0.62, 0.37, 0.26, 1.0)),
+    ("Joints", (0.055, 0.105, 0.19, 1.0)),
+    ("Shoes", (0.045, 0.05, 0.06, 1.0)),
+    ("Hair", (0.06, 0.035, 0.025, 1.0)),
+    ("Accent", (0.75, 0.32, 0.06, 1.0)),
+)
+"""Names and colours of the body's ``face_material`` indices; larger indices take the last one."""
+
+DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
+KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
+MARKER_COLOUR: Colour = (0.85, 0.85, 0.9, 1.0)
+FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))
+"""Tiles and lines."""
+
+
+def create_material(name: str, colour: Colour, *, roughness: float = 0.55) -> bpy.types.Material:
+    """Create a material whose viewport colour and surface colour agree.
+
+    Args:
+        name: name of the material.
+        colour: linear RGBA.
+        roughness: 0 (mirror) to 1 (chalk).
+    """
+    material = bpy.data.materials.new(name)
+    material.diffuse_color = colour
+    material.roughness = roughness
+    material.use_nodes = True
+    shader = next((n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled"), None)
+    if shader is not None:
+        shader.inputs["Base Color"].default_value = colour
+        shader.inputs["Roughness"].default_value = roughness
+    return material

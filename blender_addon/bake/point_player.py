@@ -1,0 +1,103 @@
+"""A geometry-node modifier that plays points stored in a mesh, one row of points a frame.
+
+The mesh holds the whole take: F rows of K vertices. The modifier makes K points, moves each to vertex
+``row * K + k`` of the current row, drops those that were not seen, and puts a small ball on each. So an overlay is
+one object without curves, handlers or drivers: it plays wherever the file is opened, scrubs in O(K) a frame,
+and costs 16 bytes a point in the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+SEEN = "seen"
+"""Name of the point attribute that is 0 where a point was not seen."""
+
+
+@dataclass(frozen=True)
+class PlayerSettings:
+    """What the modifier plays and how it looks."""
+
+    points: int
+    """Points in a row."""
+    rows: int
+    """Rows, one a frame."""
+    frame_start: float
+    """Scene frame of the first row."""
+    rows_per_frame: float
+    """Rows that pass in one scene frame."""
+    radius_m: float
+    """Radius of a ball."""
+    material: bpy.types.Material
+    """Material of the balls."""
+
+
+def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
+    """Create the node group that plays a mesh of ``rows * points`` vertices."""
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    stored = tree.nodes.new("NodeGroupInput").outputs[0]
+    index = _vertex_index(tree, settings)
+    cloud = tree.nodes.new("GeometryNodePoints")
+    cloud.inputs["Count"].default_value = settings.points
+    position = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
+    seen = tree.nodes.new("GeometryNodeInputNamedAttribute")
+    seen.data_type = "FLOAT"
+    seen.inputs["Name"].default_value = SEEN
+    moved = _linked(tree, "GeometryNodeSetPosition", Geometry=cloud.outputs[0])
+    tree.links.new(_sampled(tree, "FLOAT_VECTOR", stored, position, index), moved.inputs["Position"])
+    unseen = _math(tree, "LESS_THAN", _sampled(tree, "FLOAT", stored, seen.outputs[0], index), 0.5)
+    kept = _linked(tree, "GeometryNodeDeleteGeometry", Geometry=moved.outputs[0], Selection=unseen)
+    balls = _balls(tree, kept.outputs[0], settings)
+    tree.links.new(balls, tree.nodes.new("NodeGroupOutput").inputs[0])
+    return tree
+
+
+def _vertex_index(tree: bpy.types.NodeTree, settings: PlayerSettings) -> Any:
+    frame = tree.nodes.new("GeometryNodeInputSceneTime").outputs["Frame"]
+    row = _math(tree, "MULTIPLY", _math(tree, "SUBTRACT", frame, settings.frame_start), settings.rows_per_frame)
+    row = _math(tree, "MINIMUM", _math(tree, "MAXIMUM", _math(tree, "ROUND", row), 0.0), settings.rows - 1)
+    first = _math(tree, "MULTIPLY", row, settings.points)
+    return _math(tree, "ADD", first, tree.nodes.new("GeometryNodeInputIndex").outputs[0])
+
+
+def _sampled(tree: bpy.types.NodeTree, data_type: str, geometry: Any, value: Any, index: Any) -> Any:
+    node = tree.nodes.new("GeometryNodeSampleIndex")
+    node.data_type = data_type
+    node.domain = "POINT"
+    for name, source in (("Geometry", geometry), ("Value", value), ("Index", index)):
+        tree.links.new(source, next(s for s in node.inputs if s.name == name and s.enabled))
+    return next(s for s in node.outputs if s.enabled)
+
+
+def _balls(tree: bpy.types.NodeTree, points: Any, settings: PlayerSettings) -> Any:
+    ball = tree.nodes.new("GeometryNodeMeshIcoSphere")
+    ball.inputs["Radius"].default_value = settings.radius_m
+    ball.inputs["Subdivisions"].default_value = 2
+    instances = _linked(tree, "GeometryNodeInstanceOnPoints", Points=points, Instance=ball.outputs[0])
+    real = _linked(tree, "GeometryNodeRealizeInstances", Geometry=instances.outputs[0])
+    painted = _linked(tree, "GeometryNodeSetMaterial", Geometry=real.outputs[0])
+    painted.inputs["Material"].default_value = settings.material
+    return painted.outputs[0]
+
+
+def _linked(tree: bpy.types.NodeTree, kind: str, **sources: Any) -> Any:
+    node = tree.nodes.new(kind)
+    for name, source in sources.items():
+        tree.links.new(source, node.inputs[name])
+    return node
+
+
+def _math(tree: bpy.types.NodeTree, operation: str, first: Any, second: Any = None) -> Any:
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, source in zip(node.inputs, (first, second), strict=False):
+        if isinstance(source, int | float):
+            socket.default_value = float(source)
+        elif source is not None:
+            tree.links.new(source, socket)
+    return node.outputs[0]

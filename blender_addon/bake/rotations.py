@@ -1,0 +1,52 @@
+"""The few rotation formulas a bake needs, on NumPy arrays; quaternions are wxyz."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
+    """Return ``(cos(a/2), sin(a/2) v/a)`` with a = |v|.
+
+    Args:
+        rotvec: (..., 3) axis-angle in radians.
+
+    Returns:
+        (..., 4) unit quaternions wxyz.
+    """
+    half = np.linalg.norm(rotvec, axis=-1, keepdims=True) / 2
+    # np.sinc(x) = sin(pi x) / (pi x), so the vector part is finite at angle 0.
+    return np.concatenate([np.cos(half), np.sinc(half / np.pi) / 2 * rotvec], axis=-1)
+
+
+def quat_multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the Hamilton product a b: (..., 4) wxyz, first b, then a."""
+    aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    w = aw * bw - (av * bv).sum(-1, keepdims=True)
+    return np.concatenate([w, aw * bv + bw * av + np.cross(av, bv)], axis=-1)
+
+
+def matrix_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
+    """Return ``I + sin(a)/a [v]x + (1 - cos(a))/a² [v]x²`` (Rodrigues): (..., 3) radians to (..., 3, 3)."""
+    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(np.asarray(rotvec, np.float64), -1, 0)
+    o = np.zeros_like(x)
+    K = np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+    return np.eye(3) + np.sinc(angle / np.pi) * K + np.sinc(angle / 2 / np.pi) ** 2 / 2 * (K @ K)
+
+
+def sign_continuous(quat: np.ndarray) -> np.ndarray:
+    """Flip signs so that neighbours in time are less than 180° of quaternion arc apart.
+
+    q and -q are one rotation, but curves between them pass through zero. The first frame gets w >= 0.
+
+    Args:
+        quat: (F, ..., 4) wxyz.
+
+    Returns:
+        (F, ..., 4) the same rotations with ``q[f] . q[f + 1] >= 0``.
+    """
+    flip = np.ones(quat.shape[:-1])
+    flip[0] = np.where(quat[0, ..., 0] < 0, -1.0, 1.0)
+    flip[1:] = np.where((quat[1:] * quat[:-1]).sum(-1) < 0, -1.0, 1.0)
+    return quat * np.cumprod(flip, axis=0)[..., None]

@@ -1,0 +1,40 @@
+"""Time: which scene frame a frame of the take falls on, and the scene's frame rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+
+@dataclass(frozen=True)
+class TakeTiming:
+    """Maps frames of a take to frames of a scene, by time."""
+
+    start: float
+    """Scene frame of the take's first frame."""
+    scene_fps: float
+    """Frames per second of the scene."""
+
+    def scene_frames(self, count: int, fps: float) -> np.ndarray:
+        """Return the (count,) scene frames of a take at ``fps``: ``start + i scene_fps / fps``."""
+        step = self.scene_fps / fps
+        # A take at the scene's own rate falls on whole frames exactly.
+        return self.start + np.arange(count) * (1.0 if abs(step - 1) < 1e-6 else step)
+
+    def last_frame(self, count: int, fps: float) -> int:
+        """Return the scene frame that holds the end of a take of ``count`` frames."""
+        return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
+
+
+def scene_frame_rate(scene: bpy.types.Scene) -> float:
+    """Return the scene's frames per second."""
+    return scene.render.fps / scene.render.fps_base
+
+
+def set_scene_frame_rate(scene: bpy.types.Scene, fps: float) -> None:
+    """Set a frame rate that may be fractional: 59.94 becomes 60 / 1.001."""
+    whole = max(1, round(fps))
+    scene.render.fps = whole
+    scene.render.fps_base = whole / fps

@@ -1,0 +1,88 @@
+"""Named errors of the add-on: what happened, where, and what to try."""
+
+
+class AddonError(Exception):
+    """Base of every error a user of the add-on can cause or meet.
+
+    Args:
+        message: one sentence that says what happened and what was expected.
+        where: file, camera or joint it concerns ("" if none).
+        hint: one sentence that says what to try ("" if none).
+    """
+
+    code = "error"
+    """Stable identifier, written to the progress stream."""
+
+    def __init__(self, message: str, *, where: str = "", hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = str(where)
+        self.hint = hint
+
+    def __str__(self) -> str:
+        where = f"({self.where})" if self.where else ""
+        return " ".join(part for part in (self.message, where, self.hint) if part)
+
+    def as_event(self) -> dict[str, str]:
+        """Return the error as the ``error`` event of the progress protocol."""
+        return {"event": "error", "code": self.code, "message": self.message, "where": self.where, "hint": self.hint}
+
+
+class FileMissing(AddonError):
+    """A file that was asked for is not there."""
+
+    code = "file_missing"
+
+
+class FileDamaged(AddonError):
+    """A file is truncated, of another format than expected, or lacks required arrays."""
+
+    code = "file_damaged"
+
+
+class MotionInvalid(AddonError):
+    """The arrays of a motion file disagree or hold impossible values."""
+
+    code = "motion_invalid"
+
+
+class CaptureInvalid(AddonError):
+    """The arrays of a capture file disagree or hold impossible values."""
+
+    code = "capture_invalid"
+
+
+class BodyInvalid(AddonError):
+    """A body file has wrong shapes, another tree or values that are not finite."""
+
+    code = "body_invalid"
+
+
+class BodyMismatch(AddonError):
+    """The motion was solved for another body than the one to bake."""
+
+    code = "body_mismatch"
+
+
+class OutputExists(AddonError):
+    """An output is already there and is not overwritten."""
+
+    code = "output_exists"
+
+
+class OutputNotWritable(AddonError):
+    """The output folder cannot be written to."""
+
+    code = "output_not_writable"
+
+
+class RenderFailed(AddonError):
+    """Blender rendered nothing: no graphics driver, or a video format is missing."""
+
+    code = "render_failed"
+
+
+class BlenderMissing(AddonError):
+    """The command was started by a Python without Blender's module."""
+
+    code = "blender_missing"

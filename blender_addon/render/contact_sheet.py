@@ -1,0 +1,92 @@
+"""The contact sheet: poses through the take from a three-quarter view, and the body in the cameras' views."""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from ..progress import Progress
+from .lettering import Lettering, open_lettering
+from .picture import blend, draw_dots, gradient, layer_from_render, write_png
+from .stage import Look, open_stage
+from .subject import Subject
+from .tiles import Tile, arrange
+from .view import View, three_quarter_view
+
+POSES, COLUMNS = 12, 6
+_WIDTH, _POSE_HEIGHT, _CAMERA_HEIGHT, _MOST_CAMERAS = 1560, 330, 300, 4
+_LOOK = Look(shrink=3, cavity=True, shadows=True)
+_FOOTAGE_OPACITY = 0.8
+_STAGE = "rendering the contact sheet"
+
+
+def render_contact_sheet(path: Path, subject: Subject, progress: Progress) -> None:
+    """Render twelve poses evenly spread over the take and, with a capture, up to four camera views at its middle.
+
+    Args:
+        path: the ``.png`` file to write.
+        subject: what is pictured.
+        progress: told about every picture.
+
+    Raises:
+        RenderFailed: Blender cannot render here.
+    """
+    cameras = subject.cameras(_MOST_CAMERAS)
+    poses_height = -(-POSES // COLUMNS) * _POSE_HEIGHT
+    sheet = gradient(_WIDTH, poses_height + (_CAMERA_HEIGHT if cameras else 0))
+    total = POSES + len(cameras)
+    with tempfile.TemporaryDirectory(prefix="sheet_") as name, ExitStack() as stack:
+        folder = Path(name)
+        letters = stack.enter_context(open_lettering(folder, 20))
+        tiles = arrange([(_WIDTH // COLUMNS, _POSE_HEIGHT)] * POSES, (_WIDTH, poses_height), columns=COLUMNS)
+        frames = np.linspace(0, subject.motion.num_frames - 1, POSES).round().astype(int)
+        for i, (frame, tile) in enumerate(zip(frames.tolist(), tiles, strict=True)):
+            _paste(sheet, _pose_picture(folder, subject, frame, tile, letters), tile)
+            progress(_STAGE, i + 1, total)
+        tiles = (
+            arrange([c.image_size for c in cameras], (_WIDTH, _CAMERA_HEIGHT), columns=len(cameras)) if cameras else []
+        )
+        for i, (camera, tile) in enumerate(zip(cameras, tiles, strict=True)):
+            view = View(camera, (tile.width, tile.height))
+            _paste(sheet, _camera_picture(stack, folder, subject, view, letters), tile, poses_height)
+            progress(_STAGE, POSES + i + 1, total)
+    write_png(path, sheet)
+
+
+def _pose_picture(folder: Path, subject: Subject, frame: int, tile: Tile, letters: Lettering) -> np.ndarray:
+    size = (tile.width, tile.height)
+    view = View(three_quarter_view(_frame_box(subject, frame), subject.heading, size), size)
+    picture = gradient(*size)
+    with open_stage("pose", (subject.take.body, *subject.floor), view, _LOOK, folder) as stage:
+        blend(picture, layer_from_render(stage.render(float(subject.times[frame])), _LOOK.shrink), 0, 0)
+    letters.write(picture, f"{frame / subject.motion.fps:.2f} s", 8, 8)
+    return picture
+
+
+def _frame_box(subject: Subject, frame: int) -> np.ndarray:
+    """Return points to frame: as far around this frame's joints as the farthest pose of the take needs."""
+    joints = subject.joints
+    middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
+    reach = np.linalg.norm(joints - middle[:, None], axis=-1).max()
+    return middle[frame] + reach * np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def _camera_picture(stack: ExitStack, folder: Path, subject: Subject, view: View, letters: Lettering) -> np.ndarray:
+    frame = subject.motion.num_frames // 2
+    backdrop, is_footage = subject.backdrop(stack, view, folder)
+    picture, window = backdrop(frame), view.window(subject.joints[frame])
+    if window is not None:
+        with open_stage("camera", (subject.take.body,), view, Look(shrink=3, cavity=True), folder) as stage:
+            layer = layer_from_render(stage.render(float(subject.times[frame]), window), stage.look.shrink)
+        blend(picture, layer, window[0], window[1], opacity=_FOOTAGE_OPACITY if is_footage else 1.0)
+    detections, colour = subject.detections(view)
+    draw_dots(picture, detections[frame], max(1.5, view.size[1] / 150), colour)
+    letters.write(picture, f"{view.camera.name}  {frame / subject.motion.fps:.2f} s", 8, 8)
+    return picture
+
+
+def _paste(sheet: np.ndarray, picture: np.ndarray, tile: Tile, below: int = 0) -> None:
+    sheet[tile.y + below : tile.y + below + tile.height, tile.x : tile.x + tile.width] = picture

@@ -1,0 +1,119 @@
+"""Pictures as NumPy arrays: reading Blender's Targa frames, writing PNG, blending, dots and resampling.
+
+Pictures are (height, width, 3) uint8, top row first, as shown on screen (sRGB). A layer is (height, width, 4) float32
+in 0..1 with its colour multiplied by its alpha.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import RenderFailed
+
+
+def read_targa(path: Path) -> np.ndarray:
+    """Read an uncompressed 24 or 32 bit Targa file: (h, w, 3 or 4) uint8 RGB(A), top row first.
+
+    Raises:
+        RenderFailed: the file is not there or of another kind.
+    """
+    data = path.read_bytes() if path.is_file() else b""
+    width, height, depth, descriptor = struct.unpack("<HHBB", data[12:18]) if len(data) >= 18 else (0, 0, 0, 0)
+    start = 18 + (data[0] if data else 0)
+    channels = depth // 8
+    if len(data) < start + width * height * channels or channels not in (3, 4) or data[2] != 2:
+        raise RenderFailed(
+            "Blender wrote no picture.",
+            where=path.name,
+            hint="Rendering needs OpenGL; without a display install EGL and Mesa (libegl1, libgl1-mesa-dri).",
+        )
+    pixels = np.frombuffer(data, np.uint8, width * height * channels, start).reshape(height, width, channels)
+    order = (2, 1, 0, 3)[:channels]
+    return pixels[:, :, order] if descriptor & 0x20 else pixels[::-1, :, order]
+
+
+def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
+    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948).
+
+    Args:
+        path: the file; it is overwritten.
+        picture: the picture.
+        level: zlib's level, 0 (fast) to 9 (small).
+    """
+    height, width = picture.shape[:2]
+    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)
+    rows[:, 1:] = picture.reshape(height, -1)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), level)), (b"IEND", b""))
+    body = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+
+
+def layer_from_render(pixels: np.ndarray, shrink: int = 1) -> np.ndarray:
+    """Return a layer from (h, w, 4) uint8 RGBA, averaging blocks of ``shrink`` x ``shrink`` pixels."""
+    height, width = pixels.shape[0] // shrink, pixels.shape[1] // shrink
+    total = np.zeros((height, width, 4), dtype=np.float32)
+    for i in range(shrink):
+        for j in range(shrink):
+            part = pixels[i : height * shrink : shrink, j : width * shrink : shrink].astype(np.float32)
+            part[..., :3] *= part[..., 3:] / 255
+            total += part
+    return total / (255 * shrink**2)
+
+
+def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: float = 1.0) -> None:
+    """Lay a layer over a picture in place, its top left corner at (x, y); what lies outside is cut off."""
+    x0, y0 = max(x, 0), max(y, 0)
+    x1, y1 = min(x + layer.shape[1], picture.shape[1]), min(y + layer.shape[0], picture.shape[0])
+    if x1 <= x0 or y1 <= y0:
+        return
+    part = layer[y0 - y : y1 - y, x0 - x : x1 - x] * opacity
+    under = picture[y0:y1, x0:x1]
+    under[:] = np.clip(under * (1 - part[..., 3:]) + part[..., :3] * 255 + 0.5, 0, 255).astype(np.uint8)
+
+
+def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: tuple[float, float, float]) -> None:
+    """Draw round dots with a dark rim in place.
+
+    Args:
+        picture: the picture.
+        centres: (N, 2) pixels, NaN for none; (0, 0) is the centre of the top left pixel.
+        radius: pixels.
+        colour: sRGB in 0..1.
+    """
+    reach = int(np.ceil(radius + 2))
+    grid = np.arange(-reach, reach + 1, dtype=np.float32)
+    for u, v in centres[np.isfinite(centres).all(axis=1)]:
+        if not (-reach <= u < picture.shape[1] + reach and -reach <= v < picture.shape[0] + reach):
+            continue
+        x, y = round(float(u)), round(float(v))
+        distance = np.hypot(grid[None, :] - (u - x), grid[:, None] - (v - y))
+        fill, rim = np.clip(radius + 0.5 - distance, 0, 1), 0.6 * np.clip(radius + 1.5 - distance, 0, 1)
+        alpha = np.maximum(fill, rim)
+        layer = np.stack([*(fill * c for c in colour), alpha], axis=-1).astype(np.float32)
+        blend(picture, layer, x - reach, y - reach)
+
+
+def gradient(width: int, height: int) -> np.ndarray:
+    """Return a neutral backdrop, darker towards the top."""
+    shade = np.linspace(0.0, 1.0, height)[:, None, None]
+    top, bottom = np.array([40.0, 44.0, 52.0]), np.array([92.0, 97.0, 106.0])
+    return np.broadcast_to(top + (bottom - top) * shade, (height, width, 3)).astype(np.uint8)
+
+
+def resample(picture: np.ndarray, uv: np.ndarray, outside: tuple[int, int, int]) -> np.ndarray:
+    """Return the picture sampled bilinearly at (h, w, 2) pixel positions; positions outside take a colour."""
+    height, width = picture.shape[:2]
+    inside = (uv[..., 0] >= 0) & (uv[..., 0] <= width - 1) & (uv[..., 1] >= 0) & (uv[..., 1] <= height - 1)
+    u, v = np.where(inside, uv[..., 0], 0), np.where(inside, uv[..., 1], 0)
+    x, y = np.minimum(u.astype(int), width - 2), np.minimum(v.astype(int), height - 2)
+    a, b = (u - x)[..., None], (v - y)[..., None]
+    upper = picture[y, x] * (1 - a) + picture[y, x + 1] * a
+    lower = picture[y + 1, x] * (1 - a) + picture[y + 1, x + 1] * a
+    return np.where(inside[..., None], upper * (1 - b) + lower * b + 0.5, outside).astype(np.uint8)

@@ -1,0 +1,121 @@
+"""The preview video: the body in the views of the capture's cameras, over footage or a neutral room."""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..progress import Progress
+from .backdrop import Backdrop
+from .lettering import Lettering, open_lettering
+from .picture import blend, draw_dots, layer_from_render, write_png
+from .stage import Look, Stage, open_stage
+from .strips import encode_video
+from .subject import Colour, Subject
+from .tiles import Tile, arrange
+from .view import View, three_quarter_view
+
+_CANVAS_COLOUR = (24, 26, 30)
+_LINE = 20
+"""Height of a line of words in pixels."""
+
+
+@dataclass(frozen=True)
+class PreviewSettings:
+    """Size and length of the preview."""
+
+    size: tuple[int, int] = (848, 480)
+    """Width and height in pixels, both even."""
+    most_fps: float = 30.0
+    """A faster take is shown with every second, third ... frame, at its own speed."""
+    most_frames: int = 360
+    """Frames of video at most; a longer take is cut off."""
+    most_views: int = 4
+    """Cameras shown side by side."""
+    body_opacity: float = 0.8
+    """Opacity of the body over footage."""
+
+
+@dataclass(frozen=True)
+class Pane:
+    """One view in the video."""
+
+    view: View
+    tile: Tile
+    stage: Stage
+    backdrop: Backdrop
+    opacity: float
+    """Opacity of the body."""
+    detections: np.ndarray
+    """(F, K, 2) pixels of the picture, NaN where unseen."""
+    dot_colour: Colour
+
+
+def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tuple[list[int], float]:
+    """Return the frames of the motion that the video shows, and the video's frame rate."""
+    stride = max(1, int(np.ceil(fps / settings.most_fps - 1e-6)))
+    return list(range(0, num_frames, stride))[: settings.most_frames], fps / stride
+
+
+def render_preview(path: Path, subject: Subject, progress: Progress, settings: PreviewSettings | None = None) -> None:
+    """Render the preview video of a baked take; the user's scene is not changed.
+
+    Args:
+        path: the ``.mp4`` file to write.
+        subject: what is pictured; without cameras it is shown in a view of our own.
+        progress: told about every frame.
+        settings: size and length.
+
+    Raises:
+        RenderFailed: Blender cannot render or encode here.
+    """
+    settings = settings or PreviewSettings()
+    frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
+    with tempfile.TemporaryDirectory(prefix="preview_") as name, ExitStack() as stack:
+        folder = Path(name)
+        letters = stack.enter_context(open_lettering(folder, _LINE))
+        panes = [_pane(stack, folder, subject, view, tile, settings) for view, tile in _views(subject, settings)]
+        pictures = []
+        for done, frame in enumerate(frames):
+            canvas = np.empty((settings.size[1], settings.size[0], 3), dtype=np.uint8)
+            canvas[:] = _CANVAS_COLOUR
+            for pane in panes:
+                _draw(canvas, pane, subject, frame, letters)
+            letters.write(canvas, f"{frame / subject.motion.fps:.1f} s", 8, settings.size[1] - _LINE - 8)
+            pictures.append(folder / f"preview_{done:06d}.png")
+            write_png(pictures[-1], canvas, level=1)
+            progress("rendering the preview", done + 1, len(frames))
+        progress("writing the video", 0, 1)
+        encode_video(pictures, settings.size, fps, path)
+        progress("writing the video", 1, 1)
+
+
+def _views(subject: Subject, settings: PreviewSettings) -> list[tuple[View, Tile]]:
+    cameras = subject.cameras(settings.most_views)
+    if not cameras:
+        camera = three_quarter_view(subject.joints.reshape(-1, 3), subject.heading, settings.size)
+        return [(View(camera, settings.size), Tile(0, 0, *settings.size))]
+    tiles = arrange([camera.image_size for camera in cameras], settings.size)
+    return [(View(camera, (tile.width, tile.height)), tile) for camera, tile in zip(cameras, tiles, strict=True)]
+
+
+def _pane(stack: ExitStack, folder: Path, subject: Subject, view: View, tile: Tile, settings: PreviewSettings) -> Pane:
+    backdrop, is_footage = subject.backdrop(stack, view, folder)
+    detections, colour = subject.detections(view)
+    stage = stack.enter_context(open_stage("preview", (subject.take.body,), view, Look(), folder))
+    return Pane(view, tile, stage, backdrop, settings.body_opacity if is_footage else 1.0, detections, colour)
+
+
+def _draw(canvas: np.ndarray, pane: Pane, subject: Subject, frame: int, letters: Lettering) -> None:
+    picture, tile = pane.backdrop(frame), pane.tile
+    window = pane.view.window(subject.joints[frame])
+    if window is not None:
+        rendered = pane.stage.render(float(subject.times[frame]), window)
+        blend(picture, layer_from_render(rendered, pane.stage.look.shrink), window[0], window[1], opacity=pane.opacity)
+    draw_dots(picture, pane.detections[frame], max(1.5, tile.height / 180), pane.dot_colour)
+    letters.write(picture, pane.view.camera.name, 8, 8)
+    canvas[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width] = picture

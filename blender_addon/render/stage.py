@@ -1,0 +1,111 @@
+"""A stage: a scene of its own in which parts of a take are rendered, so that the user's scene stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..bake.cameras import create_camera
+from .still import render_still, write_targa
+from .view import View
+
+Window = tuple[int, int, int, int]
+"""x0, y0, x1, y1 of a part of a picture, in pixels from the top left."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a stage is rendered; samples cost far more than larger pictures that are averaged afterwards."""
+
+    shrink: int = 2
+    """Pictures are rendered this many times larger and averaged."""
+    cavity: bool = False
+    """Darken creases and brighten ridges."""
+    shadows: bool = False
+    """Cast hard shadows."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Renders one view of some collections."""
+
+    scene: bpy.types.Scene
+    view: View
+    look: Look
+    folder: Path
+
+    def render(self, frame: float, window: Window | None = None) -> np.ndarray:
+        """Return (h, w, 4) uint8 RGBA of a window of the view, ``look.shrink`` times larger than the picture.
+
+        Args:
+            frame: scene frame.
+            window: the part to render, the whole picture if None.
+
+        Raises:
+            RenderFailed: Blender wrote no picture.
+        """
+        render = self.scene.render
+        render.use_border = render.use_crop_to_border = window is not None
+        if window is not None:
+            self._set_border(window)
+        return render_still(self.scene, frame, self.folder)
+
+    def _set_border(self, window: Window) -> None:
+        width, height = self.view.size
+        x0, y0, x1, y1 = window
+        # Blender cuts the border's fractions off; a quarter of a pixel keeps them clear of rounding.
+        nudge_x, nudge_y = 0.25 / (width * self.look.shrink), 0.25 / (height * self.look.shrink)
+        render = self.scene.render
+        render.border_min_x, render.border_max_x = x0 / width + nudge_x, x1 / width + nudge_x
+        render.border_min_y, render.border_max_y = 1 - y1 / height + nudge_y, 1 - y0 / height + nudge_y
+
+
+@contextmanager
+def open_stage(
+    name: str, collections: tuple[bpy.types.Collection, ...], view: View, look: Look, folder: Path
+) -> Iterator[Stage]:
+    """Yield a stage that shows these collections through a view; it is removed afterwards.
+
+    Args:
+        name: name of the stage's scene.
+        collections: what is shown.
+        view: from where.
+        look: how.
+        folder: where pictures may be written.
+    """
+    scene = bpy.data.scenes.new(name)
+    camera = create_camera(view.camera, scene.collection)
+    try:
+        for collection in collections:
+            scene.collection.children.link(collection)
+        scene.camera = camera
+        _set_up(scene, view, look)
+        yield Stage(scene, view, look, folder)
+    finally:
+        data = camera.data
+        bpy.data.scenes.remove(scene)
+        bpy.data.objects.remove(camera)
+        bpy.data.cameras.remove(data)
+
+
+def _set_up(scene: bpy.types.Scene, view: View, look: Look) -> None:
+    render = scene.render
+    render.engine = "BLENDER_WORKBENCH"
+    render.resolution_x, render.resolution_y = (look.shrink * v for v in view.size)
+    aspect = view.K[0, 0] / view.K[1, 1]
+    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1 / aspect), max(1.0, aspect)
+    render.film_transparent = True
+    write_targa(scene)
+    scene.display.render_aa = "OFF"
+    shading = scene.display.shading
+    shading.light, shading.color_type = "STUDIO", "MATERIAL"
+    shading.show_cavity, shading.show_shadows = look.cavity, look.shadows
+    if look.cavity:
+        shading.cavity_type = "BOTH"
+    shading.shadow_intensity = 0.45
+    scene.display.light_direction = (0.35, 0.45, 0.82)

@@ -1,0 +1,86 @@
+"""What is pictured: a baked take with the motion, body and capture it came from."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..bake.footage import find_footage
+from ..bake.rotations import matrix_from_rotvec
+from ..bake.scene import BakedTake
+from ..bake.skinning import pose_joints
+from ..files.body_file import BodyFile
+from ..files.capture_file import CameraFile, CaptureFile
+from ..files.motion_file import MotionFile
+from .backdrop import Backdrop, floor_backdrop, footage_backdrop
+from .view import View
+
+Colour = tuple[float, float, float]
+"""sRGB in 0..1."""
+
+DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
+KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A baked take and its sources; F frames."""
+
+    take: BakedTake
+    motion: MotionFile
+    body: BodyFile
+    capture: CaptureFile | None = None
+    joints: np.ndarray = field(init=False)
+    """(F, 24, 3) world metres, of the baked body."""
+    times: np.ndarray = field(init=False)
+    """(F,) scene frames."""
+
+    def __post_init__(self) -> None:
+        motion = self.motion
+        _, joints = pose_joints(self.body.rest_joints(motion.betas), motion.rotvec, motion.transl)
+        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "times", self.take.timing.scene_frames(motion.num_frames, motion.fps))
+
+    @property
+    def floor(self) -> tuple[bpy.types.Collection, ...]:
+        """The collection of the floor, if there is one."""
+        return () if self.take.floor is None else tuple(self.take.floor.users_collection)
+
+    @property
+    def heading(self) -> float:
+        """Direction the body faces in the first frame, in radians from +X about Z."""
+        forward = matrix_from_rotvec(self.motion.rotvec[0, 0])[:, 2]
+        return float(np.arctan2(forward[1], forward[0]))
+
+    def cameras(self, most: int) -> tuple[CameraFile, ...]:
+        """Return up to ``most`` of the capture's cameras, evenly chosen."""
+        cameras = self.capture.cameras if self.capture is not None else ()
+        count = min(most, len(cameras))
+        return tuple(cameras[round(i)] for i in np.linspace(0, len(cameras) - 1, count)) if count else ()
+
+    def backdrop(self, stack: ExitStack, view: View, folder: Path) -> tuple[Backdrop, bool]:
+        """Return what lies behind the body in a view, and whether it is footage."""
+        footage = find_footage(view.camera.footage)
+        if footage is not None:
+            return footage_backdrop(stack, footage, view, folder), True
+        return floor_backdrop(self.floor, view, folder), False
+
+    def detections(self, view: View) -> tuple[np.ndarray, Colour]:
+        """Return what was observed in a view, (F, K, 2) pixels of its undistorted picture, and its colour.
+
+        These are the camera's own detections, or else the triangulated keypoints as the view sees them.
+        """
+        frames = self.motion.num_frames
+        if self.capture is not None and self.capture.xy is not None and view.camera in self.capture.cameras:
+            rows = np.round(np.arange(frames) * self.capture.fps / self.motion.fps).astype(int)
+            xy = self.capture.xy[self.capture.cameras.index(view.camera)]
+            shown = np.full((frames, *xy.shape[1:]), np.nan)
+            shown[rows < len(xy)] = xy[rows[rows < len(xy)]]
+            return view.from_detections(shown), DETECTION_DOT
+        if self.motion.keypoints3d is not None:
+            return view.project(self.motion.keypoints3d)[0], KEYPOINT_DOT
+        return np.zeros((frames, 0, 2)), KEYPOINT_DOT

@@ -1,0 +1,101 @@
+"""A view: one calibrated camera and the size of its picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bake.distortion import normalised, pixels, undistort
+from ..files.capture_file import CameraFile
+
+BODY_REACH_M = 0.28
+"""No part of a body is farther from its nearest joint."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera whose image is shown ``size`` pixels large."""
+
+    camera: CameraFile
+    """The camera."""
+    size: tuple[int, int]
+    """Width and height of the picture."""
+
+    @property
+    def K(self) -> np.ndarray:
+        """(3, 3) intrinsic matrix of the picture."""
+        scale = np.array(self.size) / np.array(self.camera.image_size)
+        K = self.camera.K.copy()
+        K[0, :2] *= scale[0]
+        K[1, 1] *= scale[1]
+        K[:2, 2] = (self.camera.K[:2, 2] + 0.5) * scale - 0.5
+        return K
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (..., 2) picture pixels and (...) depths in metres of world points; NaN pixels behind the camera."""
+        p = points @ self.camera.R.T + self.camera.t
+        depth = p[..., 2]
+        safe = np.where(depth > 1e-3, depth, np.nan)[..., None]
+        return pixels(p[..., :2] / safe, self.K), depth
+
+    def from_detections(self, xy: np.ndarray) -> np.ndarray:
+        """Return where the undistorted picture has (..., 2) distorted pixels of the camera."""
+        straight = undistort(normalised(xy, self.camera.K), self.camera.distortion, self.camera.distortion_model)
+        return pixels(straight, self.K)
+
+    def window(self, joints: np.ndarray) -> tuple[int, int, int, int] | None:
+        """Return the part of the picture (x0, y0, x1, y1) that a body may cover, None if it is out of sight.
+
+        Args:
+            joints: (24, 3) world metres.
+        """
+        uv, depth = self.project(joints)
+        if (depth < 2 * BODY_REACH_M).any():
+            return (0, 0, *self.size) if (depth > 0).any() else None
+        reach = BODY_REACH_M * np.array([self.K[0, 0], self.K[1, 1]]) / depth[:, None]
+        low = np.floor((uv - reach).min(axis=0)).astype(int)
+        high = np.ceil((uv + reach).max(axis=0)).astype(int)
+        x0, y0 = max(low[0], 0), max(low[1], 0)
+        x1, y1 = min(high[0], self.size[0]), min(high[1], self.size[1])
+        return (int(x0), int(y0), int(x1), int(y1)) if x1 > x0 and y1 > y0 else None
+
+
+def look_at(
+    name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], field_of_view: float
+) -> CameraFile:
+    """Return a camera that looks at a point with the world's z upwards.
+
+    Args:
+        name: name of the camera.
+        centre: (3,) optical centre in metres.
+        target: (3,) point in the middle of the picture, in metres.
+        size: width and height of the picture in pixels.
+        field_of_view: vertical, in radians.
+    """
+    forward = (target - centre) / np.linalg.norm(target - centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward])
+    focal = size[1] / 2 / np.tan(field_of_view / 2)
+    K = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
+    return CameraFile(name, K, R, -R @ centre, size, np.zeros(8), "opencv", None)
+
+
+def three_quarter_view(points: np.ndarray, heading: float, size: tuple[int, int], *, name: str = "view") -> CameraFile:
+    """Return a camera in front and to the left of a body that frames all points.
+
+    Args:
+        points: (N, 3) world metres, finite.
+        heading: direction the body faces, radians from +X about Z.
+        size: width and height of the picture in pixels.
+        name: name of the camera.
+    """
+    field_of_view, elevation, side = np.radians(32.0), np.radians(14.0), np.radians(38.0)
+    low, high = points.min(axis=0), points.max(axis=0)
+    target = (low + high) / 2
+    radius = np.linalg.norm(points - target, axis=1).max() + 0.12
+    narrow = min(field_of_view, 2 * np.arctan(np.tan(field_of_view / 2) * size[0] / size[1]))
+    angle = heading + side
+    away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])
+    return look_at(name, target + away * radius / np.sin(narrow / 2), target, size, float(field_of_view))
