@@ -6,13 +6,18 @@ import math
 
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.point_fit import ROBUST_SIGMAS, Rig, fit_points
+from solver_backend.cameras.point_fit import Rig, fit_points
 from solver_backend.geometry.arrays import Array, constant
 
-START_SHARE = 0.02
-"""Robust scale while the noise is unknown, as a share of the image width."""
+START_SHARE = 0.001
+"""First guess of the noise as a share of the image width: small, so that outliers never count as noise."""
 SMALLEST_SIGMA_PX = 0.1
-NOISE_ROUNDS = 3
+NOISE_ROUNDS = 8
+"""Too small a guess grows by about 1.8 a round: the agreeing views then fill the whole range allowed."""
+_SETTLED_SHARE = 0.05
+"""Change of the noise below which it is measured."""
+_ENOUGH_SHARE = 0.2
+"""Share of the located points that must have three agreeing views for the others to be left out."""
 _SAMPLE = 20_000
 """Observations the noise is measured on."""
 
@@ -33,11 +38,14 @@ def measure_noise(rig: Rig, xy: Array, confidence: Array) -> Array:
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     skip = max(1, views * frames * keypoints // _SAMPLE)
     xy, confidence = xy[:, ::skip], confidence[:, ::skip]
-    sigma = constant([START_SHARE * rig.width / ROBUST_SIGMAS] * keypoints, xy)
+    sigma = constant([START_SHARE * rig.width] * keypoints, xy)
     for _ in range(NOISE_ROUNDS):
         px, weight, spread = flat_views(xy, confidence, sigma)
         _, inliers, distance = fit_points(rig, px, weight, spread)
-        sigma = _spread_of(xp.where(inliers, distance, xp.zeros_like(distance)), inliers, sigma)
+        before = sigma
+        sigma = _spread_of(xp.where(inliers, distance, xp.zeros_like(distance)), inliers, before)
+        if bool(xp.all(xp.abs(sigma - before) <= _SETTLED_SHARE * before)):
+            break
     return sigma
 
 
@@ -45,12 +53,14 @@ def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
     """Return (K,) standard deviations from the sums of squares of N = F K points.
 
     A point of V views has 2 V coordinates and 3 unknowns, so ``Σ r²/σ²`` is χ² of ``n = 2V - 3`` degrees of freedom,
-    whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Points of three or more views, if there are any.
+    whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Points of three or more views count, unless they
+    are few.
     """
     xp = array_namespace(distance)
     keypoints = int(otherwise.shape[0])
     count = xp.sum(xp.astype(inliers, distance.dtype), axis=0)
-    usable = count >= (3 if bool(xp.any(count >= 3)) else 2)
+    several, located = xp.sum(xp.astype(count >= 3, count.dtype)), xp.sum(xp.astype(count >= 2, count.dtype))
+    usable = count >= (3 if float(several) > _ENOUGH_SHARE * float(located) else 2)
     n = xp.where(usable, 2.0 * count - 3.0, xp.ones_like(count))
     variance = xp.sum(distance * distance, axis=0) / (n * (1.0 - 2.0 / (9.0 * n)) ** 3)
     variance = xp.reshape(xp.where(usable, variance, xp.full_like(variance, math.nan)), (-1, keypoints))

@@ -84,15 +84,16 @@ def test_one_view_off_by_80_px_is_rejected(count, sigma):
     assert found.inliers[~victim].mean() > 0.98
 
 
-def test_one_wrong_view_of_three_is_rejected_unless_geometry_cannot_tell():
+@pytest.mark.parametrize("sigma", [None, 1.0])
+def test_one_wrong_view_of_three_is_rejected_unless_geometry_cannot_tell(sigma):
     cameras = ring(3)
     points, xy, confidence = record(cameras, 300, 10, 1.0)
     victim = np.random.default_rng(2).integers(0, 3, points.shape[:2]) == np.arange(3)[:, None, None]
-    found = triangulate(cameras, knock(xy, victim, 80.0), confidence, 1.0)
+    found = triangulate(cameras, knock(xy, victim, 80.0), confidence, sigma)
     error = np.linalg.norm(found.points - points, axis=-1)
     assert (error < 0.05).mean() > 0.93
     trusting = np.where(victim, 0.1, confidence)
-    error = np.linalg.norm(triangulate(cameras, knock(xy, victim, 80.0), trusting, 1.0).points - points, axis=-1)
+    error = np.linalg.norm(triangulate(cameras, knock(xy, victim, 80.0), trusting, sigma).points - points, axis=-1)
     assert (error < 0.05).mean() > 0.98
 
 
@@ -197,6 +198,15 @@ def test_noise_is_measured_per_keypoint_despite_outliers():
     np.testing.assert_allclose(triangulate(cameras, xy, confidence).sigma_px, sigma, rtol=0.12)
     given = triangulate(cameras, xy, confidence, sigma)
     np.testing.assert_array_equal(given.sigma_px, sigma)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 2.0, 20.0])
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_noise_of_any_size_is_found(count, sigma):
+    cameras = ring(count, arc=2 * np.pi if count > 2 else np.pi)
+    _, xy, confidence = record(cameras, 1500, 1, sigma)
+    xy = knock(xy, np.random.default_rng(7).random(xy.shape[:-1]) < 0.1, max(80.0, 12 * sigma))
+    np.testing.assert_allclose(triangulate(cameras, xy, confidence).sigma_px, sigma, rtol=0.12)
 
 
 @pytest.mark.parametrize("sigma", [None, 2.0])
