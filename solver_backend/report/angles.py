@@ -1,0 +1,76 @@
+"""Joint angles as a physiotherapist reads them, from joint positions alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.types import SMPL_JOINTS
+
+SIDES = ("left", "right")
+
+
+def flexion_deg(joints: np.ndarray, parent: str, joint: str, child: str) -> np.ndarray:
+    """Return (F,) degrees by which a hinge is bent: ``180° - ∠(parent, joint, child)``, 0 when straight.
+
+    Args:
+        joints: (F, 24, 3) metres.
+        parent: name of the joint above.
+        joint: name of the hinge.
+        child: name of the joint below.
+    """
+    above = _between(joints, joint, parent)
+    below = _between(joints, joint, child)
+    return 180.0 - _angle_deg(above, below)
+
+
+def knee_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
+    """Return (F,) knee flexion in degrees (hip-knee-ankle, thesis 6.3.4)."""
+    return flexion_deg(joints, f"{side}_hip", f"{side}_knee", f"{side}_ankle")
+
+
+def elbow_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
+    """Return (F,) elbow flexion in degrees (shoulder-elbow-wrist)."""
+    return flexion_deg(joints, f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist")
+
+
+def hip_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
+    """Return (F,) degrees between thigh and trunk in the sagittal plane, positive forwards, negative backwards."""
+    thigh = _between(joints, f"{side}_hip", f"{side}_knee")
+    down = _unit(-_trunk(joints))
+    left = _between(joints, "right_hip", "left_hip")
+    forward = _unit(np.cross(down, left))
+    return np.degrees(np.arctan2((thigh * forward).sum(-1), (thigh * down).sum(-1)))
+
+
+def shoulder_elevation_deg(joints: np.ndarray, side: str) -> np.ndarray:
+    """Return (F,) degrees between upper arm and trunk: 0 hanging, 90 level, 180 overhead."""
+    return _angle_deg(_between(joints, f"{side}_shoulder", f"{side}_elbow"), -_trunk(joints))
+
+
+def trunk_lean_deg(joints: np.ndarray) -> np.ndarray:
+    """Return (F,) degrees between the trunk (pelvis to neck) and the vertical."""
+    return _angle_deg(_trunk(joints), np.array([0.0, 0.0, 1.0]))
+
+
+def foot_height_cm(joints: np.ndarray, side: str) -> np.ndarray:
+    """Return (F,) height of the foot joint (ball of the foot) above the floor in centimetres."""
+    return 100.0 * joints[:, SMPL_JOINTS.index(f"{side}_foot"), 2]
+
+
+def _trunk(joints: np.ndarray) -> np.ndarray:
+    return _between(joints, "pelvis", "neck")
+
+
+def _between(joints: np.ndarray, start: str, end: str) -> np.ndarray:
+    return joints[:, SMPL_JOINTS.index(end)] - joints[:, SMPL_JOINTS.index(start)]
+
+
+def _angle_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the angle between vectors, well-conditioned at 0 and 180 degrees too."""
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.degrees(np.arctan2(cross, (a * b).sum(-1)))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)

@@ -1,0 +1,125 @@
+"""What deserves a look, said in sentences, each with what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.metrics import foot_skating_cm_per_frame
+from solver_backend.report.statistics import Residuals, detected_share, stretches
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
+
+BELOW_FLOOR_M = 0.05
+"""Depth of a foot joint under the floor beyond which the floor is doubted."""
+LONGEST_LIST = 6
+"""Stretches named one by one; the rest is counted."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One observation."""
+
+    what: str
+    advice: str
+    level: str = "look"
+    """'look' or 'bad'."""
+
+
+def findings_of(capture: Capture, motion: Motion, residuals: Residuals | None) -> list[Finding]:
+    """Return everything that deserves a look, the worst first; an empty list says that all is well."""
+    found = [Finding(problem, "Reported by the reader of the capture.", "bad") for problem in capture.problems]
+    found += _flagged(motion)
+    if residuals is not None:
+        found += [*_cameras(capture, residuals), *_keypoints(capture, residuals)]
+    found += _floor(motion)
+    return sorted(found, key=lambda finding: finding.level != "bad")
+
+
+def _flagged(motion: Motion) -> Iterator[Finding]:
+    if motion.flags is None:
+        return
+    kinds = (
+        (FLAG_UNSEEN, "bad", "Nobody was seen by two cameras; the pose is bridged from its neighbours",
+         "Detect again there, add a camera that sees the spot, or animate the stretch by hand."),
+        (FLAG_UNSURE, "look", "The body is far from the detections",
+         "Compare with the footage: a limb may be swapped, hidden or badly detected."),
+    )  # fmt: skip
+    for bit, level, what, advice in kinds:
+        runs = list(stretches((motion.flags & bit) > 0))
+        if runs:
+            yield Finding(f"{what}: {frames_text(runs, motion.fps)}.", advice, level)
+
+
+def frames_text(runs: list[tuple[int, int]], fps: float) -> str:
+    """Return stretches of frames as text, the longest ones by name."""
+    longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
+    named = [f"frame {a}" if a == b else f"frames {a}-{b} ({(b - a + 1) / fps:.2f} s)" for a, b in longest]
+    more = f" and {len(runs) - len(longest)} shorter ones" if len(runs) > len(longest) else ""
+    return ", ".join(named) + more
+
+
+def _cameras(capture: Capture, residuals: Residuals) -> Iterator[Finding]:
+    assert capture.cameras is not None
+    seen = detected_share(capture)
+    assert seen is not None
+    medians = residuals.by_camera
+    for c, name in enumerate(capture.cameras.names):
+        others = np.delete(medians, c)
+        others = others[np.isfinite(others)]
+        share = 100 * float(seen[c].mean())
+        if others.size and medians[c] > 1.6 * float(np.median(others)):
+            yield Finding(
+                f"Camera {name} disagrees with the others: {medians[c]:.1f} px against {np.median(others):.1f} px.",
+                "Check its calibration, whether it moved during the take, and whether it is synchronised.",
+            )
+        if share < 50:
+            yield Finding(
+                f"Camera {name} detects only {share:.0f} % of the keypoints.",
+                "Check that the person is in its view, its exposure, and the detector's input.",
+            )
+
+
+def _keypoints(capture: Capture, residuals: Residuals) -> Iterator[Finding]:
+    assert capture.cameras is not None and capture.keypoints is not None
+    agreement = residuals.agreement_percent(1)
+    names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]
+    twice = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= 2).mean(axis=0)
+    rare = [f"{names[k]} ({twice[k]:.0f} %)" for k in np.argsort(twice, kind="stable") if twice[k] < 50]
+    if rare:
+        more = f" and {len(rare) - LONGEST_LIST} others" if len(rare) > LONGEST_LIST else ""
+        yield Finding(
+            f"Seldom detected by two cameras: {', '.join(rare[:LONGEST_LIST])}{more}.",
+            "The motion of what hangs on these points comes from the pose prior and the neighbouring frames.",
+        )
+    poor = [(float(agreement[c, k]), k, c) for c, k in np.argwhere(np.nan_to_num(agreement, nan=100.0) < 80)]
+    for value, k, c in sorted(poor)[:LONGEST_LIST]:
+        yield Finding(
+            f"{names[k].capitalize()} in camera {capture.cameras.names[c]} is an outlier in "
+            f"{100 - value:.0f} % of its detections.",
+            "It hardly counts in the solve. If it matters, look for swapped sides or an occlusion in that view.",
+        )
+    if len(poor) > LONGEST_LIST:
+        yield Finding(
+            f"{len(poor) - LONGEST_LIST} more keypoints agree in less than 80 % of their detections.",
+            "The table of agreement below shows which.",
+        )
+
+
+def _floor(motion: Motion) -> Iterator[Finding]:
+    feet = motion.joints[:, [SMPL_JOINTS.index("left_foot"), SMPL_JOINTS.index("right_foot")]]
+    lowest = float(feet[..., 2].min(axis=1).min())
+    usual = float(np.median(feet[..., 2].min(axis=1)))
+    if lowest < -BELOW_FLOOR_M:
+        yield Finding(
+            f"A foot goes {-100 * lowest:.0f} cm below the floor.",
+            "Check that the calibration's origin lies on the floor and that Z points up.",
+            "bad" if usual < -BELOW_FLOOR_M else "look",
+        )
+    skating = foot_skating_cm_per_frame(feet)
+    if skating * motion.fps > 15.0:
+        yield Finding(
+            f"The feet slide by {skating:.2f} cm a frame while they are on the floor.",
+            "Look at the feet in the baked scene; a low detection rate of the toes is the usual reason.",
+        )

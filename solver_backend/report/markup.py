@@ -1,0 +1,95 @@
+"""HTML in small pieces: everything a person or a file wrote is escaped here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+
+def text(value: object) -> str:
+    """Return any value as text that is safe inside HTML."""
+    return escape(str(value))
+
+
+def number(value: float, digits: int = 1) -> str:
+    """Return a number, or a dash where there is none."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
+
+
+def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
+    """Return a section with a heading and a sentence that says how to read it."""
+    lead_html = f'<p class="lead">{lead}</p>' if lead else ""
+    return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One headline number."""
+
+    label: str
+    value: str
+    unit: str = ""
+    note: str = ""
+    level: str = "plain"
+    """'plain', 'good', 'look' or 'bad'."""
+
+
+def tiles(items: Iterable[Tile]) -> str:
+    """Return headline numbers side by side."""
+    cells = (
+        f'<div class="tile {item.level}"><div class="label">{text(item.label)}</div>'
+        f'<div class="value">{text(item.value)}<span class="unit"> {text(item.unit)}</span></div>'
+        f'<div class="note">{text(item.note)}</div></div>'
+        for item in items
+    )
+    return f'<div class="tiles">{"".join(cells)}</div>'
+
+
+def facts(rows: Iterable[tuple[str, object]]) -> str:
+    """Return a table of two columns: what, and its value."""
+    body = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in rows)
+    return f'<table class="facts">{body}</table>'
+
+
+def heat_table(
+    values: np.ndarray,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    *,
+    strength: np.ndarray,
+    unit: str,
+    digits: int = 1,
+    total: bool = False,
+) -> str:
+    """Return a table whose cells are tinted.
+
+    Args:
+        values: (R, C) numbers shown; NaN becomes a dash.
+        rows: R names.
+        columns: C names.
+        strength: (R, C) tint of each cell in 0..1.
+        unit: said in each cell's tooltip.
+        digits: decimals shown.
+        total: the last row and column sum the others up.
+    """
+    head = "".join(f"<th>{text(name)}</th>" for name in columns)
+    lines = []
+    for r, row in enumerate(rows):
+        cells = "".join(
+            _heat_cell(float(values[r, c]), float(strength[r, c]), f"{row}, {column}", unit, digits)
+            for c, column in enumerate(columns)
+        )
+        lines.append(f"<tr><th>{text(row.replace('_', ' '))}</th>{cells}</tr>")
+    kind = "heat total" if total else "heat"
+    return f'<div class="scroll"><table class="{kind}"><tr><th></th>{head}</tr>{"".join(lines)}</table></div>'
+
+
+def _heat_cell(value: float, strength: float, name: str, unit: str, digits: int) -> str:
+    if not np.isfinite(value):
+        return f'<td class="none" title="{text(name)}: never detected">–</td>'
+    level = round(100 * float(np.clip(np.nan_to_num(strength), 0.0, 1.0)))
+    shown = number(value, digits)
+    return f'<td style="--h:{level}%" title="{text(name)}: {shown} {text(unit)}">{shown}</td>'

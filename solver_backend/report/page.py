@@ -1,0 +1,121 @@
+"""The whole page: head, headline numbers, sections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.fitters.evaluate import Evaluation, evaluate
+from solver_backend.io.files import write_text
+from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
+from solver_backend.report import sections
+from solver_backend.report.findings import findings_of
+from solver_backend.report.markup import Tile, number, text, tiles
+from solver_backend.report.statistics import Residuals, located_share, residuals_of
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
+
+
+def write_report(path: Path | str, capture: Capture, motion: Motion, *, overwrite: bool = False) -> Path:
+    """Write one self-contained HTML page about a solve, whole or not at all.
+
+    Args:
+        path: the page.
+        capture: what was solved.
+        motion: the solve.
+        overwrite: replace a page that is there.
+
+    Raises:
+        MotionInvalid: the motion does not belong to the capture.
+        OutputExists, OutputNotWritable: the page cannot be written.
+    """
+    return write_text(path, report_html(capture, motion), overwrite=overwrite)
+
+
+def report_html(capture: Capture, motion: Motion) -> str:
+    """Return the page of a solve.
+
+    Raises:
+        MotionInvalid: the motion does not belong to the capture.
+    """
+    residuals = residuals_of(capture, motion)
+    compared = _compared(capture, motion)
+    found = findings_of(capture, motion, residuals)
+    body = [
+        sections.findings_section(found),
+        sections.truth_section(capture, motion, compared.lines() if compared is not None else []),
+        sections.residual_section(motion, residuals),
+        sections.missing_section(capture, motion),
+        sections.reprojection_section(capture, residuals),
+        sections.angles_section(capture, motion),
+        sections.uncertainty_section(motion),
+        sections.scene_section(capture, motion),
+        sections.provenance_section(capture, motion),
+    ]
+    headline = tiles(headline_tiles(capture, motion, residuals))
+    title = f"Solve of {text(capture.name)}"
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>{title}</title><style>{_part('page.css')}</style></head><body><main><h1>{title}</h1>"
+        f'<p class="sub">{text(_subtitle(capture, motion))}</p>{headline}{"".join(body)}</main>'
+        f"<script>{_part('page.js')}</script></body></html>\n"
+    )
+
+
+def _part(name: str) -> str:
+    """Return a file that lies beside this one."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+
+
+def headline_tiles(capture: Capture, motion: Motion, residuals: Residuals | None) -> list[Tile]:
+    """Return the numbers at the head of the page."""
+    flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
+    unsure, unseen = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSURE, FLAG_UNSEEN))
+    found = []
+    truth = capture.truth.get("joints")
+    if truth is not None and truth.shape == motion.joints.shape:
+        accel = accel_error_m_s2(motion.joints, truth, motion.fps)
+        note = f"mean of 24 joints; acceleration {number(accel, 2)} m/s²"
+        found.append(Tile("Error against the truth", number(mpjpe_mm(motion.joints, truth)), "mm", note))
+    if residuals is not None:
+        found.append(Tile("Reprojection error", number(residuals.median_px), "px", "median of all detections"))
+        agreement = float(residuals.agreement_percent((0, 1, 2)))
+        found.append(
+            Tile(
+                "View agreement",
+                number(agreement, 0),
+                "%",
+                "of the detections are no outliers",
+                _level(agreement, 90, 75),
+            )
+        )
+    located = located_share(capture)
+    if located is not None:
+        share = 100 * float(located.mean())
+        found.append(Tile("Seen by two or more", number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
+    found.append(Tile("Frames to look at", str(unsure), "", "far from the detections", "look" if unsure else "good"))
+    found.append(Tile("Bridged frames", str(unseen), "", "nobody seen by two cameras", "bad" if unseen else "good"))
+    seconds = motion.provenance.get("solve_s")
+    if isinstance(seconds, int | float) and seconds > 0:
+        found.append(Tile("Solve time", number(seconds), "s", f"{motion.num_frames / seconds:.0f} frames a second"))
+    return found
+
+
+def _level(value: float, good: float, fair: float) -> str:
+    return "good" if value >= good else "look" if value >= fair else "bad"
+
+
+def _subtitle(capture: Capture, motion: Motion) -> str:
+    views = f"{len(capture.cameras)} cameras, " if capture.cameras is not None else ""
+    points = f", {capture.keypoints.joint_set.value}" if capture.keypoints is not None else ""
+    keys = "" if motion.keyframes is None else f", {int(np.count_nonzero(motion.keyframes))} keyframes"
+    version = motion.provenance.get("solver", "")
+    length = f"{motion.num_frames} frames at {motion.fps:g} fps ({motion.num_frames / motion.fps:.1f} s)"
+    return f"{views}{length}{points}{keys}. Manifold MoCap {version}".strip()
+
+
+def _compared(capture: Capture, motion: Motion) -> Evaluation | None:
+    """Return the comparison with the truth and the yardstick, where the capture knows its truth."""
+    known = {"joints", "keypoints3d"} <= set(capture.truth)
+    return evaluate(capture, motion) if known and motion.keypoints3d is not None else None

@@ -1,0 +1,208 @@
+"""The page's sections, one function each; a section about data that is not there is left out ('')."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from solver_backend.metrics import distances_m
+from solver_backend.report import angles
+from solver_backend.report.findings import Finding
+from solver_backend.report.markup import facts, heat_table, number, section, text
+from solver_backend.report.plan import plan
+from solver_backend.report.plots import Line, Shade, strip_plot, time_plot
+from solver_backend.report.statistics import Residuals, detected_share, located_share, stretches
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
+
+SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
+SHADES_KEY = (
+    '<p class="key"><b class="unsure">■</b> far from the detections &nbsp; <b class="unseen">■</b> bridged: '
+    "seen by fewer than two cameras &nbsp; │ ticks below: keyframes of the solver</p>"
+)
+
+
+def shades_of(motion: Motion) -> list[Shade]:
+    """Return the flagged stretches of a motion."""
+    if motion.flags is None:
+        return []
+    kinds = ((FLAG_UNSURE, "unsure", "far from the detections"), (FLAG_UNSEEN, "unseen", "bridged"))
+    return [
+        Shade(first, last, kind, f"frames {first}-{last}: {label}")
+        for bit, kind, label in kinds
+        for first, last in stretches((motion.flags & bit) > 0)
+    ]
+
+
+def findings_section(found: list[Finding]) -> str:
+    """What deserves a look."""
+    items = [
+        f'<li class="{item.level}">{text(item.what)}<span class="advice">{text(item.advice)}</span></li>'
+        for item in found
+    ]
+    good = '<li class="good">Nothing stands out: every frame is seen, and every camera and keypoint agrees.</li>'
+    return section("Where to look", f'<ul class="findings">{"".join(items) or good}</ul>', identifier="look")
+
+
+def reprojection_section(capture: Capture, residuals: Residuals | None) -> str:
+    """Reprojection error and agreement for each camera and keypoint."""
+    if residuals is None or capture.cameras is None or capture.keypoints is None:
+        return ""
+    cameras = [*capture.cameras.names, "all"]
+    rows = [*capture.keypoints.joint_set.keypoints, "all keypoints"]
+    error = _with_margins(
+        residuals.by_camera_and_keypoint, residuals.by_keypoint, residuals.by_camera, residuals.median_px
+    )
+    shares = [residuals.agreement_percent(axis) for axis in (1, (0, 1), (1, 2), (0, 1, 2))]
+    agreement = _with_margins(shares[0].T, shares[1], shares[2], float(shares[3]))
+    tint = error / max(2.5 * np.nan_to_num(residuals.median_px), 1e-9)
+    left = heat_table(error, rows, cameras, strength=tint, unit="px", total=True)
+    right = heat_table(agreement, rows, cameras, strength=(100 - agreement) / 40, unit="%", digits=0, total=True)
+    low, high = (number(float(limit), 0) for limit in (residuals.limit_px.min(), residuals.limit_px.max()))
+    limits = f"{low} px" if low == high else f"{low} to {high} px, by keypoint"
+    lead = (
+        "How far the solved body is from what each camera detected. Agreement counts the detections that the solver "
+        f"did not treat as outliers (the limit is {limits}). "
+        "A whole column that stands out points at a camera, a row at a keypoint, a single cell at an occlusion."
+    )
+    body = (
+        f'<div class="pair"><div><h3>Median reprojection error in pixels</h3>{left}</div>'
+        f"<div><h3>Detections that agree with the solve, in percent</h3>{right}</div></div>"
+    )
+    return section("Cameras and keypoints", body, lead, "cameras")
+
+
+def _with_margins(inner: np.ndarray, rows: np.ndarray, columns: np.ndarray, total: float) -> np.ndarray:
+    return np.block([[inner, rows[:, None]], [columns[None], np.array([[total]])]])
+
+
+def missing_section(capture: Capture, motion: Motion) -> str:
+    """What each camera detected, frame by frame."""
+    seen, located = detected_share(capture), located_share(capture)
+    if seen is None or located is None:
+        return ""
+    names = capture.cameras.names if capture.cameras is not None else [f"view {c}" for c in range(len(seen))]
+    rows = [(str(name), seen[c]) for c, name in enumerate(names)] + [("two or more", located)]
+    lead = (
+        "The share of the keypoints that each camera detected in each frame, and the share that two or more cameras "
+        "detected (only those can be placed in space). Full colour is complete, empty is none."
+    )
+    return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
+
+
+def residual_section(motion: Motion, residuals: Residuals | None) -> str:
+    """The residual over time, with flagged frames shaded and keyframes ticked."""
+    if residuals is None:
+        return ""
+    lines = [
+        Line(residuals.by_frame(0.9), "90 % below", "quiet"),
+        Line(residuals.by_frame(0.5), "median", "a"),
+    ]
+    marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
+    plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, height=190)
+    lead = "Distance between the solved body and the detections of all cameras. A hump is where to scrub to first."
+    key = '<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the detections are below</p>'
+    return section("Residual over time", plot + key + SHADES_KEY, lead, "residual")
+
+
+def angles_section(capture: Capture, motion: Motion) -> str:
+    """Joint angles of both sides, with the truth where it is known."""
+    truth = _truth_joints(capture, motion)
+    both = [
+        ("Knee flexion", "°", angles.knee_flexion_deg), ("Hip flexion", "°", angles.hip_flexion_deg),
+        ("Elbow flexion", "°", angles.elbow_flexion_deg), ("Shoulder elevation", "°", angles.shoulder_elevation_deg),
+        ("Height of the foot joint", "cm", angles.foot_height_cm),
+    ]  # fmt: skip
+    plots = []
+    for title, unit, measure in both:
+        lines = (
+            [Line(measure(truth, side), f"true {side}", "truth") for side in angles.SIDES] if truth is not None else []
+        )
+        lines += [
+            Line(measure(motion.joints, side), side, style) for side, style in zip(angles.SIDES, "ab", strict=True)
+        ]
+        plots.append(_small_plot(title, unit, lines, motion))
+    lean = [Line(angles.trunk_lean_deg(truth), "true", "truth")] if truth is not None else []
+    plots.append(
+        _small_plot(
+            "Trunk lean from the vertical", "°", [*lean, Line(angles.trunk_lean_deg(motion.joints), "trunk")], motion
+        )
+    )
+    key = SIDES_KEY.format(truth=' &nbsp; <b class="truth">┄ truth</b>' if truth is not None else "")
+    lead = "Curves should be smooth; spikes are jitter, steps are swapped limbs. 0° is straight or hanging."
+    return section("Joint angles", f'<div class="pair">{"".join(plots)}</div>{key}', lead, "angles")
+
+
+def _small_plot(title: str, unit: str, lines: list[Line], motion: Motion) -> str:
+    plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), width=500.0, height=140.0)
+    return f"<div><h3>{text(title)}, {text(unit)}</h3>{plot}</div>"
+
+
+def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
+    """Errors against the truth of a synthetic capture."""
+    truth = _truth_joints(capture, motion)
+    if truth is None:
+        return ""
+    error = 1000.0 * distances_m(motion.joints, truth)
+    key = '<p class="key"><b class="a">— mean</b> &nbsp; — worst joint</p>'
+    lines = [Line(error.max(axis=1), "worst joint", "quiet"), Line(error.mean(axis=1), "mean")]
+    plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True) + key
+    per_joint = error.mean(axis=0)
+    tint = per_joint[:, None] / max(2.5 * per_joint.mean(), 1e-9)
+    table = heat_table(per_joint[:, None], SMPL_JOINTS, ["mm"], strength=tint, unit="mm")
+    summary = f"<pre>{text(chr(10).join(figures))}</pre>" if figures else ""
+    joints = f"<details><summary>Each joint</summary>{table}</details>"
+    body = f"{summary}<h3>Error of the 24 joints over time, mm</h3>{plot}{joints}"
+    lead = (
+        "The capture is synthetic: its motion is known. The yardstick is triangulation and a 6 Hz Butterworth filter."
+    )
+    return section("Against the truth", body, lead, "truth")
+
+
+def _truth_joints(capture: Capture, motion: Motion) -> np.ndarray | None:
+    truth = capture.truth.get("joints")
+    return None if truth is None or truth.shape != motion.joints.shape else np.asarray(truth, dtype=np.float64)
+
+
+def uncertainty_section(motion: Motion) -> str:
+    """How sure the solver is of each joint."""
+    if motion.joint_sigma is None:
+        return ""
+    sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
+    lines = [Line(sigma.max(axis=1), "least sure joint", "quiet"), Line(np.median(sigma, axis=1), "median")]
+    plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True)
+    return section(
+        "Uncertainty", plot, "One standard deviation of the joints, as the solver itself states it.", "sigma"
+    )
+
+
+def scene_section(capture: Capture, motion: Motion) -> str:
+    """The scene from above, and the shape of the body."""
+    way = np.linalg.norm(np.diff(motion.joints[:, 0, :2], axis=0), axis=-1).sum()
+    rows: list[tuple[str, object]] = [
+        ("body", motion.body),
+        ("shape (betas)", ", ".join(f"{b:+.2f}" for b in motion.betas)),
+        ("highest joint", f"{motion.joints[..., 2].max():.2f} m above the floor"),
+        ("lowest joint", f"{100 * motion.joints[..., 2].min():.1f} cm above the floor"),
+        ("way of the pelvis", f"{way:.2f} m over the floor"),
+    ]
+    if capture.cameras is not None:
+        height = ", ".join(
+            f"{name} {z:.2f} m" for name, z in zip(capture.cameras.names, capture.cameras.centres[:, 2], strict=True)
+        )
+        rows.append(("height of the cameras", height))
+    lead = "From above, world Y up. Green is the start of the pelvis' way, red its end; wedges are the cameras' views."
+    return section("Scene", f'<div class="pair">{plan(capture.cameras, motion)}{facts(rows)}</div>', lead, "scene")
+
+
+def provenance_section(capture: Capture, motion: Motion) -> str:
+    """Settings, sources, versions: what is needed to make this solve again."""
+    provenance = motion.provenance
+    settings = provenance.get("settings")
+    rows: list[tuple[str, object]] = [("capture", capture.name)]
+    rows += [(f"setting {key}", value) for key, value in settings.items()] if isinstance(settings, dict) else []
+    rows += [("source", source) for source in capture.sources]
+    rows += [("note", note) for note in capture.notes]
+    plain = json.dumps(provenance, indent=1, sort_keys=True, default=str, ensure_ascii=False)
+    raw = f"<details><summary>Everything the motion file records</summary><pre>{text(plain)}</pre></details>"
+    return section("Settings and provenance", facts(rows) + raw, "", "provenance")

@@ -1,0 +1,127 @@
+"""The figures behind the page: residuals per camera, keypoint and frame, and what the detector saw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.errors import MotionInvalid
+from solver_backend.metrics import reprojection_px
+from solver_backend.types import Capture, Motion
+
+RAYLEIGH_MEDIAN = 1.1774
+"""Median length of a 2D error whose coordinates have standard deviation 1."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Distances between detections and solved keypoints of C views, F frames and K keypoints."""
+
+    error_px: np.ndarray
+    """(C, F, K) pixels, NaN where nothing was detected."""
+    limit_px: np.ndarray
+    """(K,) beyond it the solver counts a detection as an outlier."""
+
+    @property
+    def by_camera_and_keypoint(self) -> np.ndarray:
+        """(K, C) medians over the frames in pixels."""
+        return quantile(self.error_px, 0.5, axis=1).T
+
+    @property
+    def by_camera(self) -> np.ndarray:
+        """(C,) medians in pixels."""
+        return quantile(self.error_px.reshape(len(self.error_px), -1), 0.5, axis=1)
+
+    @property
+    def by_keypoint(self) -> np.ndarray:
+        """(K,) medians in pixels."""
+        return quantile(self.error_px.reshape(-1, self.error_px.shape[-1]), 0.5, axis=0)
+
+    def by_frame(self, q: float) -> np.ndarray:
+        """(F,) quantile over cameras and keypoints in pixels."""
+        return quantile(np.moveaxis(self.error_px, 1, 0).reshape(self.error_px.shape[1], -1), q, axis=1)
+
+    def agreement_percent(self, axis: int | tuple[int, ...]) -> np.ndarray:
+        """Return the share of detections within the limit, over one or more of (cameras, frames, keypoints)."""
+        return share(self.error_px <= self.limit_px, np.isfinite(self.error_px), axis)
+
+    @property
+    def median_px(self) -> float:
+        """Median over everything."""
+        return float(quantile(self.error_px.ravel(), 0.5, axis=0))
+
+
+def residuals_of(capture: Capture, motion: Motion) -> Residuals | None:
+    """Return the residuals of a solve, None where nothing was detected in images.
+
+    Raises:
+        MotionInvalid: the motion has other frames, views or keypoints than the capture.
+    """
+    if motion.num_frames != capture.num_frames:
+        raise MotionInvalid(
+            f"The motion has {motion.num_frames} frames, the capture {capture.num_frames}.",
+            where=capture.name,
+            hint="Report on the capture that the motion was solved from.",
+        )
+    if capture.cameras is None or capture.keypoints is None:
+        return None
+    shape = capture.keypoints.confidence.shape
+    error = motion.reprojection_px
+    if error is None:
+        if motion.keypoints3d is None:
+            return None
+        error = reprojection_px(capture.cameras, motion.keypoints3d, capture.keypoints)
+    if error.shape != shape:
+        raise MotionInvalid(
+            f"The motion has residuals of shape {error.shape}, the capture detections of shape {shape}.",
+            where=capture.name,
+        )
+    error = np.where(capture.keypoints.confidence > 0, error, np.nan).astype(np.float64)
+    return Residuals(error, _limit_px(motion, error))
+
+
+def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
+    """Return (K,) the solver's own limit for outliers: twice the robust scale, in standard deviations."""
+    sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
+    settings = motion.provenance.get("settings", {})
+    scale = settings.get("robust_scale", 3.0) if isinstance(settings, dict) else 3.0
+    if sigma.shape != error.shape[-1:] or not np.isfinite(sigma).all():
+        sigma = quantile(error.reshape(-1, error.shape[-1]), 0.5, axis=0) / RAYLEIGH_MEDIAN
+    return 2.0 * scale * sigma
+
+
+def quantile(values: np.ndarray, q: float, axis: int) -> np.ndarray:
+    """Return the quantile of the finite values along an axis, NaN where there is none (and no warning)."""
+    ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=axis)
+    count = np.isfinite(values).sum(axis=axis, keepdims=True)
+    place = np.maximum(count - 1, 0) * q
+    low, high = np.floor(place).astype(int), np.ceil(place).astype(int)
+    below, above = np.take_along_axis(ordered, low, axis), np.take_along_axis(ordered, high, axis)
+    return (below + (place - low) * (above - below)).squeeze(axis)
+
+
+def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
+    """Return the percentage of ``of`` in which ``yes`` holds too, NaN where ``of`` is empty."""
+    total = np.asarray(of.sum(axis=axis))
+    return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
+
+
+def stretches(mask: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield the first and last frame of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(mask, dtype=np.int8), [0]])))
+    for first, stop in edges.reshape(-1, 2):
+        yield int(first), int(stop) - 1
+
+
+def detected_share(capture: Capture) -> np.ndarray | None:
+    """Return (C, F) the share of the keypoints that each camera detects in each frame, 0..1."""
+    return None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=-1)
+
+
+def located_share(capture: Capture) -> np.ndarray | None:
+    """Return (F,) the share of the keypoints that two or more cameras detect, 0..1."""
+    if capture.keypoints is None:
+        return None
+    return ((capture.keypoints.confidence > 0).sum(axis=0) >= 2).mean(axis=-1)
