@@ -1,0 +1,1 @@
+"""Benchmarks with a committed baseline: ``python3 dev.py bench [NAME]``."""

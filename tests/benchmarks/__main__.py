@@ -1,0 +1,90 @@
+"""Runs benchmarks and compares them with ``baseline.json``: exit code 1 where one is worse, 2 for an unknown name."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import pkgutil
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+import tests.benchmarks
+from tests.benchmarks.metric import BenchmarkSkipped, Metric, judge
+
+BASELINE = Path(__file__).with_name("baseline.json")
+PREFIX = "bench_"
+
+
+def main(argv: list[str] | None = None, baseline_path: Path = BASELINE) -> int:
+    """Run the chosen benchmarks, all of them if none is named."""
+    names = discover()
+    parser = argparse.ArgumentParser(prog="dev.py bench", description="Benchmarks against their committed baseline.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or more of: {', '.join(names)}")
+    parser.add_argument("--update", action="store_true", help="record the figures as the new baseline")
+    args = parser.parse_args(argv)
+    unknown = sorted(set(args.names) - set(names))
+    if unknown:
+        print(f"There is no benchmark {', '.join(unknown)}. There are: {', '.join(names)}.", file=sys.stderr)
+        return 2
+    baseline = json.loads(baseline_path.read_text(encoding="utf-8")) if baseline_path.exists() else {}
+    results = {name: run(name) for name in args.names or names}
+    if args.update:
+        baseline |= {name: record(metrics) for name, metrics in results.items() if metrics is not None}
+        baseline_path.write_text(json.dumps(baseline, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+        print(f"Recorded in {baseline_path.name}.")
+        return 0
+    passed = [
+        compare(name, metrics, baseline.get(name, {})) for name, metrics in results.items() if metrics is not None
+    ]
+    return 0 if all(passed) else 1
+
+
+def discover() -> list[str]:
+    """Return the names of the benchmarks: the modules ``bench_NAME`` beside this one."""
+    found = (module.name for module in pkgutil.iter_modules(tests.benchmarks.__path__))
+    return sorted(name.removeprefix(PREFIX) for name in found if name.startswith(PREFIX))
+
+
+def run(name: str) -> list[Metric] | None:
+    """Say how a benchmark measures, then measure; None where it cannot run here."""
+    module = importlib.import_module(f"tests.benchmarks.{PREFIX}{name}")
+    method = " ".join((module.__doc__ or "").split())
+    print(f"\n{name}: {method}", flush=True)
+    try:
+        return module.run()
+    except BenchmarkSkipped as reason:
+        print(f"  skipped: {reason}")
+        return None
+
+
+def record(metrics: list[Metric]) -> dict[str, Any]:
+    """Return figures as they stand in the baseline, with the machine they were measured on."""
+    for metric in metrics:
+        print(f"    {metric.key:<28} {metric.value:12.4g} {metric.unit}")
+    return {"machine": machine(), "figures": {m.key: {"value": round(m.value, 5), "unit": m.unit} for m in metrics}}
+
+
+def compare(name: str, metrics: list[Metric], known: dict[str, Any]) -> bool:
+    """Print every figure beside its baseline and return whether all pass."""
+    figures = {key: item["value"] for key, item in known.get("figures", {}).items()}
+    verdicts, lost = judge(metrics, figures)
+    for verdict in verdicts:
+        print(verdict.line())
+    for key in lost:
+        print(f"  ✗ {key:<28} stands in the baseline and was not measured")
+    if known.get("machine") not in (None, machine()):
+        print(f"  (the baseline of {name} was measured on: {known['machine']})")
+    return not lost and all(verdict.passed for verdict in verdicts)
+
+
+def machine() -> str:
+    """Return what times depend on: system, architecture, cores, Python."""
+    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
