@@ -7,7 +7,7 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.latent import decode_poses, decoded_only, latent_tangents, normalise_latent
+from solver_backend.fitters.latent import CODES, decode_poses, decoded_only
 from solver_backend.fitters.subject import PosedFrames, Subject, frame_equations
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import exp_so3
@@ -38,11 +38,11 @@ def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
 def retract(states: FrameStates, step: Array) -> FrameStates:
     """Move by (F, 36) tangent steps: latent 30, root 3 (world), translation 3."""
     xp = array_namespace(step)
-    basis = latent_tangents(states.z)
+    basis = CODES.tangent_basis(states.z)
     dof = basis.shape[-1]
     moved = states.z + xp.matmul(basis, step[:, :dof, None])[..., 0]
     turn = exp_so3(step[:, dof : dof + 3])
-    return FrameStates(normalise_latent(moved), xp.matmul(turn, states.root), states.transl + step[:, dof + 3 :])
+    return FrameStates(CODES.nearest(moved), xp.matmul(turn, states.root), states.transl + step[:, dof + 3 :])
 
 
 def select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
@@ -60,7 +60,7 @@ def by_unknowns(prior: PosePrior, states: FrameStates) -> tuple[PosedFrames, Arr
     """Return the poses and the (F, 69, 36) derivative of the pose tangents by the unknowns' tangents."""
     xp = array_namespace(states.z)
     decoded = decode_poses(prior, states.z)
-    latent = xp.matmul(decoded.by_latent, latent_tangents(states.z))
+    latent = xp.matmul(decoded.by_latent, CODES.tangent_basis(states.z))
     count, dof = latent.shape[0], latent.shape[-1]
     chain = xp.zeros((count, 69, dof + 6), dtype=latent.dtype, device=getattr(latent, "device", None))
     for i in range(3):

@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.triangulation import Triangulation, triangulate
-from solver_backend.fitters.frame import FrameStates, fit_frames
+from solver_backend.fitters.frame import FrameStates, fit_frames, posed
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
@@ -39,8 +39,8 @@ _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
 )  # fmt: skip
 """Axis-angles in radians that a fit starts from: standing, arms up, arms forward, squatting, two steps."""
 
-POINT_SIGMA_M = 0.03
-"""Assumed error of a triangulated point while the pose is still unknown."""
+POSE_SIGMA_M = 0.03
+"""How far points may lie from a body whose shape is still unknown, beside their own error."""
 
 
 @dataclass(frozen=True)
@@ -59,28 +59,7 @@ def observe(cameras: Cameras, keypoints: Keypoints2D) -> Observations:
     """Triangulate all keypoints and measure the detector's noise from what the views disagree on."""
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     points = np.isfinite(triangulation.points).all(-1).sum(-1)
-    return Observations(triangulation, noise_px(triangulation), points >= min(6, keypoints.xy.shape[2] // 2))
-
-
-def noise_px(triangulation: Triangulation) -> np.ndarray:
-    """Return each keypoint's noise (L,) in pixels from the residuals of its inliers.
-
-    A point has 2 V measurements and 3 unknowns: ``sigma² = median(r²) / (2 ln 2) · 2V / (2V - 3)`` for Gaussian noise.
-    """
-    residual = np.where(triangulation.inliers, triangulation.residual_px, np.nan)
-    views = triangulation.inliers.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        squared = residual**2 * (2 * views / (2 * views - 3))
-    squared = np.where(views >= 2, squared, np.nan)
-    overall = _median(squared.reshape(-1)) / (2 * np.log(2))
-    each = np.array([_median(squared[:, :, k].reshape(-1)) for k in range(squared.shape[2])]) / (2 * np.log(2))
-    each = np.where(np.isfinite(each), each, overall)
-    return np.sqrt(np.clip(each, 0.25 * overall, 9 * overall) + 0.25)
-
-
-def _median(values: np.ndarray) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if finite.size else 1.0
+    return Observations(triangulation, triangulation.sigma_px, points >= min(6, keypoints.xy.shape[2] // 2))
 
 
 def sample_frames(observations: Observations, count: int) -> np.ndarray:
@@ -95,7 +74,8 @@ def points_term(observations: Observations, frames: np.ndarray, like: Array) -> 
     """Return the distance to the triangulated points of these frames."""
     points = observations.triangulation.points[frames]
     valid = np.isfinite(points).all(-1)
-    weight = np.where(valid, 1.0 / POINT_SIGMA_M**2, 0.0)
+    variance = np.trace(observations.triangulation.covariance[frames], axis1=-2, axis2=-1) / 3
+    weight = np.where(valid, 1.0 / (POSE_SIGMA_M**2 + np.nan_to_num(variance)), 0.0)
     return PositionTerm(constant(np.where(valid[..., None], points, 0.0), like), constant(weight, like))
 
 
@@ -106,13 +86,26 @@ def fit_to_points(
     xp = array_namespace(subject.betas)
     term = points_term(observations, frames, subject.betas)
     starts = [_start(subject, prior, term, values) for values in _START_POSES]
-    count = len(starts)
-    stacked = FrameStates(*(xp.concat([getattr(s, name) for s in starts]) for name in ("z", "root", "transl")))
-    tiled = PositionTerm(xp.concat([term.positions] * count), xp.concat([term.weight] * count))
-    states, cost = fit_frames(subject, prior, tiled, stacked, (20.0, 5.0), iterations)
-    best = xp.argmin(xp.reshape(cost, (count, -1)), axis=0)
-    index = best * len(frames) + xp.arange(len(frames))
-    return FrameStates(states.z[index], states.root[index], states.transl[index])
+    misfit = xp.stack([term(pose(subject, posed(prior, s)).points, 20.0).cost for s in starts])
+    promising = xp.argsort(misfit, axis=0)[:2]
+    chosen = [_pick(starts, promising[k]) for k in range(2)]
+    stacked = FrameStates(*(xp.concat([getattr(s, name) for s in chosen]) for name in ("z", "root", "transl")))
+    tiled = PositionTerm(xp.concat([term.positions] * 2), xp.concat([term.weight] * 2))
+    states, cost = fit_frames(subject, prior, tiled, stacked, (20.0,), iterations)
+    halves = [
+        FrameStates(states.z[h], states.root[h], states.transl[h])
+        for h in (slice(len(frames)), slice(len(frames), None))
+    ]
+    best = _pick(halves, xp.argmin(xp.reshape(cost, (2, -1)), axis=0))
+    return fit_frames(subject, prior, term, best, (5.0,), iterations)[0]
+
+
+def _pick(choices: list[FrameStates], index: Array) -> FrameStates:
+    """Return for each frame the state of the choice at its index."""
+    xp = array_namespace(index)
+    frame = xp.arange(index.shape[0])
+    stacked = [xp.stack([getattr(c, name) for c in choices])[index, frame] for name in ("z", "root", "transl")]
+    return FrameStates(*stacked)
 
 
 def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[str, Any]) -> FrameStates:
@@ -124,10 +117,10 @@ def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[
     z = prior.encode(exp_so3(constant(rotvec, term.positions))[None])
     eye = xp.eye(3, dtype=z.dtype, device=getattr(z, "device", None))[None]
     origin = PosedFrames(eye, prior.decode(z), xp.zeros_like(term.positions[:1, 0]))
-    posed = pose(subject, origin)
+    placed = pose(subject, origin)
     count = term.positions.shape[0]
-    source = xp.broadcast_to(posed.points, term.positions.shape)
+    source = xp.broadcast_to(placed.points, term.positions.shape)
     _, R, t = umeyama(source, term.positions, term.weight)
-    pelvis = posed.skeleton.joints[:, 0]
+    pelvis = placed.skeleton.joints[:, 0]
     transl = t + xp.matmul(R, pelvis[..., None])[..., 0] - pelvis
     return FrameStates(xp.broadcast_to(z, (count, z.shape[-1])), R, transl)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.latent import DecodedPoses, decode_poses, latent_tangents, normalise_latent
+from solver_backend.fitters.latent import CODES, DecodedPoses, decode_poses
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.interpolation import sider2_with_jacobian
+from solver_backend.geometry.interpolation import sider2, sider2_with_jacobian
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
 from solver_backend.priors.base import PosePrior
 
@@ -84,13 +84,13 @@ class Keyframes:
     def retract(self, step: Array) -> Keyframes:
         """Move by (K, 36) or (K, 99) tangent steps."""
         xp = array_namespace(step)
-        moved = self.z + xp.matmul(latent_tangents(self.z), step[:, :30, None])[..., 0]
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, :30, None])[..., 0]
         quat = quat_multiply(quat_from_rotvec(step[:, 30:33]), self.quat)
         quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
         residual = self.residual
         if step.shape[1] > KEY_DOF:
             residual = residual + xp.reshape(step[:, KEY_DOF:], residual.shape)
-        return Keyframes(normalise_latent(moved), quat, self.transl + step[:, 33:36], residual)
+        return Keyframes(CODES.nearest(moved), quat, self.transl + step[:, 33:36], residual)
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:
@@ -100,6 +100,21 @@ def hemisphere_aligned(keys: Keyframes) -> Keyframes:
     signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
     signs = xp.concat([xp.ones_like(keys.quat[:1, 0]), xp.cumulative_prod(signs)])
     return replace(keys, quat=keys.quat * signs[:, None])
+
+
+def resampled(keys: Keyframes, layout: KeyframeLayout, finer: KeyframeLayout) -> Keyframes:
+    """Return keys at another layout's times, on the curves through the given keys."""
+    times = finer.key_times
+    window = np.clip(np.searchsorted(layout.bounds, times, side="left") - 1, 0, layout.num_windows - 1)
+    position = (times - layout.bounds[window]) / np.diff(layout.bounds)[window]
+    xp = array_namespace(keys.z)
+    triple = [xp.asarray(2 * window + i) for i in range(3)]
+    t = constant(position, keys.z)
+    weights = lagrange(t)
+    transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
+    residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
+    z, quat = (sider2(*(value[i] for i in triple), t) for value in (keys.z, keys.quat))
+    return hemisphere_aligned(Keyframes(z, quat, transl, residual))
 
 
 def lagrange(time: Array) -> tuple[Array, Array, Array]:
@@ -151,7 +166,7 @@ def bundle_frames(
     chain = xp.zeros((len(time), FRAME_DOF, 3 * dof), dtype=t.dtype, device=getattr(t, "device", None))
     for k, key in enumerate(triple):
         first = k * dof
-        latent = xp.matmul(decoded.by_latent, xp.matmul(z_by[k], latent_tangents(keys.z)[key]))
+        latent = xp.matmul(decoded.by_latent, xp.matmul(z_by[k], CODES.tangent_basis(keys.z)[key]))
         chain[:, 3:66, first : first + 30] = latent
         chain[:, 0:3, first + 30 : first + 33] = _root_jacobian(quat, quat_by[k], keys.quat[key])
         for i in range(3):

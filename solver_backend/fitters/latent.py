@@ -1,53 +1,19 @@
-"""Poses as latent codes: tangent frames on SPoser's sphere and the decoded pose's derivative."""
+"""Poses as latent codes: the sphere they live on and the decoded pose's derivative."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.priors.base import PosePrior
+from solver_backend.solver.manifold import ZeroMeanSphere
 
-LATENT_DOF = 30
-"""Tangent directions of the unit sphere in the 31-dimensional zero-mean hyperplane of R^32."""
-
-
-def normalise_latent(z: Array) -> Array:
-    """Return codes with zero mean and unit norm, ``(z - mean) / |z - mean|`` (thesis 6.2.2)."""
-    xp = array_namespace(z)
-    centred = z - xp.mean(z, axis=-1, keepdims=True)
-    return centred / xp.sqrt(xp.sum(centred * centred, axis=-1, keepdims=True))
-
-
-def latent_tangents(z: Array) -> Array:
-    """Return an orthonormal basis (..., 32, 30) of the tangent space at unit zero-mean codes (..., 32).
-
-    A Householder reflection that maps the code to the first axis of the hyperplane maps the other axes to tangents.
-    """
-    xp = array_namespace(z)
-    plane = constant(_hyperplane_basis(z.shape[-1]), z)
-    y = xp.matmul(z, plane)
-    first = constant(np.eye(y.shape[-1])[0], z)
-    sign = xp.where(y[..., :1] >= 0, xp.ones_like(y[..., :1]), -xp.ones_like(y[..., :1]))
-    normal = y + sign * first
-    normal = normal / xp.sqrt(xp.sum(normal * normal, axis=-1, keepdims=True))
-    eye = xp.eye(y.shape[-1], dtype=z.dtype, device=getattr(z, "device", None))
-    reflection = eye - 2 * normal[..., :, None] * normal[..., None, :]
-    return xp.matmul(plane, reflection[..., 1:])
-
-
-def _hyperplane_basis(dimension: int) -> np.ndarray:
-    """Return a (d, d - 1) orthonormal basis of the vectors that sum to zero (Helmert's)."""
-    basis = np.zeros((dimension, dimension - 1))
-    for j in range(1, dimension):
-        basis[:j, j - 1] = 1.0
-        basis[j, j - 1] = -j
-        basis[:, j - 1] /= np.sqrt(j * (j + 1))
-    return basis
+CODES = ZeroMeanSphere()
+"""Where codes live: unit vectors of R^32 with zero mean, a sphere of 30 dimensions (thesis 6.2.2)."""
 
 
 @dataclass(frozen=True)

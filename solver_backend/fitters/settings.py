@@ -25,6 +25,8 @@ class SolveSettings:
     """Linearisations at most for each step of the robust schedule."""
     robust_scale: float = 3.0
     """Geman-McClure scale in standard deviations of the detector's noise."""
+    refine_window: int = 10
+    """Frames a window of the refinement: fast limbs need a key every few hundredths of a second."""
     refine: bool = True
     """After the sliding pass, solve all keyframes of the take at once, with shape and detector bias."""
     residual_rotations: bool = True
@@ -37,6 +39,10 @@ class SolveSettings:
             "method": (self.method in METHODS, f"one of {', '.join(METHODS)}"),
             "backend": (self.backend in BACKENDS, f"one of {', '.join(BACKENDS)}"),
             "window": (isinstance(self.window, int) and 4 <= self.window <= 240, "a whole number from 4 to 240"),
+            "refine_window": (
+                isinstance(self.refine_window, int) and 2 <= self.refine_window <= 240,
+                "a whole number from 2 to 240",
+            ),
             "iterations": (
                 isinstance(self.iterations, int) and 1 <= self.iterations <= 200,
                 "a whole number from 1 to 200",

@@ -13,6 +13,7 @@ from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
+from solver_backend.residuals.rest_pose import rest_pose_term
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
@@ -45,16 +46,18 @@ def fit_shape(
     shape_prior: ShapePrior = ShapePrior(),
     *,
     free_betas: bool = True,
+    free_offsets: bool = True,
 ) -> tuple[Subject, FrameStates]:
     """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
 
     Args:
         start: poses of the sample.
-        free_betas: False keeps a known shape and fits offsets only.
+        free_betas: False keeps a known shape.
+        free_offsets: False keeps the landmarks where they are.
     """
     state = _State(subject, start)
-    precision = _prior_precision(subject, shape_prior, free_betas)
-    mean = _prior_mean(subject, free_betas)
+    precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
+    mean = _prior_mean(subject, free_betas, free_offsets)
 
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
@@ -95,15 +98,21 @@ def _arrowhead(
     turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
     weighted_shape = flat(xp.matmul(information, by_shape))
     pull = xp.reshape(gradient, (count, -1, 1))
+    rest_cost, rest_pull, rest_diagonal = rest_pose_term(frames.local)
+    by_joints = chain[:, 3:66]
+    turned_joints = xp.permute_dims(by_joints, (0, 2, 1))
     value = _parameters(state.subject) - mean
     system = Arrowhead(
-        blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose))) + 1e-2 * xp.eye(chain.shape[-1], **like),
+        blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
+        + xp.matmul(turned_joints, rest_diagonal[:, None] * by_joints)
+        + 1e-2 * xp.eye(chain.shape[-1], **like),
         coupling=xp.matmul(turned_pose, weighted_shape),
-        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0) + precision[:, None] * xp.eye(len(value), **like),
-        g_blocks=xp.matmul(turned_pose, pull)[..., 0],
+        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0)
+        + precision[:, None] * xp.eye(len(value), **like),
+        g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, rest_pull[..., None]))[..., 0],
         g_shared=xp.sum(xp.matmul(turned_shape, pull)[..., 0], axis=0) + precision * value,
     )
-    return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
+    return (xp.sum(cost + rest_cost) + 0.5 * xp.sum(precision * value * value))[None], system
 
 
 def refit_shape(
@@ -118,11 +127,11 @@ def refit_shape(
     """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
     J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)
     xp = array_namespace(J)
-    precision = _prior_precision(subject, shape_prior, free_betas)
+    precision = _prior_precision(subject, shape_prior, free_betas, True)
     by_shape = J[..., 69:]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
-    deviation = _parameters(subject) - _prior_mean(subject, free_betas)
+    deviation = _parameters(subject) - _prior_mean(subject, free_betas, True)
     g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
     eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
     step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
@@ -142,17 +151,18 @@ def _parameters(subject: Subject) -> Array:
     return xp.concat([subject.betas, xp.reshape(subject.offsets, (-1,))])
 
 
-def _prior_mean(subject: Subject, free_betas: bool) -> Array:
-    """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or the known shape."""
+def _prior_mean(subject: Subject, free_betas: bool, free_offsets: bool) -> Array:
+    """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or what is kept."""
     xp = array_namespace(subject.betas)
     betas = xp.zeros_like(subject.betas) if free_betas else subject.betas
-    return xp.concat([betas, xp.reshape(xp.zeros_like(subject.offsets), (-1,))])
+    offsets = xp.zeros_like(subject.offsets) if free_offsets else subject.offsets
+    return xp.concat([betas, xp.reshape(offsets, (-1,))])
 
 
-def _prior_precision(subject: Subject, shape_prior: ShapePrior, free_betas: bool) -> Array:
-    """Return the (10 + 3 L,) precision of the shared unknowns; a known shape is held by a very high one."""
+def _prior_precision(subject: Subject, shape_prior: ShapePrior, free_betas: bool, free_offsets: bool) -> Array:
+    """Return the (10 + 3 L,) precision of the shared unknowns; what is kept is held by a very high one."""
     betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if free_betas else 1e12)
-    offsets = np.full(3 * len(subject.landmarks), 1.0 / shape_prior.offset_sigma_m**2)
+    offsets = np.full(3 * len(subject.landmarks), 1.0 / shape_prior.offset_sigma_m**2 if free_offsets else 1e12)
     return constant(np.concatenate([betas, offsets]), subject.betas)
 
 

@@ -16,7 +16,7 @@ from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.fitters.bundle import Schedule, solve_global, solve_sliding
 from solver_backend.fitters.frame import FrameStates, fit_frames, posed
 from solver_backend.fitters.initial import Observations, fit_to_points, observe, sample_frames
-from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned
+from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned, resampled
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.result import build_motion
 from solver_backend.fitters.settings import SolveSettings
@@ -103,7 +103,9 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
     progress("Learning the body", 2, 3)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
     free = settings.betas is None
-    subject, _ = fit_shape(subject, problem.prior, term, states, scales, settings.iterations, free_betas=free)
+    subject, _ = fit_shape(
+        subject, problem.prior, term, states, scales, settings.iterations, free_betas=free, free_offsets=False
+    )
     progress("Learning the body", 3, 3)
     return subject
 
@@ -136,6 +138,8 @@ def _solve_bundle(
     )  # fmt: skip
     residuals = settings.refine and settings.residual_rotations
     if settings.refine:
+        finer = KeyframeLayout.even(problem.num_frames, settings.refine_window)
+        keys, layout = resampled(keys, layout, finer), finer
         subject, keys = _refine(problem, subject, layout, keys, settings, residuals, progress)
     frames = bundle_frames(problem.prior, keys, layout.window, layout.time, residuals=residuals, jacobian=False)
     return subject, frames.poses, layout.key_times
@@ -145,7 +149,7 @@ def _refine(
     problem: Problem, subject: Subject, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings,
     residuals: bool, progress: Progress,
 ) -> tuple[Subject, Keyframes]:  # fmt: skip
-    spacing = 0.5 * settings.window
+    spacing = 0.5 * settings.refine_window
     motion_prior = MotionPrior(spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing)
     steps = (
         (False, (2 * settings.robust_scale,)),

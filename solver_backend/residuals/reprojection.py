@@ -76,9 +76,9 @@ class ReprojectionTerm:
         # The penalty sees the residual in standard deviations; the confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
         penalty, robust = geman_mcclure(per_sigma * xp.sum(error * error, axis=-1), scale)
-        cost = 0.5 * xp.sum(
-            xp.sum(self.confidence * xp.where(usable, penalty, xp.zeros_like(penalty)), axis=-1), axis=0
-        )
+        # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
+        hidden = xp.where(self.weight > 0, xp.full_like(penalty, scale * scale), xp.zeros_like(penalty))
+        cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)
         pull = (weight * robust)[..., None]
         turned = xp.permute_dims(by_point, (0, 1, 2, 4, 3))
         gradient = xp.sum(xp.matmul(turned, (pull * error)[..., None])[..., 0], axis=0)

@@ -75,6 +75,10 @@ _SCORE: tuple[tuple[float, Pose, float, str], ...] = (
 """Time in s, pose, heading in rad, and the foot that stands from then on."""
 
 
+COLLAR_SHARE = 0.2
+"""Share of an arm's elevation that the collar bone takes."""
+
+
 @dataclass(frozen=True)
 class Choreography:
     """SMPL-type parameters of an authored motion, world Z up, floor at z = 0."""
@@ -120,7 +124,11 @@ def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float, bl
 def _rotvecs(pose: Pose) -> np.ndarray:
     vectors = np.zeros((NUM_BODY_JOINTS, 3))
     for joint, vector in pose.items():
-        vectors[SMPL_JOINTS.index(joint) - 1] = vector
+        vectors[SMPL_JOINTS.index(joint) - 1] += vector
+    for side in ("left", "right"):
+        shoulder, collar = (SMPL_JOINTS.index(f"{side}_{part}") - 1 for part in ("shoulder", "collar"))
+        vectors[collar, 2] += COLLAR_SHARE * vectors[shoulder, 2]
+        vectors[shoulder, 2] *= 1 - COLLAR_SHARE
     return vectors
 
 

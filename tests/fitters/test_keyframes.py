@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned
-from solver_backend.fitters.latent import latent_tangents, normalise_latent
+from solver_backend.fitters.latent import CODES
 from tests.fitters.toy_prior import ToyPrior
 
 FRAMES, WINDOW = 27, 9
@@ -15,7 +15,7 @@ def random_keys(count: int, seed: int = 0) -> Keyframes:
     rng = np.random.default_rng(seed)
     base = rng.normal(size=32)
     quat = Rotation.from_rotvec(np.cumsum(0.3 * rng.normal(size=(count, 3)), 0)).as_quat()[:, [3, 0, 1, 2]]
-    z = normalise_latent(base + 0.5 * rng.normal(size=(count, 32)))
+    z = CODES.nearest(base + 0.5 * rng.normal(size=(count, 32)))
     return hemisphere_aligned(Keyframes(z, quat, rng.normal(size=(count, 3)), 0.2 * rng.normal(size=(count, 21, 3))))
 
 
@@ -73,8 +73,8 @@ def test_derivative_by_keys_equals_central_differences(residuals):
 
 
 def test_latent_tangents_are_an_orthonormal_basis_of_the_constraint():
-    z = normalise_latent(np.random.default_rng(0).normal(size=(50, 32)))
-    basis = latent_tangents(z)
+    z = CODES.nearest(np.random.default_rng(0).normal(size=(50, 32)))
+    basis = CODES.tangent_basis(z)
     np.testing.assert_allclose(np.swapaxes(basis, 1, 2) @ basis, np.tile(np.eye(30), (50, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(basis.sum(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(np.einsum("fi,fij->fj", z, basis), 0, atol=1e-12)

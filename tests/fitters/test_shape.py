@@ -6,7 +6,7 @@ import pytest
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.fitters.frame import FrameStates, posed
-from solver_backend.fitters.latent import normalise_latent
+from solver_backend.fitters.latent import CODES
 from solver_backend.fitters.shape import ShapePrior, fit_shape
 from solver_backend.fitters.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
@@ -29,7 +29,7 @@ def scene():
     truth = Subject(body, landmarks, np.array([1.2, -0.7, *np.zeros(8)]), offsets)
     root = exp_so3(np.array([np.pi / 2, 0, 0])) @ exp_so3(0.3 * rng.normal(size=(FRAMES, 3)))
     transl = np.array([0, 0, 0.95]) + 0.1 * rng.normal(size=(FRAMES, 3))
-    states = FrameStates(normalise_latent(rng.normal(size=(FRAMES, 32))), root, transl)
+    states = FrameStates(CODES.nearest(rng.normal(size=(FRAMES, 32))), root, transl)
     points = pose(truth, posed(prior, states)).points
     cameras = tripods(np.array([0.0, 0.0, 0.95]))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)

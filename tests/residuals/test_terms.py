@@ -85,3 +85,24 @@ def test_geman_mcclure_forgets_outliers_and_keeps_inliers():
     np.testing.assert_allclose(weight[:2], 1.0, atol=1e-4)
     assert weight[2] < 1e-9 and penalty[2] == pytest.approx(9.0, rel=1e-4)
     assert graduated_scales(3.0, 12.0, 3) == pytest.approx((12.0, 6.0, 3.0))
+
+
+def test_a_point_behind_a_camera_is_no_better_than_an_outlier():
+    cameras, keypoints, points = reprojection()
+    term = ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), points)
+    behind = cameras.centres[0] * 1.5
+    assert (term(np.broadcast_to(behind, points.shape).copy(), 3.0).cost >= term(points, 3.0).cost).all()
+
+
+def test_rest_pose_gradient():
+    from solver_backend.geometry.rotations import exp_so3
+    from solver_backend.residuals.rest_pose import rest_pose_term
+
+    rng = np.random.default_rng(0)
+    local = exp_so3(0.8 * rng.normal(size=(4, 21, 3)))
+    _, gradient, diagonal = rest_pose_term(local)
+    assert (diagonal > 0).all()
+    for _ in range(5):
+        d = rng.normal(size=(4, 21, 3))
+        costs = [rest_pose_term(exp_so3(s * 1e-6 * d) @ local)[0] for s in (1, -1)]
+        np.testing.assert_allclose((gradient * d.reshape(4, -1)).sum(1), (costs[0] - costs[1]) / 2e-6, rtol=1e-6)
