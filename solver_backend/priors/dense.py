@@ -17,13 +17,14 @@ LEAK = 0.01
 
 @dataclass(frozen=True)
 class DenseStack:
-    """``x -> W_n a(... a(W_1 x + b_1) ...) + b_n``; no activation after the last layer."""
+    """``x -> W_n a(... a(W_1 x + b_1) ...) + b_n``; an activation after the last layer only if asked for."""
 
     weights: tuple[Array, ...]
     """(out, in) each."""
     biases: tuple[Array, ...]
     """(out,) each."""
     activation: str
+    activate_last: bool = False
 
     def __post_init__(self) -> None:
         if self.activation not in ACTIVATIONS:
@@ -37,14 +38,18 @@ class DenseStack:
     def like(self, x: Array) -> DenseStack:
         """Return the stack in the kind, type and device of ``x``."""
         weights = tuple(constant(np.asarray(w), x) for w in self.weights)
-        return DenseStack(weights, tuple(constant(np.asarray(b), x) for b in self.biases), self.activation)
+        biases = tuple(constant(np.asarray(b), x) for b in self.biases)
+        return DenseStack(weights, biases, self.activation, self.activate_last)
+
+    def _is_active(self, number: int) -> bool:
+        return self.activate_last or number < len(self.weights) - 1
 
     def __call__(self, x: Array) -> Array:
         """(N, in) -> (N, out)."""
         xp = array_namespace(x)
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = xp.matmul(x, weight.T) + bias
-            if number < len(self.weights) - 1:
+            if self._is_active(number):
                 x = activate(x, self.activation)[0]
         return x
 
@@ -62,7 +67,7 @@ class DenseStack:
             if number > 0:
                 flat = xp.reshape(jacobian, (count * width, weight.shape[1]))
                 jacobian = xp.reshape(xp.matmul(flat, weight.T), (count, width, weight.shape[0]))
-            if number < len(self.weights) - 1:
+            if self._is_active(number):
                 x, slope = activate(x, self.activation)
                 jacobian = jacobian * slope[:, None, :]
         return x, jacobian

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +9,15 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.rotations import log_so3, matrix_from_6d, matrix_from_6d_with_jacobian, matrix_to_6d
+from solver_backend.geometry.rotations import log_so3, matrix_to_6d
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.decoder import decoded_rotations, decoded_rotations_with_jacobian
 from solver_backend.priors.dense import DenseStack
-from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
+from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 LATENT_DIM = 32
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
-_BLOCK = 64
-"""Poses whose Jacobians are formed at a time, so that the layers' derivatives stay in the cache."""
 
 
 def spherical(z: Array) -> Array:
@@ -80,8 +78,7 @@ class SPoser(PosePrior):
             PoseInvalid: NaN or another code length.
         """
         check_codes(z, LATENT_DIM)
-        out = self._stacks(z)[1](z)
-        return matrix_from_6d(array_namespace(z).reshape(out, (z.shape[0], NUM_BODY_JOINTS, 6)))
+        return decoded_rotations(self._stacks(z)[1], z)
 
     def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
         """Return rotations and their left tangents by the 32 ambient coordinates of the code.
@@ -98,11 +95,7 @@ class SPoser(PosePrior):
             PoseInvalid: NaN or another code length.
         """
         check_codes(z, LATENT_DIM)
-        xp, decoder = array_namespace(z), self._stacks(z)[1]
-        parts = [_rotations_with_jacobian(decoder, z[i : i + _BLOCK]) for i in range(0, max(1, z.shape[0]), _BLOCK)]
-        if len(parts) == 1:
-            return parts[0]
-        return xp.concat([R for R, _ in parts], axis=0), xp.concat([J for _, J in parts], axis=0)
+        return decoded_rotations_with_jacobian(self._stacks(z)[1], z)
 
     def energy(self, rotations: Array) -> Array:
         """Return the mean squared rotation between poses and their reconstructions by ``residual_sigma``: (N,)."""
@@ -133,24 +126,7 @@ def load_sposer(path: Path | str = DEFAULT_WEIGHTS) -> SPoser:
     """
     weights = read_weights(Path(path), "sposer")
     features = 6 * NUM_BODY_JOINTS
-    encoder = _stack(weights, "encoder", features, LATENT_DIM)
-    decoder = _stack(weights, "decoder", LATENT_DIM, features)
+    encoder = read_stack(weights, "encoder", features, LATENT_DIM)
+    decoder = read_stack(weights, "decoder", LATENT_DIM, features)
     sigma = weights.array("residual_sigma", (NUM_BODY_JOINTS, 3))
     return SPoser(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
-
-
-def _stack(weights: PriorWeights, part: str, inputs: int, outputs: int) -> DenseStack:
-    hidden = [int(n) for n in weights.metadata.get(f"{part}_hidden", ())]
-    widths = (inputs, *hidden, outputs)
-    matrices = [weights.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairwise(widths))]
-    biases = [weights.array(f"{part}_b{i}", (b,)) for i, b in enumerate(widths[1:])]
-    return DenseStack(tuple(matrices), tuple(biases), str(weights.metadata.get("activation", "")))
-
-
-def _rotations_with_jacobian(decoder: DenseStack, z: Array) -> tuple[Array, Array]:
-    xp = array_namespace(z)
-    count = z.shape[0]
-    flat, by_code = decoder.with_jacobian(z)
-    R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (count, NUM_BODY_JOINTS, 6)))
-    by_code = xp.permute_dims(xp.reshape(by_code, (count, LATENT_DIM, NUM_BODY_JOINTS, 6)), (0, 2, 3, 1))
-    return R, xp.matmul(by_6d, by_code)

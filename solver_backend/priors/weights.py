@@ -6,12 +6,14 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from solver_backend.errors import FileMissing, WeightsInvalid
+from solver_backend.priors.dense import DenseStack
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 
 FORMAT = "manifold_mocap_prior"
@@ -86,6 +88,20 @@ def read_weights(path: Path, prior: str) -> PriorWeights:
     if arrays_hash(arrays) != header.get("sha256"):
         raise WeightsInvalid("The weights are damaged: their hash differs.", where=path.name, hint="Reinstall them.")
     return PriorWeights(prior, arrays, header, header["sha256"])
+
+
+def read_stack(
+    weights: PriorWeights, part: str, inputs: int, outputs: int, *, activate_last: bool = False
+) -> DenseStack:
+    """Return a stack of dense layers: arrays ``<part>_w0, <part>_b0, ...``, hidden widths from the metadata.
+
+    Raises:
+        WeightsInvalid: an array is missing or of another shape, or the activation is unknown.
+    """
+    widths = (inputs, *(int(n) for n in weights.metadata.get(f"{part}_hidden", ())), outputs)
+    matrices = tuple(weights.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairwise(widths)))
+    biases = tuple(weights.array(f"{part}_b{i}", (b,)) for i, b in enumerate(widths[1:]))
+    return DenseStack(matrices, biases, str(weights.metadata.get("activation", "")), activate_last)
 
 
 def arrays_hash(arrays: dict[str, np.ndarray]) -> str:

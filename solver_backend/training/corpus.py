@@ -9,8 +9,9 @@ import numpy as np
 
 from solver_backend.errors import FileMissing
 from solver_backend.progress import Progress, silent
+from solver_backend.training.gltf_clips import read_archive_clips
 from solver_backend.training.points import rotation_points
-from solver_backend.training.retarget import body_rotations, read_clip, resample
+from solver_backend.training.retarget import RecordedClip, body_rotations, read_clip, resample
 from solver_backend.training.shoulder_rhythm import with_shoulder_rhythm
 
 FPS = 30.0
@@ -18,6 +19,11 @@ HELD_OUT = frozenset({"03", "08", "13", "60_61"})
 """Subjects nothing is trained on."""
 NEAR_REPEAT_M = 0.012
 """Poses closer than this to a kept one (root mean square over the joints) are repeats."""
+KEYED = "keyed"
+"""Subject of hand-keyed animations."""
+KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
+KEYED_REPEATS = 4
+"""How often each pose of a hand-keyed animation counts, as they are few and hold what recordings lack."""
 _SAME_TAKE_M = 0.004
 _FOLDERS = ("mb2", "expmap", "max", "daz")
 
@@ -43,7 +49,7 @@ class Corpus:
     clip_end: np.ndarray
     """(N,) one past its last frame."""
     distinct: np.ndarray
-    """(D,) frames that are no near-repeats of one another."""
+    """(D,) frames that are no near-repeats of one another; hand-keyed ones several times."""
     names: tuple[str, ...]
 
     @property
@@ -53,7 +59,7 @@ class Corpus:
 
 
 def load_clips(data: Path, progress: Progress = silent) -> list[Clip]:
-    """Read every clip under ``data/motion_cmu``.
+    """Read every clip under ``data/motion_cmu``, and the hand-keyed animations if their archive is there.
 
     Raises:
         FileMissing: the folder holds no clips.
@@ -63,13 +69,17 @@ def load_clips(data: Path, progress: Progress = silent) -> list[Clip]:
         raise FileMissing("No training clips were found.", where="motion_cmu", hint="--data takes the folder above it.")
     clips = []
     for number, path in enumerate(paths):
-        recorded = read_clip(path)
-        # Frame 0 is the T-pose that was put before the take.
-        rotations = resample(body_rotations(recorded)[1:, 1:], recorded.fps, FPS)
-        rotations = with_shoulder_rhythm(rotations).astype(np.float32)
-        clips.append(Clip(f"{path.parent.name}/{path.stem}", subject_of(path), rotations))
+        rotations = with_shoulder_rhythm(_at_corpus_rate(read_clip(path)))
+        clips.append(Clip(f"{path.parent.name}/{path.stem}", subject_of(path), rotations.astype(np.float32)))
         progress("Reading clips", number + 1, len(paths))
+    archive = data / KEYED_ARCHIVE
+    keyed = read_archive_clips(archive) if archive.is_file() else []
+    clips += [Clip(f"{KEYED}/{clip.name}", KEYED, _at_corpus_rate(clip).astype(np.float32)) for clip in keyed]
     return clips
+
+
+def _at_corpus_rate(clip: RecordedClip) -> np.ndarray:
+    return resample(body_rotations(clip)[:, 1:], clip.fps, FPS)
 
 
 def subject_of(path: Path) -> str:
@@ -98,6 +108,8 @@ def build_corpus(clips: list[Clip]) -> Corpus:
     lengths = [len(clip.rotations) for clip in clips]
     starts = np.repeat(ends - lengths, lengths)
     distinct = distinct_poses(_features(rotations), NEAR_REPEAT_M)
+    keyed = np.repeat([clip.subject == KEYED for clip in clips], lengths)
+    distinct = np.repeat(distinct, np.where(keyed[distinct], KEYED_REPEATS, 1))
     return Corpus(rotations, starts, np.repeat(ends, lengths), distinct, tuple(clip.name for clip in clips))
 
 

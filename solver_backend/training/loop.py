@@ -107,6 +107,8 @@ class _Run:
         with torch.no_grad():
             for kept, fresh in zip(self.averaged.parameters(), self.task.model.parameters(), strict=True):
                 kept.lerp_(fresh, 1.0 - decay)
+            for kept, fresh in zip(self.averaged.buffers(), self.task.model.buffers(), strict=True):
+                kept.copy_(fresh)
         self.recent += 0.02 * (float(loss.detach()) - self.recent) if self.recent else float(loss.detach())
 
     def log(self, figures: dict[str, float]) -> None:
@@ -123,6 +125,7 @@ class _Run:
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "generator": self.generator.get_state(),
+            "global_generator": torch.get_rng_state(),
             "recent": self.recent,
         }
         temporary = self.checkpoint.with_suffix(".part")
@@ -145,6 +148,7 @@ class _Run:
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.generator.set_state(state["generator"])
+        torch.set_rng_state(state["global_generator"])
         self.step, self.recent = state["step"], state["recent"]
 
 

@@ -11,12 +11,14 @@ _SOURCES = """## Data and licence
   {train_distinct} are distinct (no two closer than {near_repeat_mm:.0f} mm, root mean square over the joints).
   "The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF
   EIA-0196217." Free to copy, modify and redistribute; not for direct resale.
+- **Hand-keyed animations** by Quaternius and Mesh2Motion (CC0): {keyed_clips} of these clips (rolling, sitting,
+  kneeling, crouching, swimming, falling), each distinct pose counted {keyed_repeats} times.
 - **Validation**: subjects {held_out}, {validation_clips} clips, {validation_frames} frames, {validation_distinct}
   distinct; nothing is trained on them. Conversions that do not keep the subject's number are trained on unless their
   frames repeat validation frames, so other takes of a validation subject may be among them.
 
 How recordings became poses of the 21 body joints: each bone's rotation since the T-pose carries over whole; half of the
-hand's twist is given to the elbow. The recordings' collar bones do not move and their hands hardly bend: collars
+hand's twist is given to the elbow. The CMU recordings' collar bones do not move and their hands hardly bend: collars
 follow the arms by a fixed rhythm (22 % of the elevation, 15 % of the forward swing), and training varies collars by 5°,
 wrists by 12°, spine, neck and head by 3°, the others by 1.5°. Further augmentation: mirrored left to right; arms, legs,
 head and spine exchanged between clips (kept when no arm joint comes within 7 cm of a trunk, head or leg bone).

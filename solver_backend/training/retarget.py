@@ -35,6 +35,8 @@ class RecordedClip:
 def read_clip(path: Path) -> RecordedClip:
     """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec``).
 
+    A clip with a T-pose begins with it; that frame is left out.
+
     Raises:
         FileMissing: there is no such file.
         FileDamaged: it is not such a file, or lacks fields.
@@ -54,8 +56,12 @@ def read_clip(path: Path) -> RecordedClip:
     if not np.isfinite(rotvec).all():
         raise NonFiniteData("A rotation of the clip is not a number.", where=path.name)
     names = [str(name) for name in fields["names"]]
-    tpose = np.asarray(fields.get("tpose_rotvec", np.zeros((len(names), 3))), dtype=np.float64)
-    return RecordedClip(path.stem, names, fields["parents"], rotvec, tpose, float(fields["fps"]))
+    if "tpose_rotvec" not in fields:
+        return RecordedClip(
+            path.stem, names, fields["parents"], rotvec, np.zeros((len(names), 3)), float(fields["fps"])
+        )
+    tpose = np.asarray(fields["tpose_rotvec"], dtype=np.float64)
+    return RecordedClip(path.stem, names, fields["parents"], rotvec[1:], tpose, float(fields["fps"]))
 
 
 def body_rotations(clip: RecordedClip) -> np.ndarray:

@@ -61,6 +61,15 @@ MAPS: tuple[SkeletonMap, ...] = (
         ),
     ),
     SkeletonMap(
+        "rigify",
+        (
+            "DEF-hips", "DEF-thigh.L", "DEF-thigh.R", "DEF-spine.001", "DEF-shin.L", "DEF-shin.R", "DEF-spine.002",
+            "DEF-foot.L", "DEF-foot.R", "DEF-spine.003", "DEF-toe.L", "DEF-toe.R", "DEF-neck", "DEF-shoulder.L",
+            "DEF-shoulder.R", "DEF-head", "DEF-upper_arm.L", "DEF-upper_arm.R", "DEF-forearm.L", "DEF-forearm.R",
+            "DEF-hand.L", "DEF-hand.R",
+        ),
+    ),
+    SkeletonMap(
         "daz",
         (
             "hip", "lThigh", "rThigh", "abdomen", "lShin", "rShin", "abdomen", "lFoot", "rFoot", "chest", "lFoot",

@@ -8,14 +8,29 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
 from solver_backend.errors import JobInvalid, MocapError
 from solver_backend.progress import ConsoleProgress, Progress, silent
-from solver_backend.training import train_sposer
-from solver_backend.training.corpus import HELD_OUT, NEAR_REPEAT_M, Corpus, load_clips, split_corpus
+from solver_backend.training.corpus import (
+    HELD_OUT,
+    KEYED,
+    KEYED_REPEATS,
+    NEAR_REPEAT_M,
+    Corpus,
+    load_clips,
+    split_corpus,
+)
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Finished, Job
+from solver_backend.training.train_sposer import train_sposer
+from solver_backend.training.train_vae import train_rvposer, train_vposer
 
-RECIPES: dict[str, Callable[[Job], Finished]] = {"sposer": train_sposer.train_sposer}
+RECIPES: dict[str, Callable[[Job], Finished]] = {
+    "sposer": train_sposer,
+    "rvposer": train_rvposer,
+    "vposer": train_vposer,
+}
 """What trains each prior."""
 
 
@@ -60,11 +75,12 @@ def train(
 
 def _describe(training: Corpus, validation: Corpus) -> dict[str, object]:
     figures: dict[str, object] = {"held_out": ", ".join(sorted(HELD_OUT)), "near_repeat_mm": 1000 * NEAR_REPEAT_M}
+    figures |= {"keyed_clips": sum(n.startswith(f"{KEYED}/") for n in training.names), "keyed_repeats": KEYED_REPEATS}
     for side, corpus in (("train", training), ("validation", validation)):
         figures |= {
             f"{side}_clips": len(corpus.names),
             f"{side}_frames": corpus.num_frames,
-            f"{side}_distinct": len(corpus.distinct),
+            f"{side}_distinct": len(np.unique(corpus.distinct)),
         }
     return figures
 

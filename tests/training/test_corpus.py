@@ -166,7 +166,7 @@ def test_bad_clips_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["mb2/02_01", "expmap/train_walking_1", "max/131_01", "daz/martial_03"])
 def test_people_stand_upright_and_bend_the_right_way(shared_data: Path, name: str) -> None:
     clip = read_clip(shared_data / "motion_cmu" / f"{name}.npz")
-    R = body_rotations(clip)[1:, 1:]
+    R = body_rotations(clip)[:, 1:]
     joints = rotation_points(R)[:, :24]
     assert np.median(joints[:, 15, 1]) > 0.45 and np.median(joints[:, 7, 1]) < -0.6
     knees, elbows = log_so3(R[:, [3, 4]]), log_so3(R[:, [17, 18]])
