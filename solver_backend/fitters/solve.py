@@ -132,7 +132,7 @@ def _solve_bundle(
     """Sliding pass, then all keyframes at once with shape, bias and residual rotations in turn."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window)
     keys = initial_keys(problem, subject, layout)
-    scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
+    scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
     keys = solve_sliding(
         subject, problem.prior, problem.term, layout, keys, Schedule(scales, settings.iterations), progress
     )  # fmt: skip

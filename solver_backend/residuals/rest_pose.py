@@ -11,7 +11,7 @@ from solver_backend.types import SMPL_JOINTS
 
 _SPREAD_RAD = {
     "spine1": 0.2, "spine2": 0.2, "spine3": 0.2, "neck": 0.3, "head": 0.4, "collar": 0.25, "shoulder": 1.2,
-    "elbow": 1.2, "wrist": 0.35, "hip": 1.2, "knee": 1.2, "ankle": 0.4, "foot": 0.25,
+    "elbow": 1.2, "wrist": 0.25, "hip": 1.2, "knee": 1.2, "ankle": 0.4, "foot": 0.25,
 }  # fmt: skip
 """Standard deviation of each joint's rotation about each axis in everyday motion."""
 
