@@ -40,7 +40,7 @@ def findings_section(found: list[Finding]) -> str:
         f'<li class="{item.level}">{text(item.what)}<span class="advice">{text(item.advice)}</span></li>'
         for item in found
     ]
-    good = '<li class="good">Nothing stands out: every frame is seen, and every camera and keypoint agrees.</li>'
+    good = '<li class="good">Nothing stands out: no frame is flagged, and no camera and no keypoint is off.</li>'
     return section("Where to look", f'<ul class="findings">{"".join(items) or good}</ul>', identifier="look")
 
 
