@@ -259,8 +259,12 @@ def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
 def require(command: list[str], out: Path) -> None:
     """Run a command that must succeed."""
     code = call(command)
-    if code != 0:
-        raise Failed(f"This stage failed (exit code {code}); what was finished is in {out}.", "", code)
+    if code == 0:
+        return
+    kept = any(out.iterdir())
+    if not kept:
+        out.rmdir()
+    raise Failed(f"This stage failed (exit code {code}).", f"What was finished is in {out}." if kept else "", code)
 
 
 def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:

@@ -78,11 +78,23 @@ def test_a_capture_that_is_not_there_is_refused_before_anything_is_made(dev, tmp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_stage_that_fails_ends_the_demo_with_its_exit_code(dev, capsys):
+def test_a_stage_that_fails_ends_the_demo_with_its_exit_code(dev, tmp_path, capsys):
     dev.codes["solve"] = 3
     assert dev.main(["demo"]) == 3
     assert verbs(dev) == ["demo-capture", "solve"]
-    assert "This stage failed (exit code 3); what was finished is in" in capsys.readouterr().err
+    assert "This stage failed (exit code 3)." in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_finished_before_a_failure_is_kept(dev, tmp_path, monkeypatch, capsys):
+    def call(command, **options):
+        (tmp_path / "demo_embedded" / "capture.npz").touch()
+        return 0 if "demo-capture" in command else 130
+
+    monkeypatch.setattr(dev, "call", call)
+    assert dev.main(["demo"]) == 130
+    assert f"What was finished is in {tmp_path / 'demo_embedded'}." in capsys.readouterr().err
+    assert [p.name for p in (tmp_path / "demo_embedded").iterdir()] == ["capture.npz"]
 
 
 def test_every_check_runs_though_one_fails(dev, capsys):

@@ -14,11 +14,12 @@ from solver_backend.io.load import load_capture
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+TRIAL = Path("multiview", "pose2sim", "S00_P00_SingleParticipant", "S00_P00_T01_BalancingTrial")
 
 
 def run() -> list[Metric]:
     """Hold out each camera in turn."""
-    folder = Path(os.environ.get("MOCAP_SHARED_DATA", DATA)) / "multiview" / "pose2sim"
+    folder = Path(os.environ.get("MOCAP_SHARED_DATA", DATA)) / TRIAL
     if not folder.is_dir():
         raise BenchmarkSkipped("The recording is not here.", hint="Set MOCAP_SHARED_DATA to the folder of recordings.")
     found = leave_one_camera_out(load_capture(folder))
