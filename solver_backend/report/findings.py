@@ -14,7 +14,7 @@ from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture,
 BELOW_FLOOR_M = 0.05
 """Depth of a foot joint under the floor beyond which the floor is doubted."""
 LONGEST_LIST = 6
-"""Stretches named one by one; the rest is counted."""
+"""Stretches or keypoints named one by one; the rest is counted."""
 
 
 @dataclass(frozen=True)
@@ -88,23 +88,23 @@ def _keypoints(capture: Capture, residuals: Residuals) -> Iterator[Finding]:
     twice = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= 2).mean(axis=0)
     rare = [f"{names[k]} ({twice[k]:.0f} %)" for k in np.argsort(twice, kind="stable") if twice[k] < 50]
     if rare:
-        more = f" and {len(rare) - LONGEST_LIST} others" if len(rare) > LONGEST_LIST else ""
         yield Finding(
-            f"Seldom detected by two cameras: {', '.join(rare[:LONGEST_LIST])}{more}.",
+            f"Seldom detected by two cameras: {listed(rare)}.",
             "The motion of what hangs on these points comes from the pose prior and the neighbouring frames.",
         )
-    poor = [(float(agreement[c, k]), k, c) for c, k in np.argwhere(np.nan_to_num(agreement, nan=100.0) < 80)]
-    for value, k, c in sorted(poor)[:LONGEST_LIST]:
+    poor = sorted((float(agreement[c, k]), c, k) for c, k in np.argwhere(np.nan_to_num(agreement, nan=100.0) < 80))
+    if poor:
+        worst = [f"{names[k]} in {capture.cameras.names[c]} ({100 - value:.0f} %)" for value, c, k in poor]
         yield Finding(
-            f"{names[k].capitalize()} in camera {capture.cameras.names[c]} is an outlier in "
-            f"{100 - value:.0f} % of its detections.",
-            "It hardly counts in the solve. If it matters, look for swapped sides or an occlusion in that view.",
+            f"Often an outlier: {listed(worst)}.",
+            "They hardly count in the solve. If they matter, look for swapped sides or an occlusion in that view.",
         )
-    if len(poor) > LONGEST_LIST:
-        yield Finding(
-            f"{len(poor) - LONGEST_LIST} more keypoints agree in less than 80 % of their detections.",
-            "The table of agreement below shows which.",
-        )
+
+
+def listed(items: list[str]) -> str:
+    """Return the first items as text, and how many more there are."""
+    more = f" and {len(items) - LONGEST_LIST} more" if len(items) > LONGEST_LIST else ""
+    return ", ".join(items[:LONGEST_LIST]) + more
 
 
 def _floor(motion: Motion) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.report.findings import findings_of, frames_text
+from solver_backend.report.findings import findings_of, frames_text, listed
 from solver_backend.report.statistics import residuals_of
 from tests.report.solved import GAP, OFF, solved
 
@@ -26,7 +26,7 @@ def test_every_fault_is_named():
     assert any(f"frames {GAP[0]}-{GAP[1]} (0.50 s)" in line and "bridged" in line for line in found)
     assert any(f"frames {OFF[0]}-{OFF[1]} (0.20 s)" in line and "far from the detections" in line for line in found)
     assert "Camera cam_c disagrees with the others: 9.0 px against 2.0 px." in found
-    assert "Left shoulder in camera cam_a is an outlier in 33 % of its detections." in found
+    assert "Often an outlier: left shoulder in cam_a (33 %)." in found
     assert "Seldom detected by two cameras: nose (0 %)." in found
     assert len(found) == 6
 
@@ -56,3 +56,8 @@ def test_many_stretches_are_counted():
     assert text.startswith("frames 40-44 (0.50 s), frames 50-55")
     assert text.endswith("frames 90-99 (1.00 s) and 4 shorter ones")
     assert frames_text([(3, 3)], 10.0) == "frame 3"
+
+
+def test_long_lists_are_cut():
+    assert listed(["a", "b"]) == "a, b"
+    assert listed([*"abcdefgh"]) == "a, b, c, d, e, f and 2 more"
