@@ -19,18 +19,30 @@ _SOURCES = """## Data and licence
 
 How recordings became poses of the 21 body joints: each bone's rotation since the T-pose carries over whole; half of the
 hand's twist is given to the elbow. The CMU recordings' collar bones do not move and their hands hardly bend: collars
-follow the arms by a fixed rhythm (22 % of the elevation, 15 % of the forward swing), and training varies collars by 5°,
-wrists by 12°, spine, neck and head by 3°, the others by 1.5°. Further augmentation: mirrored left to right; arms, legs,
-head and spine exchanged between clips (kept when no arm joint comes within 7 cm of a trunk, head or leg bone).
+follow the arms by a fixed rhythm (22 % of the elevation, 15 % of the forward swing).
+"""
+_AUGMENTATION = """
+Augmentation: mirrored left to right; arms, legs, head and spine exchanged between clips (kept when no arm joint comes
+within 7 cm of a trunk, head or leg bone); collars varied by 5°, wrists by 12°, spine, neck and head by 3°, the other
+joints by 1.5°.
 """
 
 
-def write_model_card(path: Path, title: str, summary: str, metadata: dict[str, Any]) -> None:
-    """Write the card beside the weights."""
+def write_model_card(path: Path, title: str, summary: str, metadata: dict[str, Any], *, augmented: bool = True) -> None:
+    """Write the card beside the weights.
+
+    Args:
+        path: the card.
+        title: name of the prior.
+        summary: a few sentences on what it is.
+        metadata: ``data, command, settings, metrics, sha256``.
+        augmented: whether training drew augmented poses.
+    """
+    augmentation = _AUGMENTATION if augmented else ""
     metrics = "\n".join(f"| `{key}` | {value:.4g} |" for key, value in metadata["metrics"].items())
     settings = "\n".join(f"| `{key}` | {value} |" for key, value in metadata["settings"].items())
     text = (
-        f"# {title}\n\n{summary}\n\n{_SOURCES.format(**metadata['data'])}\n"
+        f"# {title}\n\n{summary}\n\n{_SOURCES.format(**metadata['data'])}{augmentation}\n"
         f"## Training\n\n`{metadata['command']}`\n\n| setting | value |\n|---|---|\n{settings}\n\n"
         "## Validation\n\nMeasured with the weights as they ship, all distinct validation poses, 24 joints, pelvis "
         "fixed,\non a skeleton of 1.70 m. `between_keys`: frames from SIDER2 of three keys' codes.\n\n"

@@ -23,10 +23,12 @@ from solver_backend.training.corpus import (
 )
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Finished, Job
+from solver_backend.training.train_gmm import train_gmm
 from solver_backend.training.train_sposer import train_sposer
 from solver_backend.training.train_vae import train_rvposer, train_vposer
 
 RECIPES: dict[str, Callable[[Job], Finished]] = {
+    "gmm": train_gmm,
     "sposer": train_sposer,
     "rvposer": train_rvposer,
     "vposer": train_vposer,

@@ -1,0 +1,125 @@
+"""Balanced training: how rare a pose is, and new rare poses blended from codes of the tail (thesis 4.2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from solver_backend.errors import NonFiniteData, PoseInvalid
+from solver_backend.geometry.curves import bezier, bspline, lerp, squad
+from solver_backend.geometry.interpolation import slerp
+
+Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]
+"""How codes are blended: (4.8)-(4.12)."""
+TWO_ANCHORS: tuple[Blend, ...] = ("lerp", "slerp")
+EXPONENTIAL_LIMIT = 3.0
+"""Largest relevance of the exponential kernel."""
+
+
+@dataclass(frozen=True)
+class CodeStatistics:
+    """Mean and inverse covariance of the codes of a data set."""
+
+    mean: np.ndarray
+    """(d,)"""
+    precision: np.ndarray
+    """(d, d), the pseudo-inverse of the covariance: codes of SPoser fill a hyperplane only."""
+
+    @classmethod
+    def of(cls, codes: np.ndarray) -> CodeStatistics:
+        """Estimate from (N, d) codes.
+
+        Raises:
+            NonFiniteData: a code is not finite, or there are fewer than two.
+        """
+        if len(codes) < 2 or not np.isfinite(codes).all():
+            raise NonFiniteData("Statistics of codes need at least two finite codes.")
+        return cls(codes.mean(axis=0), np.linalg.pinv(np.cov(codes, rowvar=False), hermitian=True))
+
+    def mahalanobis(self, codes: np.ndarray) -> np.ndarray:
+        """Return ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` of (N, d) codes, (N,) (4.2)."""
+        difference = codes - self.mean
+        return np.sqrt(np.maximum(((difference @ self.precision) * difference).sum(axis=-1), 0.0))
+
+
+def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
+    """Return the root mean square distance of joints by the bounding box's diagonal (4.3).
+
+    Args:
+        joints: (N, J, 3) metres.
+        decoded: (N, J, 3), the same poses after the autoencoder.
+
+    Returns:
+        (N,), without unit.
+    """
+    diagonal = np.linalg.norm(joints.max(axis=1) - joints.min(axis=1), axis=-1)
+    return np.sqrt((((joints - decoded) / diagonal[:, None, None]) ** 2).sum(axis=-1).mean(axis=-1))
+
+
+def sigmoid_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
+    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2 (4.4)."""
+    return 1.0 + np.tanh(0.5 * np.asarray(epsilon) / scale)
+
+
+def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
+    """Return ``exp(ε/φ)``, clamped to 3 (4.5)."""
+    return np.exp(np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT)))
+
+
+def tail_anchors(codes: np.ndarray, relevance: np.ndarray, threshold: float) -> np.ndarray:
+    """Return the (A, d) codes whose relevance exceeds the threshold (4.6)."""
+    return codes[relevance > threshold]
+
+
+def sample_tail(
+    anchors: np.ndarray, count: int, seed: int, *, blend: Blend = "slerp", sigma: float = 0.05
+) -> np.ndarray:
+    """Blend noisy anchors: two for LERP and SLERP (4.13), four for the others (4.7).
+
+    Spherical blends act on the anchors' directions; their lengths are blended linearly, so that codes of a sphere stay
+    on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (4.10).
+
+    Args:
+        anchors: (A, d) codes of tail poses.
+        count: number of codes.
+        seed: of every draw.
+        blend: how.
+        sigma: standard deviation of the noise on every coordinate of an anchor.
+
+    Returns:
+        (count, d) codes.
+
+    Raises:
+        PoseInvalid: fewer anchors than the blend needs.
+    """
+    needed = 2 if blend in TWO_ANCHORS else 4
+    if len(anchors) < needed:
+        raise PoseInvalid(
+            f"{blend} blends {needed} tail poses, and there are {len(anchors)}.", hint="Lower the relevance threshold."
+        )
+    rng = np.random.default_rng(seed)
+    order = np.argsort(rng.random((count, len(anchors))), axis=1)[:, :needed]
+    keys = anchors[order] + sigma * rng.standard_normal((count, needed, anchors.shape[1]))
+    return blended(keys, rng.random(count), blend)
+
+
+def blended(keys: np.ndarray, share: np.ndarray, blend: Blend) -> np.ndarray:
+    """Return (N, d) blends of (N, 2 or 4, d) codes at ``share`` (N,) in 0..1."""
+    points = [keys[:, k] for k in range(keys.shape[1])]
+    if blend == "lerp":
+        return lerp(points[0], points[1], share)
+    if blend == "bezier":
+        return bezier(points[0], points[1], points[2], points[3], share)
+    if blend == "bspline":
+        return bspline(points[0], points[1], points[2], points[3], share)
+    lengths = [np.linalg.norm(p, axis=-1, keepdims=True) for p in points]
+    units = [p / n for p, n in zip(points, lengths, strict=True)]
+    b = share[:, None]
+    length = (1.0 - b) * lengths[0] + b * lengths[1]
+    if blend == "slerp":
+        return length * slerp(units[0], units[1], share)
+    inner = (1.0 - b) * lengths[2] + b * lengths[3]
+    middle = 2.0 * b * (1.0 - b)
+    return ((1.0 - middle) * length + middle * inner) * squad(units[0], units[1], units[2], units[3], share)

@@ -1,0 +1,106 @@
+"""A Gaussian mixture over rotation vectors: the pose prior of SMPLify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.errors import WeightsInvalid
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
+from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.weights import ASSETS, read_weights
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
+
+_DIM = 3 * NUM_BODY_JOINTS
+
+
+class GaussianMixture(PosePrior):
+    """Rotation vectors of the 21 body joints as draws of K Gaussians; the code is the rotation vectors themselves.
+
+    Reference: Bogo et al. 2016, "Keep It SMPL", eq. 4, with the whole mixture for its largest component.
+    """
+
+    def __init__(self, weights: np.ndarray, means: np.ndarray, factors: np.ndarray, metadata: dict[str, Any]) -> None:
+        """Take K weights, (K, 63) means and (K, 63, 63) lower Cholesky factors of the covariances."""
+        self._weights, self._means, self._factors = weights, means, factors
+        self._whitening = np.linalg.inv(factors)
+        diagonal = np.diagonal(factors, axis1=-2, axis2=-1)
+        peaks = np.log(weights) - np.log(diagonal).sum(axis=-1)
+        self._log_peak_shares = peaks - (peaks.max() + np.log(np.exp(peaks - peaks.max()).sum()))
+        self.metadata = metadata
+
+    @property
+    def name(self) -> str:
+        """``"gmm"``."""
+        return "gmm"
+
+    @property
+    def latent_dim(self) -> int:
+        """63."""
+        return _DIM
+
+    def encode(self, rotations: Array) -> Array:
+        """Return the rotation vectors (N, 63), rad.
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        check_rotations(rotations)
+        return array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], _DIM))
+
+    def decode(self, z: Array) -> Array:
+        """Return (N, 21, 3, 3) rotations of (N, 63) rotation vectors."""
+        check_codes(z, _DIM)
+        return exp_so3(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
+
+    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Return ``decode(z)`` and J (N, 21, 3, 63), the left Jacobian of SO(3) in each joint's own columns."""
+        xp = array_namespace(z)
+        R = self.decode(z)
+        blocks = left_jacobian_so3(xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
+        own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], z)
+        return R, xp.reshape(own * blocks[:, :, :, None, :], (z.shape[0], NUM_BODY_JOINTS, 3, _DIM))
+
+    def energy(self, rotations: Array) -> Array:
+        """Return the negative log density, zero where every component would be at its peak: (N,).
+
+        ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, ``s_k`` the components' shares of the sum of peaks.
+        """
+        x = self.encode(rotations)
+        xp = array_namespace(x)
+        difference = x[:, None, :] - constant(self._means, x)
+        whitening = constant(self._whitening, x)
+        scaled = xp.matmul(whitening, difference[..., None])[..., 0]
+        exponents = constant(self._log_peak_shares, x) - 0.5 * xp.sum(scaled * scaled, axis=-1)
+        top = xp.max(exponents, axis=-1)
+        return -(top + xp.log(xp.sum(xp.exp(exponents - top[:, None]), axis=-1)))
+
+    def sample(self, count: int, seed: int) -> np.ndarray:
+        """Return ``count`` draws from the mixture."""
+        rng = np.random.default_rng(seed)
+        component = rng.choice(len(self._weights), size=count, p=self._weights)
+        noise = rng.standard_normal((count, _DIM, 1))
+        return self.decode(self._means[component] + (self._factors[component] @ noise)[..., 0])
+
+
+def load_gmm(path: Path | str = ASSETS / "gmm.npz") -> GaussianMixture:
+    """Load the mixture's weights.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: wrong prior, body, version or shapes, weights that are no distribution, or a damaged file.
+    """
+    stored = read_weights(Path(path), "gmm")
+    weights = stored.array("weights", (None,))
+    count = len(weights)
+    if count == 0 or (weights <= 0).any() or abs(weights.sum() - 1.0) > 1e-3:
+        raise WeightsInvalid("The weights of the mixture are no distribution: positive numbers that add up to one.")
+    means, factors = stored.array("means", (count, _DIM)), stored.array("factors", (count, _DIM, _DIM))
+    lower = np.tril(factors)
+    if (np.diagonal(lower, axis1=-2, axis2=-1) <= 0).any():
+        raise WeightsInvalid("A covariance of the mixture is singular.")
+    return GaussianMixture(weights / weights.sum(), means, lower, {**stored.metadata, "sha256": stored.sha256})
