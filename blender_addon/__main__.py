@@ -1,48 +1,74 @@
-"""``python -m blender_addon``: the add-on's work without Blender's window.
-
-Exit codes: 0 done; 1 a named error, said on standard error; 2 wrong usage; 130 interrupted.
-"""
+"""``python -m blender_addon``: the add-on's work without Blender's window."""
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+import traceback
 from importlib.util import find_spec
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 from .command import BakeJob, run_bake
-from .errors import AddonError, BlenderMissing
+from .errors import AddonError, BakeFailed, BlenderMissing, Cancelled, RenderFailed
 from .progress import StreamProgress
 from .quiet import own_streams
 
+EXIT_CODES = """\
+exit codes:
+  0    there is a result
+  2    the command line is wrong
+  3    a file is missing, damaged or unusable, or an output exists or cannot be written
+  4    Blender is missing, cannot render here, or the bake broke
+  130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
+"""
+_BROKEN = (RenderFailed, BlenderMissing, BakeFailed)
+
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code."""
+    """Run the command line and return its exit code, see ``EXIT_CODES``."""
     options = _parser().parse_args(arguments)
     with own_streams(verbose=options.verbose) as (out, err):
         progress = StreamProgress(out if options.json else err, as_json=options.json)
         try:
-            if find_spec("bpy") is None:
-                raise BlenderMissing(
-                    "This Python has no Blender module.", where=sys.executable, hint="Install the package 'bpy' into it."
-                )
-            result = run_bake(_job(options), progress)
+            result = _bake(options, progress)
         except AddonError as error:
             if options.json:
                 progress.event(error.as_event())
             else:
-                err.write(f"error: {error}\n")
-            return 1
-        except KeyboardInterrupt:
-            err.write("interrupted: nothing was written\n")
-            return 130
+                err.write(f"\nerror: {error.message}{f' ({error.where})' if error.where else ''}\n")
+                err.write(f"  try: {error.hint}\n" if error.hint else "")
+            return 130 if isinstance(error, Cancelled) else 4 if isinstance(error, _BROKEN) else 3
         if options.json:
             progress.event(result)
         else:
-            for note in result["notes"]:
-                err.write(f"note: {note}\n")
+            err.writelines(f"note: {note}\n" for note in result["notes"])
             out.write("\n".join(result["outputs"]) + "\n")
     return 0
+
+
+def _bake(options: argparse.Namespace, progress: StreamProgress) -> dict[str, Any]:
+    if find_spec("bpy") is None:
+        hint = "Install the package 'bpy' into it."
+        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
+    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        return run_bake(_job(options), progress)
+    except KeyboardInterrupt as stop:
+        raise Cancelled("The bake was cancelled; nothing was written.") from stop
+    except AddonError:
+        raise
+    except Exception as error:
+        traceback.print_exc()
+        kind = type(error).__name__
+        raise BakeFailed(f"The bake broke: {kind}: {error}", hint="Please report this with the log above.") from error
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
 
 
 def _job(options: argparse.Namespace) -> BakeJob:
@@ -60,17 +86,20 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m blender_addon",
         description="Bake solved motions into Blender files.",
-        epilog="Exit codes: 0 done, 1 a named error, 2 wrong usage, 130 interrupted.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = parser.add_subparsers(dest="verb", required=True)
     bake = verbs.add_parser("bake", help="write an animated body, its preview video and a contact sheet")
-    bake.add_argument("motion", type=Path, help="motion file (.npz)")
-    bake.add_argument("--capture", type=Path, help="capture file (.npz): adds cameras, footage and detections")
-    bake.add_argument("--body", type=Path, help="body file (.npz); the add-on's own if left out")
-    bake.add_argument("--out", type=Path, required=True, help="folder for the outputs; existing files are not replaced")
+    bake.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion file")
+    bake.add_argument(
+        "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
+    )
+    bake.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the add-on's own if left out")
+    bake.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder; existing files are not replaced")
     bake.add_argument("--no-video", action="store_true", help="leave out the preview video")
     bake.add_argument("--no-pictures", action="store_true", help="write the Blender file alone")
-    bake.add_argument("--json", action="store_true", help="write progress and the result as JSON lines")
+    bake.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
     bake.add_argument("--verbose", action="store_true", help="show what Blender prints, on standard error")
     return parser
 

@@ -86,3 +86,15 @@ class BlenderMissing(AddonError):
     """The command was started by a Python without Blender's module."""
 
     code = "blender_missing"
+
+
+class BakeFailed(AddonError):
+    """Something broke that nobody foresaw; the log holds where."""
+
+    code = "bake_failed"
+
+
+class Cancelled(AddonError):
+    """The user cancelled the work."""
+
+    code = "cancelled"

@@ -33,6 +33,7 @@ class StreamProgress:
         self._stage, self._start, self._last = "", 0.0, 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
+        """Write how far a stage has come, unless it was said just now."""
         now = time.monotonic()
         if stage != self._stage:
             self._stage, self._start, self._last = stage, now, 0.0

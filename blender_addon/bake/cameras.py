@@ -80,9 +80,12 @@ def _load(footage: Footage) -> bpy.types.Image | None:
         image = bpy.data.images.load(str(footage.files[0]), check_existing=True)
     except RuntimeError:
         return None
+    if image.size[0] == 0:
+        bpy.data.images.remove(image)
+        return None
     if not footage.is_video and len(footage.files) > 1:
         image.source = "SEQUENCE"
-    return image if image.size[0] > 0 else None
+    return image
 
 
 def _first_number(path: Path) -> int:

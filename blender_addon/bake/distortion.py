@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 _MOST_STEPS, _DIFFERENCE = 20, 1e-6
-_EXACT, _ACCEPTED = 1e-11, 1e-7
+_EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 """Normalised units; at a focal length of 1000 px, 1e-7 is 0.0001 px."""
 
 
@@ -55,7 +55,9 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
             break
         guess = guess - _solve(_jacobian(guess, coefficients, model), error)
     off = np.abs(distort(guess, coefficients, model) - target).max(axis=-1, initial=0.0)
-    guess[~(off < _ACCEPTED)] = np.nan
+    # Beyond the lens's edge the formula folds over, and its other branch lies on the far side of the centre.
+    folded = (guess * target).sum(axis=-1) < -_SMALL
+    guess[~(off < _ACCEPTED) | folded] = np.nan
     result = np.full(np.shape(xy), np.nan)
     result[known] = guess
     return result

@@ -10,11 +10,11 @@ from .materials import FLOOR_COLOURS, create_material
 _LINE_M = 0.015
 
 
-def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 1.0) -> bpy.types.Object:
+def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
     """Create a floor of whole metres under everything that is given.
 
     Args:
-        points: (..., 3) world metres; NaN is ignored.
+        points: (..., 3) world metres, such as the pelvis's path; NaN is ignored.
         collection: where the object is linked.
         margin_m: metres beyond the outermost points.
     """

@@ -8,12 +8,9 @@ Colour = tuple[float, float, float, float]
 """Linear RGBA."""
 
 BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
-    ("Suit", (0.115, 0.245, 0.42, 1.0)),
-    ("Skin", (0.62, 0.37, 0.26, 1.0)),
-    ("Joints", (0.055, 0.105, 0.19, 1.0)),
-    ("Shoes", (0.045, 0.05, 0.06, 1.0)),
-    ("Hair", (0.06, 0.035, 0.025, 1.0)),
-    ("Accent", (0.75, 0.32, 0.06, 1.0)),
+    ("Skin", (0.58, 0.36, 0.26, 1.0)),
+    ("Suit", (0.10, 0.25, 0.46, 1.0)),
+    ("Trim", (0.70, 0.30, 0.06, 1.0)),
 )
 """Names and colours of the body's ``face_material`` indices; larger indices take the last one."""
 

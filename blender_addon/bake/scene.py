@@ -18,7 +18,6 @@ from .floor import create_floor
 from .materials import DETECTION_COLOUR, KEYPOINT_COLOUR, MARKER_COLOUR
 from .mesh import create_body_mesh
 from .overlay import create_point_overlay, create_view_overlay
-from .skinning import pose_joints
 from .timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
 
 
@@ -87,8 +86,7 @@ def bake_take(
     overlays = _bake_overlays(motion, capture, cameras, timing, take)
     floor = None
     if settings.floor:
-        _, joints = pose_joints(rest, motion.rotvec, motion.transl)
-        floor = create_floor(joints, _collection("Floor", take))
+        floor = create_floor(rest[0] + motion.transl, _collection("Floor", take))
     scene.frame_set(settings.frame_start)
     return BakedTake(take, figure, armature, mesh, action, cameras, overlays, floor, timing, tuple(notes))
 
@@ -114,9 +112,7 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
         if frames != motion.num_frames:
             notes.append(f"The capture has {frames} frames and the motion {motion.num_frames}; both start together.")
         if abs(capture.fps - motion.fps) > 1e-3:
-            notes.append(
-                f"The capture has {capture.fps:g} frames a second and the motion {motion.fps:g}; aligned by time."
-            )
+            notes.append(f"The capture runs at {capture.fps:g} fps and the motion at {motion.fps:g}; aligned by time.")
     return notes
 
 

@@ -26,8 +26,10 @@ def read_arrays(path: Path, *, required: Iterable[str], optional: Iterable[str] 
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     required = tuple(required)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
+        # np.load leaves a broken archive's file open; a stream of our own is always closed.
+        with path.open("rb") as stream:
+            archive = np.load(stream, allow_pickle=False)
+            if isinstance(archive, np.ndarray):
                 raise ValueError("one bare array instead of an archive")
             found = set(archive.files)
             arrays = {key: archive[key] for key in (*required, *optional) if key in found}

@@ -36,7 +36,7 @@ def write_body(path: Path, *, body_id: str = "stand_in") -> Path:
         regressor[j, first : first + _SIDES] = 1 / _SIDES
         side_faces = _tube_faces(first)
         faces.extend(side_faces)
-        materials.extend([0 if j not in (15, 20, 21, 22, 23) else 1] * len(side_faces))
+        materials.extend([0 if j in (15, 20, 21, 22, 23) else 1] * len(side_faces))
     v = np.array(vertices)
     rng = np.random.default_rng(0)
     shapedirs = np.zeros((len(v), 3, 10))

@@ -1,0 +1,1 @@
+"""What people see in Blender: operators, panels, menus, and the table that registers them."""

@@ -1,0 +1,96 @@
+"""The operator that bakes a motion file into the scene."""
+
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from ..bake.scene import BakedTake, BakeSettings, bake_take
+from ..errors import AddonError
+from ..files.body_file import default_body_path, read_body
+from ..files.capture_file import read_capture
+from ..files.motion_file import read_motion
+
+
+class MOCAP_OT_import_motion(bpy.types.Operator, ImportHelper):
+    """Bakes a motion file, and the capture it was solved from, in one undo step."""
+
+    bl_idname = "mocap.import_motion"
+    bl_label = "Import Motion"
+    bl_description = "Add a solved motion as a skinned, animated body, with the cameras and detections of its capture"
+    bl_options = {"REGISTER", "UNDO", "PRESET"}  # noqa: RUF012 - Blender reads a plain set
+
+    filename_ext = ".npz"
+    filter_glob: bpy.props.StringProperty(default="*.npz", options={"HIDDEN"})
+    capture_path: bpy.props.StringProperty(
+        name="Capture", description="Capture file the motion was solved from: adds cameras, footage and detections"
+    )
+    body_path: bpy.props.StringProperty(
+        name="Body", description="Body file; empty for the one that ships with the add-on"
+    )
+    set_scene: bpy.props.BoolProperty(
+        name="Set Up Scene",
+        description="Take over the motion's frame rate, length and first camera; otherwise keys are placed by time",
+        default=True,
+    )
+    preserve_volume: bpy.props.BoolProperty(
+        name="Preserve Volume", description="Deform by dual quaternions instead of linear blend skinning", default=False
+    )
+    floor: bpy.props.BoolProperty(name="Floor", description="Add a floor of metre tiles", default=True)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Tell whether objects can be added now."""
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Leave edit or pose mode first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Bake, select the armature and say what was made."""
+        settings = BakeSettings(
+            frame_start=context.scene.frame_start,
+            set_scene=self.set_scene,
+            preserve_volume=self.preserve_volume,
+            floor=self.floor,
+        )
+        try:
+            take = bake_files(
+                context.scene, Path(self.filepath), _path(self.capture_path), _path(self.body_path), settings
+            )
+        except AddonError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for obj in context.selected_objects:
+            obj.select_set(False)
+        take.armature.select_set(True)
+        for note in take.notes:
+            self.report({"WARNING"}, note)
+        self.report({"INFO"}, f"Baked '{take.action.name}' with {len(take.cameras)} cameras")
+        return {"FINISHED"}
+
+
+def bake_files(
+    scene: bpy.types.Scene, motion: Path, capture: Path | None, body: Path | None, settings: BakeSettings
+) -> BakedTake:
+    """Read the files and bake them into a scene.
+
+    Raises:
+        AddonError: a file is missing or wrong.
+    """
+    return bake_take(
+        scene,
+        read_motion(motion),
+        read_body(body or default_body_path()),
+        read_capture(capture) if capture is not None else None,
+        settings,
+    )
+
+
+def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw the entry in File > Import."""
+    self.layout.operator(MOCAP_OT_import_motion.bl_idname, text="Solved Motion (.npz)")
+
+
+def _path(text: str) -> Path | None:
+    return Path(bpy.path.abspath(text)) if text else None

@@ -1,0 +1,181 @@
+"""Armature, mesh and action: what Blender evaluates is the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.bake.curves import action_curves
+from blender_addon.bake.deviation import evaluated_joints, evaluated_vertices, measure_deviation
+from blender_addon.bake.scene import BakedTake, BakeSettings, bake_take
+from blender_addon.bake.skinning import skin
+from blender_addon.bake.timing import scene_frame_rate
+from blender_addon.errors import BodyMismatch
+from blender_addon.files.body_file import default_body_path, read_body
+from blender_addon.files.skeleton import JOINTS, PARENTS
+
+
+def test_evaluated_joints_and_skin_match_numpy(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:
+    frames = list(range(0, 60, 7))
+    deviation = measure_deviation(scene, take.armature, take.mesh, files.body, files.motion, take.timing, frames)
+    assert deviation.joints_mm <= 0.1
+    assert deviation.linear_skin_mm <= 0.1
+    assert deviation.full_skin_mm > 0.5, "the stand-in's correctives move vertices; the bake leaves them out"
+
+
+def test_product_body_matches_numpy(scene: bpy.types.Scene, files: Any) -> None:
+    body = read_body(default_body_path())
+    motion = replace(files.motion, body=body.id, joints=None)
+    take = bake_take(scene, motion, body)
+    deviation = measure_deviation(scene, take.armature, take.mesh, body, motion, take.timing, [0, 25, 59])
+    assert deviation.joints_mm <= 0.1
+    assert deviation.linear_skin_mm <= 0.1
+
+
+def test_linear_blending_is_nearer_than_preserve_volume(scene: bpy.types.Scene, files: Any) -> None:
+    take = bake_take(scene, files.motion, files.body, settings=BakeSettings(preserve_volume=True))
+    expected = skin(files.body, files.motion, [40], correctives=False)[0]
+    found = evaluated_vertices(scene, take.mesh, 41)
+    assert np.linalg.norm(found - expected, axis=1).max() > 1e-3
+
+
+def test_joints_between_frames_lie_between(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:
+    """Linear curves: half way in time the pelvis is half way in space."""
+    found = evaluated_joints(scene, take.armature, 11.5)[0]
+    np.testing.assert_allclose(found, files.motion.joints[10:12, 0].mean(axis=0), atol=1e-5)
+
+
+def test_far_from_the_origin_and_upside_down(scene: bpy.types.Scene, files: Any) -> None:
+    rotvec = files.motion.rotvec.copy()
+    rotvec[:, 0] = [np.pi - 1e-7, 0, 0]
+    motion = replace(files.motion, rotvec=rotvec, transl=files.motion.transl + [80.0, -60.0, 3.0], joints=None)
+    take = bake_take(scene, motion, files.body)
+    deviation = measure_deviation(scene, take.armature, take.mesh, files.body, motion, take.timing, [0, 59])
+    assert deviation.joints_mm <= 0.1
+
+
+def test_armature_is_smpl_standing_in_blenders_axes(take: BakedTake, files: Any) -> None:
+    bones = take.armature.data.bones
+    assert sorted(bones.keys()) == sorted(JOINTS)
+    parents = [bones[joint].parent for joint in JOINTS]
+    assert [JOINTS.index(parent.name) if parent else -1 for parent in parents] == list(PARENTS)
+    assert all(take.armature.pose.bones[joint].rotation_mode == "QUATERNION" for joint in JOINTS)
+    head, pelvis = bones["head"].head_local, bones["pelvis"].head_local
+    assert head.z - pelvis.z > 0.5 and bones["left_hip"].head_local.x > 0.05
+    toes = bones["left_foot"].tail_local - bones["left_foot"].head_local
+    assert toes.y < -0.05, "toes point to -Y: the body faces Blender's front view"
+    rest = files.body.rest_joints(files.motion.betas)
+    found = np.array([bones[joint].head_local for joint in JOINTS])
+    np.testing.assert_allclose(found, np.stack([rest[:, 0], -rest[:, 2], rest[:, 1]], -1), atol=1e-6)
+
+
+def test_tails_reach_the_next_joint_and_limbs_flex_about_x(take: BakedTake) -> None:
+    bones = take.armature.data.bones
+    for bone, child in (("left_hip", "left_knee"), ("right_elbow", "right_wrist"), ("spine3", "neck")):
+        assert (bones[bone].tail_local - bones[child].head_local).length < 1e-5
+    for joint in ("left_knee", "right_knee", "left_hip", "right_hip"):
+        assert abs(abs(bones[joint].matrix_local.col[0].x) - 1) < 0.03
+    for joint in ("left_elbow", "right_elbow"):
+        assert abs(abs(bones[joint].matrix_local.col[0].z) - 1) < 0.03
+
+
+def test_mesh_carries_groups_materials_and_texture(take: BakedTake, files: Any) -> None:
+    mesh = take.mesh
+    assert [group.name for group in mesh.vertex_groups] == list(JOINTS)
+    weights = np.zeros_like(files.body.weights)
+    for vertex in mesh.data.vertices:
+        for group in vertex.groups:
+            weights[vertex.index, group.group] = group.weight
+    np.testing.assert_allclose(weights, files.body.weights, atol=1e-6)
+    assert [p.material_index for p in mesh.data.polygons] == files.body.face_material.tolist()
+    assert len(mesh.data.materials) == 2
+    corner = np.array([loop.vertex_index for loop in mesh.data.loops])
+    uv = np.array([item.uv for item in mesh.data.uv_layers[0].data])
+    np.testing.assert_allclose(uv, files.body.uv[corner], atol=1e-6)
+    assert mesh.modifiers[0].object is take.armature and not mesh.modifiers[0].use_deform_preserve_volume
+
+
+def test_curves_are_linear_with_key_types(take: BakedTake, files: Any) -> None:
+    curves = list(action_curves(take.action))
+    assert len(curves) == 3 + 4 * 24
+    for curve in curves:
+        points = curve.keyframe_points
+        assert len(points) == 60
+        assert {p.interpolation for p in points} == {"LINEAR"}
+        assert [p.type for p in points] == ["KEYFRAME" if key else "GENERATED" for key in files.motion.keyframes]
+        assert [p.co.x for p in points] == list(range(1, 61))
+    assert {curve.group.name for curve in curves} == set(JOINTS)
+
+
+def test_without_keyframes_every_key_is_a_keyframe(scene: bpy.types.Scene, files: Any) -> None:
+    take = bake_take(scene, replace(files.motion, keyframes=None), files.body)
+    assert {p.type for curve in action_curves(take.action) for p in curve.keyframe_points} == {"KEYFRAME"}
+
+
+def test_quaternion_curves_never_jump(take: BakedTake) -> None:
+    """The right elbow turns by 360 degrees: raw quaternions would flip sign on the way."""
+    for joint in JOINTS:
+        path = f'pose.bones["{joint}"].rotation_quaternion'
+        columns = [c for c in action_curves(take.action) if c.data_path == path]
+        quat = np.array([[p.co.y for p in c.keyframe_points] for c in sorted(columns, key=lambda c: c.array_index)]).T
+        np.testing.assert_allclose(np.linalg.norm(quat, axis=1), 1, atol=1e-6)
+        assert ((quat[1:] * quat[:-1]).sum(axis=1) > 0.9).all()
+    elbow = [c for c in action_curves(take.action) if "right_elbow" in c.data_path and c.array_index == 0]
+    assert elbow[0].keyframe_points[59].co.y < -0.99
+
+
+def test_action_is_one_bound_and_kept(take: BakedTake) -> None:
+    animation = take.armature.animation_data
+    assert animation.action is take.action and take.action.use_fake_user
+    if hasattr(take.action, "slots"):
+        assert len(take.action.slots) == 1 and animation.action_slot == take.action.slots[0]
+    assert take.action["provenance"] == '{"version": "test"}' and take.action["fps"] == 30.0
+
+
+@pytest.mark.parametrize("fps", [24.0, 59.94, 60000 / 1001, 29.97, 12.5, 120.0, 0.5, 99.7])
+def test_frame_rate_is_kept_by_time(scene: bpy.types.Scene, files: Any, fps: float) -> None:
+    take = bake_take(scene, replace(files.motion, fps=fps), files.body)
+    assert scene_frame_rate(scene) == pytest.approx(fps, rel=1e-6)
+    assert (scene.frame_start, scene.frame_end) == (1, 60)
+    keys = [p.co.x for p in next(action_curves(take.action)).keyframe_points]
+    assert keys == list(range(1, 61))
+
+
+def test_scene_that_keeps_its_rate_gets_keys_by_time(scene: bpy.types.Scene, files: Any) -> None:
+    scene.render.fps, scene.render.fps_base = 24, 1.0
+    scene.frame_end = 500
+    motion = replace(files.motion, fps=59.94)
+    take = bake_take(scene, motion, files.body, settings=BakeSettings(frame_start=10, set_scene=False))
+    keys = np.array([p.co.x for p in next(action_curves(take.action)).keyframe_points])
+    np.testing.assert_allclose((keys - 10) / 24, np.arange(60) / 59.94, atol=1e-6)
+    assert (scene_frame_rate(scene), scene.frame_end) == (24.0, 500)
+    found = evaluated_joints(scene, take.armature, float(keys[37]))
+    np.testing.assert_allclose(found, motion.joints[37], atol=1e-4)
+
+
+def test_one_frame_bakes(scene: bpy.types.Scene, files: Any) -> None:
+    motion = files.motion
+    one = replace(
+        motion, rotvec=motion.rotvec[:1], transl=motion.transl[:1], joints=motion.joints[:1],
+        keypoints3d=motion.keypoints3d[:1], keyframes=motion.keyframes[:1],
+    )  # fmt: skip
+    take = bake_take(scene, one, files.body)
+    assert scene.frame_start == scene.frame_end == 1
+    np.testing.assert_allclose(evaluated_joints(scene, take.armature, 1), motion.joints[0], atol=1e-4)
+
+
+def test_two_takes_share_a_scene(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:
+    other = bake_take(scene, files.motion, files.body)
+    assert other.armature is not take.armature and other.action is not take.action
+    assert take.armature.animation_data.action is take.action
+    assert len(bpy.data.actions) == 2
+
+
+def test_motion_of_another_body_is_refused(scene: bpy.types.Scene, files: Any) -> None:
+    with pytest.raises(BodyMismatch, match="solved for the body 'other', not for 'stand_in'"):
+        bake_take(scene, replace(files.motion, body="other"), files.body)
+    assert not bpy.data.armatures and not bpy.data.actions

@@ -1,0 +1,72 @@
+"""Fixtures of the add-on's tests: a clean Blender, and stand-in files."""
+
+from __future__ import annotations
+
+import atexit
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.bake.scene import BakedTake, BakeSettings, bake_take
+from blender_addon.files.body_file import BodyFile, read_body
+from blender_addon.files.capture_file import CaptureFile, read_capture
+from blender_addon.files.motion_file import MotionFile, read_motion
+from tests.blender_addon.stand_in import capture_arrays, motion_arrays, write_body
+
+
+@atexit.register
+def _clear_handlers() -> None:
+    """A handler of ours that is left behind would keep the interpreter from ending."""
+    for name in dir(bpy.app.handlers):
+        handlers = getattr(bpy.app.handlers, name)
+        for handler in list(handlers) if isinstance(handlers, list) else []:
+            if handler.__module__.split(".")[0] in ("blender_addon", "tests"):
+                handlers.remove(handler)
+
+
+@dataclass(frozen=True)
+class Files:
+    """Stand-in files and what they hold."""
+
+    folder: Path
+    body_path: Path
+    motion_path: Path
+    capture_path: Path
+    body: BodyFile
+    motion: MotionFile
+    capture: CaptureFile
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    """Write a body, a motion and a capture once."""
+    folder = tmp_path_factory.mktemp("stand in ü")
+    body = write_body(folder / "body.npz")
+    arrays = motion_arrays(body)
+    np.savez(folder / "walk.npz", **arrays)
+    np.savez(folder / "capture.npz", **capture_arrays(arrays["joints"]))
+    return Files(
+        folder=folder,
+        body_path=body,
+        motion_path=folder / "walk.npz",
+        capture_path=folder / "capture.npz",
+        body=read_body(body),
+        motion=read_motion(folder / "walk.npz"),
+        capture=read_capture(folder / "capture.npz"),
+    )
+
+
+@pytest.fixture
+def scene() -> bpy.types.Scene:
+    """Return the scene of an empty Blender session."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return bpy.context.scene
+
+
+@pytest.fixture
+def take(scene: bpy.types.Scene, files: Files) -> BakedTake:
+    """Return the stand-in take, baked into the empty scene."""
+    return bake_take(scene, files.motion, files.body, files.capture, BakeSettings())
