@@ -12,10 +12,13 @@ _BONES: tuple[tuple[str, str], ...] = (
     ("{s}_ankle", "{s}_heel"), ("{s}_ankle", "{s}_big_toe"), ("{s}_big_toe", "{s}_small_toe"), ("nose", "{s}_eye"),
     ("{s}_eye", "{s}_ear"), ("neck", "{s}_shoulder"), ("mid_hip", "{s}_hip"), ("upper_neck", "{s}_shoulder"),
     ("head_top", "nose"), ("thorax", "{s}_shoulder"), ("thorax", "spine"), ("spine", "mid_hip"),
+    ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"),
 )  # fmt: skip
 """Pairs that lie close together in every pose; a wrong vocabulary pairs far-apart points instead."""
 
-CLEAR_RATIO = 1.5
+SAMPLED_PEOPLE = 2000
+"""Detections that are looked at."""
+CLEAR_RATIO = 1.15
 """The best set is clear when the next one's bones are this many times longer."""
 
 
@@ -39,11 +42,45 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
     return joint_set
 
 
+def choose_joint_set(
+    xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
+) -> tuple[JointSet, tuple[str, ...], tuple[str, ...]]:
+    """Return the joint set of a recording, how it was told, and what is doubtful about it.
+
+    What the user gives is final. What the recording's settings say is believed unless it cannot be or anatomy clearly
+    says otherwise. Without either, the set is recognised.
+
+    Args:
+        xy: (..., K, 2) pixels, NaN where missing.
+        confidence: (..., K).
+        given: the user's choice.
+        configured: the recording's own settings.
+        where: the recording, for errors.
+
+    Raises:
+        KeypointCountMismatch: the given set does not fit, or none does.
+    """
+    count = xy.shape[-2]
+    if given is not None:
+        return require_fit(given, count, where=where), (f"Joint set {given.value}, as given.",), ()
+    flat = np.flatnonzero((confidence > 0).any(-1))
+    sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
+    best, sentence, certain = recognise_joint_set(
+        xy.reshape(-1, count, 2)[sample], confidence.reshape(-1, count)[sample], where=where
+    )
+    if configured is None:
+        doubt = () if certain else (f"The joint set is not certain; it is taken as {best.value}.",)
+        return best, (sentence,), doubt
+    if configured is best or (num_written(configured) == count and not certain):
+        return configured, (f"Joint set {configured.value}, from Config.toml.",), ()
+    return best, (sentence,), (f"Config.toml names {configured.value}, but the keypoints are {best.value}'s.",)
+
+
 def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = "") -> tuple[JointSet, str, bool]:
     """Return the joint set that fits the detections best, a sentence on how that was found, and whether it is certain.
 
     Several sets may share a number of keypoints (25: BODY_25, BODY_25B; 17: COCO_17, H36M_17). Each is scored by the
-    mean length of its bones relative to the person's height in the image; the right one has the shortest.
+    rms length of its bones relative to the person's height in the image; the right one has the shortest.
 
     Args:
         xy: (N, K, 2) pixels, NaN where missing; N people of any frames and views.
@@ -72,7 +109,7 @@ def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = 
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median over people of the mean bone length over the height in the image; inf where nobody is seen.
+    """Return the median over people of the rms bone length over the height in the image; inf where nobody is seen.
 
     Args:
         joint_set: the vocabulary to try.
@@ -91,9 +128,9 @@ def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> f
     height = (np.nanmax(points, axis=1) - np.nanmin(points, axis=1)).max(-1)
     lengths = np.linalg.norm(points[:, start] - points[:, end], axis=-1)
     known = np.isfinite(lengths)
-    mean = np.where(known, lengths, 0).sum(1) / np.maximum(known.sum(1), 1)
+    square = np.where(known, lengths**2, 0).sum(1) / np.maximum(known.sum(1), 1)
     usable = (height > 0) & known.any(1)
-    return float(np.median(mean[usable] / height[usable])) if usable.any() else float("inf")
+    return float(np.median(np.sqrt(square[usable]) / height[usable])) if usable.any() else float("inf")
 
 
 def _fitting_hint(num_keypoints: int) -> str:

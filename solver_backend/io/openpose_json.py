@@ -14,7 +14,7 @@ import numpy as np
 from solver_backend.errors import FileDamaged, KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.io.detections import Detections
 from solver_backend.io.frame_numbers import frame_numbers, shared_range
-from solver_backend.io.joint_set_recognition import recognise_joint_set, require_fit
+from solver_backend.io.joint_set_recognition import choose_joint_set
 from solver_backend.progress import Progress, silent
 from solver_backend.types import JointSet
 
@@ -94,6 +94,7 @@ def read_detections(
     folders: Mapping[str, Path],
     *,
     joint_set: JointSet | None = None,
+    configured: JointSet | None = None,
     trim: bool = False,
     progress: Progress = silent,
 ) -> Detections:
@@ -103,7 +104,8 @@ def read_detections(
 
     Args:
         folders: folder of each camera by the camera's name.
-        joint_set: what the keypoints are; None recognises it.
+        joint_set: what the keypoints are; None takes ``configured``, or recognises it.
+        configured: what the recording's settings say they are, believed unless the keypoints clearly contradict.
         trim: cut to the frames every camera has.
         progress: told how many files were read.
 
@@ -132,7 +134,21 @@ def read_detections(
         raise NoDetections(
             "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
         )
-    return _assemble(tuple(folders), people, (last - first + 1, count), joint_set, first, where)
+    xy, confidence, notes, problems = _arrays(len(folders), people, (last - first + 1, count))
+    chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
+    columns = slice(0, chosen.num_keypoints)
+    missing = (last - first + 1) * len(folders) - len(people)
+    if missing:
+        doubts += (f"{missing} frame files are missing; nobody is seen there.",)
+    return Detections(
+        tuple(folders),
+        xy[..., columns, :],
+        confidence[..., columns],
+        chosen,
+        first,
+        (*notes, *found),
+        (*problems, *doubts),
+    )
 
 
 def _finite(people: list[np.ndarray], path: Path) -> list[np.ndarray]:
@@ -168,35 +184,16 @@ def _keypoint_count(people: list[tuple[int, int, list[np.ndarray]]], used: list[
     return count
 
 
-def _assemble(
-    cameras: tuple[str, ...],
-    people: list[tuple[int, int, list[np.ndarray]]],
-    size: tuple[int, int],
-    joint_set: JointSet | None,
-    first: int,
-    where: str,
-) -> Detections:
+def _arrays(
+    cameras: int, people: list[tuple[int, int, list[np.ndarray]]], size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], tuple[str, ...]]:
+    """Return xy (C, F, P, K, 2), confidence (C, F, P, K), notes and problems; ``size`` is (F, K)."""
     most = max(len(persons) for _, _, persons in people)
-    values = np.full((len(cameras), size[0], most, size[1], 3), np.nan, dtype=np.float32)
+    values = np.full((cameras, size[0], most, size[1], 3), np.nan, dtype=np.float32)
     for camera, frame, persons in people:
         if persons:
             values[camera, frame, : len(persons)] = persons
-    xy, confidence, notes, problems = _cleaned(values)
-    if joint_set is None:
-        flat = np.flatnonzero((confidence > 0).any(-1))
-        sample = flat[:: max(1, len(flat) // 2000)]
-        joint_set, found, certain = recognise_joint_set(
-            xy.reshape(-1, size[1], 2)[sample], confidence.reshape(-1, size[1])[sample], where=where
-        )
-        notes += (found,)
-        if not certain:
-            problems += (f"The joint set is not certain; it is taken as {joint_set.value}.",)
-    require_fit(joint_set, size[1], where=where)
-    columns = slice(0, joint_set.num_keypoints)
-    missing = size[0] * len(cameras) - len(people)
-    if missing:
-        problems += (f"{missing} of {size[0] * len(cameras)} frame files are missing; nobody is seen there.",)
-    return Detections(cameras, xy[..., columns, :], confidence[..., columns], joint_set, first, notes, problems)
+    return _cleaned(values)
 
 
 def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], tuple[str, ...]]:

@@ -31,6 +31,8 @@ USUAL_TIMES = 4.0
 """A detection further off than this many times the median is not the person ..."""
 CLOSEST_M = 0.04
 """... but nearer than this it may always be."""
+AGREEING_SHARE = 0.65
+"""Fewer agreeing views than this share of those that see somebody are a problem."""
 TRUSTED_SHARE = 0.5
 """Share of a view's track that must be the person for any of it to be ..."""
 SURE_SHARE = 0.8
@@ -81,7 +83,7 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
         raise NoDetections(
             f"No two views agree on anybody: no detections of two cameras meet within {TOLERANCE_M} m.",
             where=", ".join(cameras.names),
-            hint="Check that calibration and recording belong together, the unit, and that the cameras are synchronised.",
+            hint="Check that calibration and recording belong together, its unit, and that cameras are synchronised.",
         )
     points, near = _expected_points(people, found[0], detections.num_frames, fps)
     others = _claimed_by_others(people, found[0], points, detections)
@@ -151,7 +153,7 @@ def _accepted(
     frames = np.flatnonzero(near)
     distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
     for c in range(len(seen.cameras)):
-        fit[c, frames], distance[c, frames] = detection_distances(seen, c, frames, points[frames])
+        fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
     usual = distance.min(axis=-1)
     usual = usual[usual < TOLERANCE_M]
     tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
@@ -203,6 +205,12 @@ def _report(
             if count.any()
         )
         notes.append(f"Other people are left out: {listing}.")
+    with_somebody = (detections.people()[:, people.frame[found[0]]] > 0).sum(0)
+    if views.mean() < AGREEING_SHARE * with_somebody.mean():
+        problems.append(
+            f"Of {with_somebody.mean():.1f} views that see somebody only {views.mean():.1f} agree on the person: "
+            "is this the recording's calibration, are the cameras synchronised?"
+        )
     for rows in found[1:]:
         other = (people.members[rows] >= 0).sum(1)
         if len(rows) >= 0.5 * len(found[0]) and other.mean() > views.mean() - 0.5:

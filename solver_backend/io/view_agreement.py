@@ -98,10 +98,10 @@ def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
 
 def _candidates_of_block(seen: Sightings) -> PeopleInSpace:
     frame, points = _seeds(seen)
-    members, _ = gather(seen, frame, points)
-    frame, members = _without_copies(frame, members)
-    points = _intersection(seen, frame, members)
-    members, score = gather(seen, frame, points)
+    members, swapped, _ = gather(seen, frame, points)
+    frame, members, swapped = _without_copies(frame, members, swapped)
+    points = _intersection(seen, frame, members, swapped)
+    members, _, score = gather(seen, frame, points)
     several = (members >= 0).sum(1) >= 2
     return PeopleInSpace(frame[several], members[several], points[several], score[several])
 
@@ -151,7 +151,7 @@ def _directions(cameras: Cameras, c: int, n: np.ndarray) -> np.ndarray:
     return ray / np.sqrt(1.0 + (n * n).sum(-1))[..., None]
 
 
-def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return which detection of each view is the person at ``points``, and how well the views agree.
 
     Args:
@@ -160,22 +160,25 @@ def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.n
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        members (N, C), -1 where no detection lies within the tolerance, and score (N,) as in ``PeopleInSpace``.
+        members (N, C), -1 where no detection lies within the tolerance, whether left and right are swapped in each
+        (N, C), and score (N,) as in ``PeopleInSpace``.
     """
     members = np.full((len(frame), len(seen.cameras)), -1)
+    swaps = np.zeros(members.shape, bool)
     score = np.zeros(len(frame))
     for c in range(len(seen.cameras)):
-        fit, distance = detection_distances(seen, c, frame, points)
+        fit, distance, swapped = detection_distances(seen, c, frame, points)
         best = np.argmax(np.where(distance < TOLERANCE_M, fit, -1.0), axis=1)[:, None]
         nearest = np.take_along_axis(distance, best, axis=1)[:, 0]
         members[:, c] = np.where(nearest < TOLERANCE_M, best[:, 0], -1)
+        swaps[:, c] = np.take_along_axis(swapped, best, axis=1)[:, 0]
         score += np.maximum(0.0, 1.0 - nearest / TOLERANCE_M)
-    return members, score
+    return members, swaps, score
 
 
 def detection_distances(
     seen: Sightings, c: int, frame: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare every detection of one view with a person in space.
 
     Args:
@@ -185,21 +188,23 @@ def detection_distances(
         points: (N, J, 3) world metres, NaN where unknown.
 
     Returns:
-        (N, P) how many keypoints lie where expected (a soft count), and (N, P) the median distance in metres at the
-        person's depth, infinite where too few keypoints can be compared.
+        (N, P) how many keypoints lie where expected (a soft count); (N, P) the median distance in metres at the
+        person's depth, infinite where too few keypoints can be compared; (N, P) whether that is with left and right
+        swapped.
     """
     local = points @ seen.cameras.R[c].T + seen.cameras.t[c]
     depth = np.where(local[..., 2] > 0.05, local[..., 2], np.nan)
     expected = local[..., :2] / depth[..., None]
-    fits, distances = [], []
+    fits, distances, swaps = [], [], []
     for p in range(seen.xy.shape[2]):
         found = seen.xy[c, frame, p]
         fit, distance = _fit(found, expected, depth)
         swapped_fit, swapped_distance = _fit(found[:, seen.mirror], expected, depth)
         swapped = swapped_distance < distance
+        swaps.append(swapped)
         fits.append(np.where(swapped, swapped_fit, fit))
         distances.append(np.where(swapped, swapped_distance, distance))
-    return np.stack(fits, axis=1), np.stack(distances, axis=1)
+    return np.stack(fits, axis=1), np.stack(distances, axis=1), np.stack(swaps, axis=1)
 
 
 def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -227,20 +232,23 @@ def _is_person_sized(points: np.ndarray) -> np.ndarray:
     return far.sum(-1) <= 0.2 * count
 
 
-def _without_copies(frame: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _without_copies(
+    frame: np.ndarray, members: np.ndarray, swapped: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return each combination of detections once, of those with at least two views, by frame."""
     several = (members >= 0).sum(1) >= 2
-    rows = np.unique(np.column_stack([frame[several], members[several]]), axis=0)
-    return rows[:, 0], rows[:, 1:]
+    rows, first = np.unique(np.column_stack([frame[several], members[several]]), axis=0, return_index=True)
+    return rows[:, 0], rows[:, 1:], swapped[several][first]
 
 
-def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray) -> np.ndarray:
+def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
     """Return (N, J, 3) the points nearest to the rays of all views: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``."""
     count, joints = len(frame), seen.xy.shape[3]
     A, b = np.zeros((count, joints, 3, 3)), np.zeros((count, joints, 3))
     used = np.zeros((count, joints), np.int64)
     for c in range(len(seen.cameras)):
         n = np.where((members[:, c] >= 0)[:, None, None], seen.xy[c, frame, members[:, c]], np.nan)
+        n = np.where(swapped[:, c, None, None], n[:, seen.mirror], n)
         known = np.isfinite(n[..., 0])
         d = np.where(known[..., None], _directions(seen.cameras, c, np.nan_to_num(n)), 0.0)
         across = np.where(known[..., None, None], np.eye(3), 0.0) - d[..., :, None] * d[..., None, :]

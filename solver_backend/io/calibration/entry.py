@@ -51,13 +51,12 @@ class Calibration:
     """What the user should know."""
 
 
-def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> tuple[Cameras, tuple[str, ...]]:
-    """Return the cameras and sentences on what had to be assumed.
+def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
+    """Return the cameras; an image size that is not stated is taken as twice the principal point.
 
     Raises:
         CalibrationInvalid: a value is impossible, or pinhole and fisheye cameras are mixed.
     """
-    problems: list[str] = []
     if len({entry.fisheye for entry in entries}) > 1:
         fish = ", ".join(entry.name for entry in entries if entry.fisheye)
         raise CalibrationInvalid(
@@ -66,15 +65,10 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> tuple[Camera
             hint="Calibrate all with one model.",
         )
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
-    guessed = [e.name for e in finished if e.image_size is None]
-    if guessed:
-        problems.append(
-            f"The image size of {', '.join(guessed)} is not stated; it is taken as twice the principal point."
-        )
     sizes = [e.image_size or _guessed_size(e.K) for e in finished]
     width = max(len(e.distortion) for e in finished)
     coefficients = np.stack([np.pad(e.distortion, (0, width - len(e.distortion))) for e in finished])
-    cameras = Cameras(
+    return Cameras(
         names=tuple(e.name for e in finished),
         K=np.stack([e.K for e in finished]),
         distortion=coefficients,
@@ -83,7 +77,6 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> tuple[Camera
         image_size=np.array(sizes),
         distortion_model="fisheye" if finished[0].fisheye else "opencv",
     )
-    return cameras, tuple(problems)
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:

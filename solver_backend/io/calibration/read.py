@@ -91,7 +91,11 @@ def _finished(
         metric, unit_note = entries, "Lengths are read as mm, focal lengths as 1/64 pixel (Qualisys)."
     else:
         metric, unit_note = in_metres(entries, unit)
-    cameras, assumed = build_cameras(metric, where=str(path))
+    try:
+        cameras = build_cameras(metric, where=str(path))
+    except CalibrationInvalid as error:
+        where = error.where if str(path) in error.where else f"{path}, {error.where}"
+        raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
     axis = (up_axis or "z").upper()
     reason = "as stated" if up_axis else ("as Qualisys has it" if kind == "Qualisys" else "the default")
     axis_note = f"The calibration's world is taken with {axis} up ({reason})."
@@ -101,5 +105,5 @@ def _finished(
         source=path,
         size_known=tuple(e.image_size is not None for e in metric),
         notes=(note, unit_note, axis_note),
-        problems=(*problems, *assumed),
+        problems=tuple(problems),
     )

@@ -1,0 +1,99 @@
+"""Frame rate, length and size of a video from its MP4 or QuickTime header, without a decoder."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+_LARGEST_HEADER = 1 << 28
+_QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
+
+
+@dataclass(frozen=True)
+class VideoHeader:
+    """What the header of a video says."""
+
+    fps: float
+    """Frames per second, the mean over the video."""
+    num_frames: int
+    """Number of frames."""
+    size: tuple[int, int]
+    """Width and height in pixels, as a player shows it (turned if the header says so)."""
+
+
+def read_video_header(path: Path) -> VideoHeader | None:
+    """Return the header of the first video track; None where the file is no MP4 or holds no such thing.
+
+    ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
+    """
+    try:
+        with open(path, "rb") as stream:
+            moov = _top_level_box(stream, b"moov")
+        return None if moov is None else _video_track(moov)
+    except (OSError, struct.error, IndexError, ValueError):
+        return None
+
+
+def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
+    while len(head := stream.read(8)) == 8:
+        size, kind = struct.unpack(">I4s", head)
+        used = 8
+        if size == 1:
+            size, used = struct.unpack(">Q", stream.read(8))[0], 16
+        if kind == wanted:
+            return stream.read(min(size - used, _LARGEST_HEADER) if size else _LARGEST_HEADER)
+        if size < used:
+            return None
+        stream.seek(size - used, 1)
+    return None
+
+
+def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield kind and content of each box in a box."""
+    at = 0
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        used = 8
+        if size == 1:
+            size, used = struct.unpack_from(">Q", data, at + 8)[0], 16
+        end = at + size if size else len(data)
+        if end < at + used:
+            return
+        yield kind, data[at + used : end]
+        at = end
+
+
+def _inside(data: bytes, *kinds: bytes) -> bytes:
+    """Return the content of the first box found by following ``kinds`` inwards."""
+    for kind in kinds:
+        data = next((content for found, content in _boxes(data) if found == kind), b"")
+    return data
+
+
+def _video_track(moov: bytes) -> VideoHeader | None:
+    for kind, track in _boxes(moov):
+        if kind != b"trak" or _inside(track, b"mdia", b"hdlr")[8:12] != b"vide":
+            continue
+        media = _inside(track, b"mdia", b"mdhd")
+        timescale = struct.unpack_from(">I", media, 20 if media[0] == 1 else 12)[0]
+        table = _inside(track, b"mdia", b"minf", b"stbl", b"stts")
+        entries = struct.unpack_from(">I", table, 4)[0]
+        pairs = [struct.unpack_from(">II", table, 8 + 8 * i) for i in range(entries)]
+        frames = sum(count for count, _ in pairs)
+        ticks = sum(count * ticks for count, ticks in pairs)
+        size = _shown_size(_inside(track, b"tkhd"))
+        if not (frames and ticks and timescale and all(size)):
+            return None
+        return VideoHeader(timescale * frames / ticks, frames, size)
+    return None
+
+
+def _shown_size(tkhd: bytes) -> tuple[int, int]:
+    at = 52 if tkhd[0] == 1 else 40
+    a, b, _, c, d = struct.unpack_from(">5i", tkhd, at)
+    width, height = (value >> 16 for value in struct.unpack_from(">II", tkhd, at + 36))
+    turned = tuple(value >> 16 for value in (a, b, c, d)) in _QUARTER_TURNS
+    return (height, width) if turned else (width, height)

@@ -1,0 +1,229 @@
+"""The person most views agree on is kept, and nobody else is ever mixed in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.errors import NoDetections, TooFewViews
+from solver_backend.io.detections import Detections
+from solver_backend.io.person_selection import SelectedPerson, select_person
+from solver_backend.io.view_agreement import sightings
+from solver_backend.io.view_tracks import view_tracks
+from solver_backend.types import Cameras, JointSet
+from tests.io.scenes import detected, ring_of_cameras, walker
+
+COCO = JointSet.COCO_17
+
+
+class Scene:
+    """People in front of cameras, and which detection is whom."""
+
+    def __init__(self, cameras: Cameras, seed: int = 0) -> None:
+        self.cameras, self.rng = cameras, np.random.default_rng(seed)
+        self.people: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def add(self, points: np.ndarray, seen: np.ndarray, *, certainty: float = 0.6, missing: float = 0.1) -> None:
+        """Add a person at points (F, K, 3) whom views see where ``seen`` (C, F) says so."""
+        xy, confidence = detected(self.cameras, points, self.rng)
+        confidence = np.where(confidence > 0, certainty, 0.0) * (self.rng.uniform(size=confidence.shape) > missing)
+        self.people.append((xy, confidence * seen[..., None], seen))
+
+    def detections(self, *, shuffle: bool = True) -> tuple[Detections, np.ndarray]:
+        """Return the files' content, people in any order, and who (C, F, P) each detection is."""
+        views, frames = self.people[0][2].shape
+        shape = (views, frames, len(self.people), self.people[0][0].shape[2])
+        xy, confidence = np.full((*shape, 2), np.nan, np.float32), np.zeros(shape, np.float32)
+        who = np.full(shape[:3], -1)
+        for c, f in np.ndindex(views, frames):
+            here = [i for i, person in enumerate(self.people) if person[2][c, f]]
+            order = self.rng.permutation(here) if shuffle else sorted(here, reverse=True)
+            for slot, i in enumerate(order):
+                xy[c, f, slot], confidence[c, f, slot] = self.people[i][0][c, f], self.people[i][1][c, f]
+                who[c, f, slot] = i
+        xy[confidence == 0] = np.nan
+        return Detections(self.cameras.names, xy, confidence, COCO), who
+
+
+def chosen(found: SelectedPerson, who: np.ndarray) -> np.ndarray:
+    """Return (C, F) who was chosen; -1 = nobody."""
+    views, frames = np.indices(found.detection.shape)
+    return np.where(found.detection >= 0, who[views, frames, found.detection], -1)
+
+
+def everywhere(frames: int, views: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray:
+    seen = np.zeros((4, frames), bool)
+    seen[list(views)] = True
+    return seen
+
+
+@pytest.mark.parametrize("views", [(0,), (1, 2), (0, 2)])
+def test_a_larger_more_certain_bystander_listed_first_is_left_out(views: tuple[int, ...]) -> None:
+    cameras, frames = ring_of_cameras(), 60
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (-0.5, 0.0), (0.4, 0.1)), everywhere(frames), certainty=0.3)
+    near = tuple(0.55 * cameras.centres[list(views)].mean(0)[:2])
+    scene.add(walker(COCO, frames, near, (0.0, 0.1)), everywhere(frames, views), certainty=0.95)
+    detections, who = scene.detections(shuffle=False)
+    found = select_person(cameras, detections, 30.0)
+    assert (chosen(found, who) == 0).all()
+    expected = np.where(scene.people[0][1] > 0, scene.people[0][1], 0.0)
+    np.testing.assert_allclose(found.keypoints.confidence, expected, rtol=1e-6)
+    assert "Other people are left out" in found.notes[1]
+    for c in range(4):
+        assert (f"{cameras.names[c]} in 60 frames" in found.notes[1]) == (c in views)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nobody_is_mixed_in_however_the_detections_come_and_go(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    frames, cameras = 150, ring_of_cameras()
+    scene = Scene(cameras, seed)
+    subject = walker(COCO, frames, (-1.0, 0.0), (0.3, rng.uniform(-0.1, 0.1)))
+    scene.add(subject, _with_bursts(everywhere(frames), rng))
+    while len(scene.people) < 3:
+        other = walker(COCO, frames, tuple(rng.uniform(-2, 2, 2)), tuple(rng.uniform(-0.3, 0.3, 2)), phase=1.0)
+        if np.linalg.norm(other[:, 5, :2] - subject[:, 5, :2], axis=-1).min() > 0.7:
+            scene.add(other, _with_bursts(everywhere(frames, tuple(rng.choice(4, 2, replace=False))), rng))
+    detections, who = scene.detections()
+    found = chosen(select_person(cameras, detections, 30.0), who)
+    assert set(np.unique(found)) <= {-1, 0}
+    assert (found == 0).sum() > 0.95 * scene.people[0][2].sum()
+
+
+def _with_bursts(seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    seen = seen.copy()
+    for c in range(len(seen)):
+        for start in rng.integers(0, seen.shape[1], 2):
+            seen[c, start : start + rng.integers(5, 25)] = False
+    return seen
+
+
+def test_whoever_is_there_while_the_person_is_away_does_not_replace_them() -> None:
+    cameras, frames = ring_of_cameras(), 120
+    scene = Scene(cameras)
+    present = everywhere(frames)
+    present[:, 40:70] = False
+    scene.add(walker(COCO, frames, (-0.5, 0.0), (0.2, 0.0)), present)
+    scene.add(walker(COCO, frames, (0.9, 1.2), (0.0, 0.0)), everywhere(frames, (1, 2)))
+    detections, who = scene.detections()
+    found = chosen(select_person(cameras, detections, 30.0), who)
+    np.testing.assert_array_equal(found == 0, present)
+    assert (found[:, 40:70] == -1).all()
+
+
+def test_someone_who_passes_behind_an_undetected_person_is_not_taken_for_them() -> None:
+    cameras, frames = ring_of_cameras(), 90
+    scene = Scene(cameras)
+    seen = everywhere(frames)
+    seen[0, 30:60] = False
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.0, 0.0)), seen)
+    away = -cameras.centres[0][:2] / np.linalg.norm(cameras.centres[0][:2])
+    across = np.array([-away[1], away[0]]) * 0.8
+    start = 1.2 * away - across * 1.5
+    scene.add(walker(COCO, frames, (start[0], start[1]), (across[0], across[1])), everywhere(frames, (0,)))
+    detections, who = scene.detections()
+    found = chosen(select_person(cameras, detections, 30.0), who)
+    np.testing.assert_array_equal(found == 0, seen)
+
+
+def test_a_person_found_in_two_pieces_is_put_together() -> None:
+    cameras, frames = ring_of_cameras(), 30
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames), missing=0.0)
+    detections, _ = scene.detections()
+    xy = np.concatenate([detections.xy, np.full_like(detections.xy, np.nan)], axis=2)
+    confidence = np.concatenate([detections.confidence, np.zeros_like(detections.confidence)], axis=2)
+    for c in (1, 2):
+        xy[c, 10:20, 1, 11:], confidence[c, 10:20, 1, 11:] = xy[c, 10:20, 0, 11:], confidence[c, 10:20, 0, 11:]
+        xy[c, 10:20, 0, 11:], confidence[c, 10:20, 0, 11:] = np.nan, 0.0
+    found = select_person(cameras, Detections(cameras.names, xy, confidence, COCO), 30.0)
+    np.testing.assert_array_equal(found.keypoints.xy, detections.xy[:, :, 0])
+    assert (found.keypoints.confidence > 0).all()
+
+
+def test_a_view_with_left_and_right_swapped_is_kept() -> None:
+    cameras, frames = ring_of_cameras(), 20
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames), missing=0.0)
+    detections, _ = scene.detections()
+    mirrored = list(COCO.mirrored())
+    detections.xy[1, 5:15] = detections.xy[1, 5:15][..., mirrored, :]
+    found = select_person(cameras, detections, 30.0)
+    assert (found.detection == 0).all()
+
+
+def test_two_cameras_are_enough() -> None:
+    cameras, frames = ring_of_cameras(5).subset([0, 1]), 40
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), np.ones((2, frames), bool))
+    detections, who = scene.detections()
+    assert (chosen(select_person(cameras, detections, 30.0), who) == 0).all()
+
+
+def test_one_frame() -> None:
+    cameras = ring_of_cameras()
+    scene = Scene(cameras)
+    scene.add(walker(COCO, 1, (0.0, 0.0), (0.0, 0.0)), everywhere(1))
+    scene.add(walker(COCO, 1, (1.5, 0.0), (0.0, 0.0)), everywhere(1, (0, 1)))
+    detections, who = scene.detections()
+    assert (chosen(select_person(cameras, detections, 30.0), who) == 0).all()
+
+
+def test_a_second_person_seen_as_well_is_a_problem() -> None:
+    cameras, frames = ring_of_cameras(), 40
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames))
+    scene.add(walker(COCO, frames, (1.2, 0.0), (0.0, 0.2)), everywhere(frames))
+    detections, who = scene.detections()
+    found = select_person(cameras, detections, 30.0)
+    assert len(np.unique(chosen(found, who))) == 1
+    assert "Another person is seen as well: 4.0 views in 40 frames" in found.problems[0]
+
+
+def test_views_that_agree_on_nobody_are_an_error() -> None:
+    cameras, frames = ring_of_cameras().subset([0, 1]), 10
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), np.ones((2, frames), bool))
+    detections, _ = scene.detections()
+    detections.xy[1, ..., 1] += 250
+    with pytest.raises(NoDetections, match=r"No two views agree on anybody.*cam_a, cam_b.*calibration"):
+        select_person(cameras, detections, 30.0)
+
+
+def test_views_of_another_calibration_are_a_problem() -> None:
+    cameras, frames = ring_of_cameras(), 10
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames))
+    detections, _ = scene.detections()
+    detections.xy[2:, ..., 1] += np.array([250, -250], np.float32)[:, None, None, None]
+    found = select_person(cameras, detections, 30.0)
+    assert "Of 4.0 views that see somebody only 2.0 agree on the person: is this the" in found.problems[0]
+
+
+def test_all_zero_confidences_and_single_views_are_errors() -> None:
+    cameras, frames = ring_of_cameras(), 10
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames, (2,)))
+    detections, _ = scene.detections()
+    with pytest.raises(TooFewViews, match="Only cam_c of 4 cameras has detections; two are needed"):
+        select_person(cameras, detections, 30.0)
+    detections.confidence[:] = 0
+    with pytest.raises(NoDetections, match="Every confidence is zero"):
+        select_person(cameras, detections, 30.0)
+
+
+def test_tracks_of_a_view_end_where_two_people_cannot_be_told_apart() -> None:
+    cameras, frames = ring_of_cameras(), 20
+    scene = Scene(cameras)
+    scene.add(walker(COCO, frames, (0.0, 0.0), (0.1, 0.0)), everywhere(frames), missing=0.0)
+    detections, _ = scene.detections()
+    twice = Detections(
+        cameras.names,
+        np.concatenate([detections.xy, detections.xy + 2.0], axis=2),
+        np.concatenate([detections.confidence, detections.confidence], axis=2),
+        COCO,
+    )
+    alone, crowded = (view_tracks(sightings(cameras, d)) for d in (detections, twice))
+    assert len(np.unique(alone)) == 4
+    assert len(np.unique(crowded)) > 4 * frames
