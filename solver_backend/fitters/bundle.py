@@ -84,6 +84,7 @@ def _solve_window(
         def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, DenseBlocks]:
             frames = bundle_frames(prior, state, window, time, residuals=False)
             equations = frame_equations(subject, frames.poses, term, scale)
+            assert frames.by_keys is not None
             H, g = window_equations(xp, equations.hessian, equations.gradient, frames.by_keys[..., KEY_DOF:])
             eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
             return xp.sum(equations.cost)[None], DenseBlocks((H + 1e-2 * eye)[None], g[None])

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.latent import CODES, decode_poses, decoded_only
 from solver_backend.fitters.subject import PosedFrames, Subject, frame_equations
-from solver_backend.geometry.arrays import Array
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.interpolation import slerp
+from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.progress import Progress, silent
 from solver_backend.residuals.evidence import PointTerm
@@ -97,6 +99,29 @@ def fit_frames(
         states, cost = result.state, result.cost
         progress(stage, done + 1, len(scales))
     return states, cost
+
+
+def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
+    """Return states of all frames: those between seen frames on the geodesics that join them, the ends held.
+
+    Args:
+        states: poses of the seen frames.
+        seen: (S,) their frame numbers, ascending.
+        num_frames: F.
+    """
+    frame = np.arange(num_frames)
+    after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
+    before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
+    after = np.where(frame > seen[-1], before, after)
+    gap = np.maximum(seen[after] - seen[before], 1)
+    share = constant(np.clip((frame - seen[before]) / gap, 0, 1), states.z)
+    quat = quat_from_matrix(states.root)
+    xp = array_namespace(quat)
+    start, end = quat[before], quat[after]
+    end = xp.where(xp.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)
+    transl = states.transl[before] + share[:, None] * (states.transl[after] - states.transl[before])
+    root = matrix_from_quat(slerp(start, end, share))
+    return FrameStates(slerp(states.z[before], states.z[after], share), root, transl)
 
 
 def _reduced(hessian: Array, gradient: Array, chain: Any) -> DenseBlocks:

@@ -113,7 +113,9 @@ def resampled(keys: Keyframes, layout: KeyframeLayout, finer: KeyframeLayout) ->
     weights = lagrange(t)
     transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
     residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
-    z, quat = (sider2(*(value[i] for i in triple), t) for value in (keys.z, keys.quat))
+    first, middle, last = triple
+    z = sider2(keys.z[first], keys.z[middle], keys.z[last], t)
+    quat = sider2(keys.quat[first], keys.quat[middle], keys.quat[last], t)
     return hemisphere_aligned(Keyframes(z, quat, transl, residual))
 
 
@@ -153,8 +155,9 @@ def bundle_frames(
     xp = array_namespace(keys.z)
     triple = [xp.asarray(2 * window + i) for i in range(3)]
     t = constant(time, keys.z)
-    z, z_by = sider2_with_jacobian(*(keys.z[i] for i in triple), t)
-    quat, quat_by = sider2_with_jacobian(*(keys.quat[i] for i in triple), t)
+    first, middle, last = triple
+    z, z_by = sider2_with_jacobian(keys.z[first], keys.z[middle], keys.z[last], t)
+    quat, quat_by = sider2_with_jacobian(keys.quat[first], keys.quat[middle], keys.quat[last], t)
     weights = lagrange(t)
     transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
     residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
@@ -165,14 +168,14 @@ def bundle_frames(
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
     chain = xp.zeros((len(time), FRAME_DOF, 3 * dof), dtype=t.dtype, device=getattr(t, "device", None))
     for k, key in enumerate(triple):
-        first = k * dof
+        column = k * dof
         latent = xp.matmul(decoded.by_latent, xp.matmul(z_by[k], CODES.tangent_basis(keys.z)[key]))
-        chain[:, 3:66, first : first + 30] = latent
-        chain[:, 0:3, first + 30 : first + 33] = _root_jacobian(quat, quat_by[k], keys.quat[key])
+        chain[:, 3:66, column : column + 30] = latent
+        chain[:, 0:3, column + 30 : column + 33] = _root_jacobian(quat, quat_by[k], keys.quat[key])
         for i in range(3):
-            chain[:, 66 + i, first + 33 + i] = weights[k]
+            chain[:, 66 + i, column + 33 + i] = weights[k]
         if residuals:
-            _fill_residual(chain, decoded, weights[k], first + KEY_DOF)
+            _fill_residual(chain, decoded, weights[k], column + KEY_DOF)
     return BundleFrames(poses, chain, residual)
 
 

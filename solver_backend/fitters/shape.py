@@ -175,6 +175,7 @@ def _point_jacobian(
     count, num = posed.points.shape[:2]
     like = {"dtype": posed.points.dtype, "device": getattr(posed.points, "device", None)}
     eye = xp.broadcast_to(xp.eye(3, **like), (count, num, 3, 3))
+    assert posed.by_offsets is not None
     by_offsets = xp.zeros((count, num, 3, 3 * num), **like)
     for i in range(num):
         by_offsets[:, i, :, 3 * i : 3 * i + 3] = posed.by_offsets[:, i]

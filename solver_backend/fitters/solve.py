@@ -14,14 +14,14 @@ from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.fitters.bundle import Schedule, solve_global, solve_sliding
-from solver_backend.fitters.frame import FrameStates, fit_frames, posed
+from solver_backend.fitters.frame import FrameStates, bridged_states, fit_frames, posed
 from solver_backend.fitters.initial import Observations, fit_to_points, observe, sample_frames
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned, resampled
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.result import build_motion
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, fit_shape, refit_shape
-from solver_backend.fitters.subject import PosedFrames, Subject, select_frames
+from solver_backend.fitters.subject import PosedFrames, Subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, load_sposer
@@ -120,10 +120,7 @@ def _solve_frames(
     states, _ = fit_frames(
         subject, problem.prior, problem.term.select(seen), states, scales, settings.iterations, progress
     )  # fmt: skip
-    nearest = seen[np.abs(np.arange(problem.num_frames)[:, None] - seen).argmin(axis=1)]
-    index = np.searchsorted(seen, nearest)
-    frames = select_frames(posed(problem.prior, states), index)
-    return subject, frames, np.arange(0)
+    return subject, posed(problem.prior, bridged_states(states, seen, problem.num_frames)), np.arange(0)
 
 
 def _solve_bundle(

@@ -48,9 +48,11 @@ class ReprojectionTerm:
         """
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
-        arrays = (cameras.K, cameras.distortion, cameras.R, cameras.t)
         return cls(
-            *(constant(a, like) for a in arrays),
+            constant(cameras.K, like),
+            constant(cameras.distortion, like),
+            constant(cameras.R, like),
+            constant(cameras.t, like),
             cameras.distortion_model,
             constant(xy, like),
             constant(keypoints.confidence / np.asarray(sigma_px) ** 2, like),

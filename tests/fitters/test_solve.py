@@ -1,0 +1,121 @@
+"""From capture to motion: accuracy on the embedded capture, agreement of the backends, gaps, and bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.errors import JobInvalid, NoDetections, TakeTooShort, TooFewViews
+from solver_backend.fitters.evaluate import evaluate
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solve import solve
+from solver_backend.synthetic.demo import demo_capture
+from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D
+
+QUICK = SolveSettings(iterations=4)
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return demo_capture()
+
+
+def cut(capture: Capture, start: int, stop: int) -> Capture:
+    assert capture.keypoints is not None
+    truth = {k: v if k == "betas" else v[start:stop] for k, v in capture.truth.items()}
+    return replace(capture, keypoints=capture.keypoints.frames(start, stop), truth=truth)
+
+
+def hidden(capture: Capture, frames: slice, views: slice = slice(None)) -> Capture:
+    keypoints = capture.keypoints
+    assert keypoints is not None
+    confidence = keypoints.confidence.copy()
+    confidence[views, frames] = 0
+    return replace(capture, keypoints=Keypoints2D(keypoints.xy, confidence, keypoints.joint_set, keypoints.fps))
+
+
+def test_demo_capture_is_solved_to_its_promise(capture):
+    """The figures of the README: 20 mm, 0.6 x the filtered triangulation in position and in acceleration."""
+    motion = solve(capture)
+    result = evaluate(capture, motion)
+    assert result.joints_mpjpe_mm <= 20
+    assert result.mpjpe_ratio <= 0.6, result.lines()
+    assert result.accel_ratio <= 0.6, result.lines()
+    assert motion.num_frames == capture.num_frames and motion.fps == 60
+    assert motion.keyframes is not None and 40 < motion.keyframes.sum() < 110
+    assert motion.flags is not None and (motion.flags & FLAG_UNSEEN).sum() == 0
+    floor = np.asarray(motion.keypoints3d)[..., 2].min(axis=1)
+    assert np.abs(floor).max() < 0.06
+
+
+def test_the_same_input_gives_the_same_bytes(capture):
+    short = cut(capture, 100, 140)
+    first, second = solve(short, QUICK), solve(short, QUICK)
+    for name in ("betas", "global_orient", "body_pose", "transl", "joints"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+@pytest.mark.parametrize("method", ["bundle", "frame"])
+def test_torch_equals_numpy(capture, method):
+    pytest.importorskip("torch")
+    short = cut(capture, 200, 241)
+    one = solve(short, replace(QUICK, method=method))
+    other = solve(short, replace(QUICK, method=method, backend="torch"))
+    np.testing.assert_allclose(other.joints, one.joints, atol=1e-6)
+
+
+def test_frame_method_is_accurate_enough_to_look_at(capture):
+    short = cut(capture, 0, 60)
+    motion = solve(short, SolveSettings(method="frame"))
+    assert evaluate(short, motion).joints_mpjpe_mm < 40
+
+
+def test_one_frame_is_solved_by_the_frame_method_and_named_by_the_bundle(capture):
+    one = cut(capture, 30, 31)
+    assert solve(one, SolveSettings(method="frame")).num_frames == 1
+    with pytest.raises(TakeTooShort, match=r"needs 4 frames, the take has 1.*method 'frame'"):
+        solve(one)
+
+
+def test_a_second_in_which_nobody_is_seen_is_bridged_and_flagged(capture):
+    short = hidden(cut(capture, 60, 210), slice(40, 101))
+    motion = solve(short, QUICK)
+    assert motion.flags is not None
+    unseen = (motion.flags & FLAG_UNSEEN) > 0
+    assert unseen[40:101].all() and not unseen[:38].any() and not unseen[103:].any()
+    error = np.linalg.norm(motion.joints - short.truth["joints"], axis=-1).mean(axis=1)
+    assert error[:35].mean() < 0.02 and error[105:].mean() < 0.02
+    speed = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * 60
+    assert speed[38:104].max() < 6.0
+
+
+def test_the_frame_method_bridges_too(capture):
+    short = hidden(cut(capture, 60, 140), slice(30, 50))
+    motion = solve(short, SolveSettings(method="frame"))
+    assert motion.flags is not None and ((motion.flags & FLAG_UNSEEN) > 0)[30:50].all()
+    step = np.linalg.norm(np.diff(motion.joints[28:53], axis=0), axis=-1)
+    assert step.max() < 0.15
+
+
+def test_all_zero_confidences(capture):
+    with pytest.raises(NoDetections, match="Every confidence is zero"):
+        solve(hidden(cut(capture, 0, 20), slice(None)))
+
+
+def test_fewer_than_two_views(capture):
+    with pytest.raises(TooFewViews, match="1 of 4 cameras have detections; two are needed"):
+        solve(hidden(cut(capture, 0, 20), slice(None), slice(1, None)))
+    with pytest.raises(TooFewViews, match="1 of 1 cameras"):
+        solve(cut(capture, 0, 20).views([2]))
+
+
+def test_settings_name_what_is_wrong():
+    with pytest.raises(JobInvalid, match=r"window = 2 is not valid; a whole number from 4 to 240"):
+        SolveSettings(window=2)
+    with pytest.raises(JobInvalid, match=r"Unknown setting windows.*Known settings: method, backend, window"):
+        SolveSettings.from_dict({"windows": 20})
+
+
+def test_two_views_still_place_the_body(capture):
+    short = cut(capture, 0, 80).views([0, 1])
+    assert evaluate(short, solve(short, QUICK)).joints_mpjpe_mm < 60
