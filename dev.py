@@ -138,12 +138,11 @@ def install() -> None:
             env[uv_name] = env[pip_name]
     env.pop("UV_SYSTEM_PYTHON", None)
     pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    if call([*pip, "uv>=0.5"]) == 0:
-        command = [str(PYTHON), "-m", "uv", "pip", "install", "--python", str(PYTHON), "--editable", project]
-    else:
-        print("uv could not be had; pip installs instead, which is slower.", flush=True)
-        command = [*pip, "--editable", project]
-    if call(command, env=env) != 0:
+    uv = [str(PYTHON), "-m", "uv", "pip", "install", "--python", str(PYTHON)]
+    if call([*pip, "uv>=0.5"]) == 0 and call([*uv, "--editable", project], env=env) == 0:
+        return
+    print("uv could not be had or did not succeed; pip tries, which is slower.", flush=True)
+    if call([*pip, "--editable", project], env=env) != 0:
         raise Failed(
             "The packages could not be installed; the lines above name the one that failed.",
             "Check the network and the free space (3 GB), then call again: what is there is kept.",

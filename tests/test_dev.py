@@ -156,8 +156,9 @@ def test_set_up_installs_everything_in_one_step_and_only_once(tool, monkeypatch,
     assert len(tool.commands) > before
 
 
-def test_pip_steps_in_where_uv_cannot_be_had(tool, monkeypatch):
-    tool.codes["uv>=0.5"] = 1
+@pytest.mark.parametrize("failing", ["uv>=0.5", "uv"])
+def test_pip_steps_in_where_uv_cannot_be_had_or_fails(tool, monkeypatch, failing):
+    tool.codes[failing] = 1
     monkeypatch.setattr(tool, "PYTHON", Path(sys.executable))
     tool.set_up()
     last = [command for command, _ in tool.commands if "install" in command][-1]
