@@ -10,8 +10,9 @@ import pytest
 
 from solver_backend.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
 from solver_backend.io.calibration import Calibration, calibrations_in, read_calibration
-from solver_backend.io.calibration.units import UP_AXES, resized, with_up_axis
+from solver_backend.io.calibration.units import resized, with_up_axis
 from solver_backend.io.calibration.yaml_storage import parse_yaml
+from solver_backend.io.up_axis import UP_AXES
 from solver_backend.types import Cameras
 from tests.io.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
 from tests.io.scenes import ring_of_cameras

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.errors import JobInvalid
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.up_axis import turn_to_z_up
 from solver_backend.types import Cameras
 
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
@@ -15,16 +16,6 @@ METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "
 
 WIDEST_RIG_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
-
-UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
-    "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
-    "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-    "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
-    "-x": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
-}
-"""Rotation from a world whose named axis points up to ours, whose Z points up."""
 
 
 def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str]:
@@ -66,11 +57,7 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
     Raises:
         JobInvalid: the axis is unknown.
     """
-    axis = up_axis.lower().lstrip("+")
-    if axis not in UP_AXES:
-        raise JobInvalid(f"Unknown up-axis '{up_axis}'; known are {', '.join(UP_AXES)}.", where="up_axis")
-    turn = np.array(UP_AXES[axis], dtype=np.float64)
-    return replace(cameras, R=cameras.R @ turn.T)
+    return replace(cameras, R=cameras.R @ turn_to_z_up(up_axis).T)
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
