@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from solver_backend.errors import CalibrationMismatch, CalibrationMissing
+from solver_backend.errors import CalibrationInvalid, CalibrationMismatch, CalibrationMissing, MocapError
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
 from solver_backend.io.camera_names import listing, match_names
@@ -51,15 +51,24 @@ def find_calibration(
     Raises:
         CalibrationMissing: there is none.
         CalibrationMismatch: there are some, all for other cameras; names both.
-        CalibrationInvalid, FileDamaged: the nearest one is bad.
+        CalibrationInvalid, FileDamaged: a nearer one is bad, or the only files that could be one are damaged.
     """
     others: list[Calibration] = []
+    damaged: list[MocapError] = []
     for folder in _folders(root):
-        for found in calibrations_in(folder, unit=unit, up_axis=up_axis):
-            order = match_names(recorded, found.cameras.names)
+        found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis)
+        for calibration in found:
+            order = match_names(recorded, calibration.cameras.names)
             if order is not None:
-                return _ordered(found, order)
-            others.append(found)
+                return _ordered(calibration, order)
+        others += found
+        # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
+        serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
+        if serious:
+            raise serious[0]
+        damaged += errors
+    if not others and damaged:
+        raise damaged[0]
     if not others:
         raise CalibrationMissing(
             "The recording has no camera calibration.",

@@ -128,10 +128,16 @@ def test_a_folder_with_several_formats_and_other_files(tmp_path: Path, cameras: 
     (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")
     (tmp_path / "readme.txt").write_text("hello")
     (tmp_path / "c.json").write_text(json_text(cameras, "dict"))
-    found = calibrations_in(tmp_path)
-    assert [c.source.name for c in found] == ["Calib.toml", "Calib.qca.txt", tmp_path.name]
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "unrelated.json").write_text('{"a": [1, 2]}')
+    for c, name in enumerate(cameras.names):
+        (tmp_path / f"{name}.yml").write_text(yaml_camera(cameras, c, "rvec"))
+    found, errors = calibrations_in(tmp_path)
+    assert [c.source.name for c in found] == ["Calib.toml", "Calib.qca.txt", "c.json", tmp_path.name]
     for calibration in found:
         assert_same(calibration, cameras)
+    assert [type(error) for error in errors] == [FileDamaged]
+    assert "broken.json" in errors[0].where
 
 
 def test_no_calibration(tmp_path: Path) -> None:

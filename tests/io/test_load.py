@@ -217,6 +217,24 @@ def test_no_calibration(trial: Path) -> None:
         load_capture(trial)
 
 
+def test_damaged_calibrations(trial: Path) -> None:
+    cameras = write_trial(trial)
+    text = toml_text(renamed(cameras, CALIBRATED))
+    (trial.parent / "docker.yml").write_text("services:\n  web: [a, b\n")
+    (trial / "notes.json").write_text("{")
+    assert load_capture(trial).num_frames == 20
+    (trial / "calibration" / "Calib.toml").write_text(text[:-200] + "rotation = [")
+    with pytest.raises(FileDamaged, match=r"not TOML.*Calib\.toml"):
+        load_capture(trial)
+    shutil.rmtree(trial / "calibration")
+    with pytest.raises(FileDamaged, match=r"not JSON.*notes\.json"):
+        load_capture(trial)
+    (trial / "notes.json").unlink()
+    (trial.parent / "docker.yml").unlink()
+    with pytest.raises(CalibrationMissing):
+        load_capture(trial)
+
+
 @pytest.mark.parametrize(
     "calibrated",
     [
@@ -250,6 +268,12 @@ def test_one_camera(trial: Path) -> None:
     write_trial(trial, names=("cam01",), calibrated=("cam_1",))
     with pytest.raises(TooFewViews, match="Only one camera is recorded, cam01; two are needed"):
         load_capture(trial)
+
+
+def test_one_camera_in_a_file(tmp_path: Path) -> None:
+    path = write_capture(tmp_path / "c.npz", small_capture(views=2).views([1]))
+    with pytest.raises(TooFewViews, match="1 of 1 cameras have detections; two are needed"):
+        load_capture(path)
 
 
 def test_one_camera_with_anybody(trial: Path) -> None:

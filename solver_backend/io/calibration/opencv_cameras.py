@@ -24,6 +24,15 @@ def read_opencv_tree(path: Path) -> Any:
     return read_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
 
 
+def count_cameras(path: Path) -> int:
+    """Return how many cameras one file describes whole.
+
+    Raises:
+        FileMissing, FileDamaged: see ``read_opencv_tree``.
+    """
+    return len(_camera_nodes(path.stem, read_opencv_tree(path)))
+
+
 def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
     """Return the cameras of one or several files, in the files' unit; files without cameras are passed over.
 

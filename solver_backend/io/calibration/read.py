@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from solver_backend.errors import CalibrationInvalid, CalibrationMissing
+from solver_backend.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
-from solver_backend.io.calibration.opencv_cameras import read_opencv_cameras
+from solver_backend.io.calibration.opencv_cameras import count_cameras, read_opencv_cameras
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
 from solver_backend.io.calibration.units import in_metres, with_up_axis
@@ -16,6 +16,8 @@ FORMATS = "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml,
 """What is read, for messages."""
 
 _OPENCV = (".yml", ".yaml", ".json")
+_LARGEST = 20_000_000
+"""Bytes; no calibration is larger."""
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
@@ -33,7 +35,10 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
         FileMissing, FileDamaged: the file is not there, truncated or not what its name says.
     """
     path = Path(path)
-    found = _read(path, unit, up_axis)
+    files = [path]
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
+    found = _read(files, path, unit, up_axis)
     if found is None:
         raise CalibrationMissing(
             "There is no camera calibration here.", where=str(path), hint=f"Formats that are read: {FORMATS}."
@@ -41,17 +46,39 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     return found
 
 
-def calibrations_in(folder: Path, *, unit: str | None = None, up_axis: str | None = None) -> list[Calibration]:
-    """Return every calibration directly in a folder: each TOML and Qualisys file, and its OpenCV files together.
+def calibrations_in(
+    folder: Path, *, unit: str | None = None, up_axis: str | None = None
+) -> tuple[list[Calibration], list[MocapError]]:
+    """Return every calibration directly in a folder, and the errors of files that cannot be read or are bad ones.
 
-    Raises:
-        CalibrationInvalid, FileDamaged: a file is a calibration, and a bad one.
+    Each TOML and Qualisys file is one, so is each OpenCV file with several cameras; the other OpenCV files together
+    are one. Files that are no calibrations are passed over.
     """
     files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
-    sources: list[Path] = [p for p in files if p.suffix.lower() == ".toml"] + [p for p in files if is_qualisys(p)]
-    found = [c for c in (_read(p, unit, up_axis) for p in sources) if c is not None]
-    opencv = _read(folder, unit, up_axis)
-    return found + ([opencv] if opencv is not None else [])
+    found: list[Calibration] = []
+    errors: list[MocapError] = []
+    sources: list[list[Path]] = [[p] for p in files if p.suffix.lower() == ".toml"]
+    sources += [[p] for p in files if is_qualisys(p)]
+    single: list[Path] = []
+    for path in (p for p in files if p.suffix.lower() in _OPENCV and p.stat().st_size < _LARGEST):
+        try:
+            several = count_cameras(path) > 1
+        except FileDamaged as error:
+            errors.append(error)
+            continue
+        if several:
+            sources.append([path])
+        else:
+            single.append(path)
+    for paths in [*sources, single]:
+        try:
+            calibration = _read(paths, folder, unit, up_axis)
+        except (FileDamaged, CalibrationInvalid) as error:
+            errors.append(error)
+            continue
+        if calibration is not None:
+            found.append(calibration)
+    return found, errors
 
 
 def is_qualisys(path: Path) -> bool:
@@ -59,19 +86,17 @@ def is_qualisys(path: Path) -> bool:
     return path.name.lower().endswith((".qca.txt", ".qca"))
 
 
-def _read(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    name = path.name.lower()
-    if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
-        return _finished(read_opencv_cameras(files), path, "OpenCV", unit, up_axis)
-    if is_qualisys(path):
-        entries, problems = read_qualisys(path)
-        return _finished(entries, path, "Qualisys", unit, up_axis, problems)
-    if name.endswith(".toml"):
-        return _finished(read_toml_cameras(path), path, "TOML", unit, up_axis)
-    if path.suffix.lower() in _OPENCV:
-        return _finished(read_opencv_cameras([path]), path, "OpenCV", unit, up_axis)
-    return None
+def _read(paths: Sequence[Path], source: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
+    """Return the calibration of one file, or of several OpenCV files; ``source`` is what it is called then."""
+    if len(paths) == 1:
+        source = paths[0]
+        if is_qualisys(source):
+            entries, problems = read_qualisys(source)
+            return _finished(entries, source, "Qualisys", unit, up_axis, problems)
+        if source.suffix.lower() == ".toml":
+            return _finished(read_toml_cameras(source), source, "TOML", unit, up_axis)
+    readable = [p for p in paths if p.suffix.lower() in _OPENCV]
+    return _finished(read_opencv_cameras(readable), source, "OpenCV", unit, up_axis)
 
 
 def _finished(
