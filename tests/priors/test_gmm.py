@@ -12,7 +12,8 @@ from scipy.stats import multivariate_normal
 from solver_backend.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gmm import GaussianMixture, load_gmm
-from solver_backend.priors.weights import PriorWeights, write_weights
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.priors.weights import ASSETS, PriorWeights, write_weights
 from solver_backend.training.expectation_maximisation import fit_mixture
 
 
@@ -93,3 +94,11 @@ def test_bad_input_is_named(tmp_path: Path, prior: GaussianMixture) -> None:
             load_gmm(path)
     write_weights(path, PriorWeights("gmm", arrays, {}))
     assert load_gmm(path).latent_dim == 63
+
+
+def test_shipped_mixture_prefers_people() -> None:
+    shipped, sposer = load_gmm(), load_sposer()
+    posed = shipped.energy(sposer.sample(100, seed=0))
+    noise = shipped.energy(exp_so3(0.8 * np.random.default_rng(0).standard_normal((100, 21, 3))))
+    assert np.median(noise) > 3 * np.median(posed)
+    assert shipped.metadata["sha256"] in (ASSETS / "gmm.md").read_text(encoding="utf-8")
