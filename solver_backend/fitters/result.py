@@ -20,6 +20,7 @@ def build_motion(
     observations: Observations,
     *,
     key_times: np.ndarray,
+    sigma: Any | None,
     scale: float,
     provenance: dict[str, Any],
 ) -> Motion:
@@ -31,6 +32,7 @@ def build_motion(
         frames: F poses.
         observations: triangulation and noise.
         key_times: frame numbers of the keyframes (may fall between frames).
+        sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
         scale: robust scale in standard deviations, beyond which a detection counts as an outlier.
         provenance: stored as it is.
     """
@@ -61,6 +63,7 @@ def build_motion(
         joints=joints,
         keypoints3d=points,
         joint_set=keypoints.joint_set,
+        joint_sigma=None if sigma is None else _numpy(sigma),
         keyframes=keyframes,
         flags=_flags(normalised, observations.seen),
         reprojection_px=error.astype(np.float32),

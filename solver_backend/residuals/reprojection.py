@@ -87,11 +87,12 @@ class ReprojectionTerm:
         information = xp.sum(xp.matmul(turned, pull[..., None] * by_point), axis=0)
         return PointEvidence(cost, gradient, information)
 
-    def inlier_weights(self, points: Array, scale: float) -> Array:
-        """Return the (C, F, L) robust weight of each detection, 0..1."""
+    def residuals(self, points: Array, scale: float) -> tuple[Array, Array]:
+        """Return the (C, F, L, 2) pixel errors and the (C, F, L) mask of detections within ``scale`` deviations."""
         xp = array_namespace(points)
         px, _, _ = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
         error = px - self.xy
+        finite = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1)
+        error = xp.where(finite[..., None], error, xp.zeros_like(error))
         per_sigma = self.weight / xp.where(self.confidence > 0, self.confidence, xp.ones_like(self.weight))
-        _, robust = geman_mcclure(per_sigma * xp.sum(error * error, axis=-1), scale)
-        return xp.where((self.weight > 0) & xp.isfinite(robust), robust, xp.zeros_like(robust))
+        return error, finite & (per_sigma * xp.sum(error * error, axis=-1) < scale * scale)

@@ -96,6 +96,26 @@ class BlockTridiagonal:
                 coupled.append(_solve_lower(xp, factors[-1], self.upper[i]))
         return factors, coupled
 
+    def marginals(self) -> tuple[Array, Array]:
+        """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, n), and form no others.
+
+        Backwards from the last block: ``S_{i,i+1} = -L_iᵀ⁻¹ C_i S_{i+1,i+1}`` and
+        ``S_ii = L_iᵀ⁻¹ (I + C_i S_{i+1,i+1} C_iᵀ) L_i⁻¹`` with ``C_i = L_i⁻¹ U_i`` (Takahashi, Fagan and Chin 1973).
+        """
+        xp = array_namespace(self.g)
+        eye = xp.eye(self.g.shape[1], dtype=self.g.dtype, device=getattr(self.g, "device", None))
+        factors, coupled = self.factorise()
+        inverse = [_solve_lower(xp, factor, eye) for factor in factors]
+        diagonal = [xp.matmul(inverse[-1].T, inverse[-1])]
+        upper: list[Array] = []
+        for i in range(len(factors) - 2, -1, -1):
+            forward = xp.matmul(coupled[i], diagonal[-1])
+            upper.append(-xp.matmul(inverse[i].T, forward))
+            middle = eye + xp.matmul(forward, coupled[i].T)
+            diagonal.append(xp.matmul(inverse[i].T, xp.matmul(middle, inverse[i])))
+        off = xp.stack(upper[::-1]) if upper else self.upper
+        return xp.stack(diagonal[::-1]), off
+
 
 def _solve_lower(xp: Any, lower: Array, right: Array, *, transposed: bool = False) -> Array:
     """Solve with a lower triangle (or its transpose); the array standard has no triangular solve, so LU does it."""

@@ -78,3 +78,24 @@ def test_lm_never_ends_above_its_start():
     start = np.array([[0.4]])
     result = levenberg_marquardt(start, linearise, lambda p, d: p + d, lambda m, n, o: n, LMSettings(30))
     assert result.cost[0] < linearise(start)[0][0]
+
+
+def test_marginals_are_the_blocks_of_the_inverse():
+    rng = np.random.default_rng(3)
+    blocks, n = 5, 4
+    dense = np.zeros((blocks * n, blocks * n))
+    for i in range(blocks - 1):
+        window = slice(i * n, (i + 2) * n)
+        dense[window, window] += spd(rng, 2 * n)
+    cut = dense.reshape(blocks, n, blocks, n)
+    system = BlockTridiagonal(
+        np.stack([cut[i, :, i] for i in range(blocks)]),
+        np.stack([cut[i, :, i + 1] for i in range(blocks - 1)]),
+        np.zeros((blocks, n)),
+    )
+    inverse = np.linalg.inv(dense).reshape(blocks, n, blocks, n)
+    diagonal, upper = system.marginals()
+    for i in range(blocks):
+        np.testing.assert_allclose(diagonal[i], inverse[i, :, i], rtol=1e-6, atol=1e-9)
+        if i + 1 < blocks:
+            np.testing.assert_allclose(upper[i], inverse[i, :, i + 1], rtol=1e-6, atol=1e-9)

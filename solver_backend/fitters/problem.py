@@ -1,0 +1,49 @@
+"""A capture made ready for a solver, and the person in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solver_backend.body.body import Body
+from solver_backend.fitters.frame import fit_frames
+from solver_backend.fitters.initial import Observations, fit_to_points, sample_frames
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.shape import fit_shape
+from solver_backend.fitters.subject import Subject
+from solver_backend.progress import Progress
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.robust import graduated_scales
+
+SAMPLE_FRAMES = 32
+"""Frames from which shape and detector bias are learned."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A capture made ready for a solver."""
+
+    body: Body
+    prior: Any
+    observations: Observations
+    term: ReprojectionTerm
+    fps: float
+    num_frames: int
+
+
+def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
+    """Return the subject with shape and detector bias learned from a sample of frames."""
+    frames = sample_frames(problem.observations, SAMPLE_FRAMES)
+    progress("Learning the body", 0, 3)
+    states = fit_to_points(subject, problem.prior, problem.observations, frames)
+    progress("Learning the body", 1, 3)
+    term = problem.term.select(frames)
+    states, _ = fit_frames(subject, problem.prior, term, states, (4 * settings.robust_scale,), settings.iterations)
+    progress("Learning the body", 2, 3)
+    scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
+    free = settings.betas is None
+    subject, _ = fit_shape(
+        subject, problem.prior, term, states, scales, settings.iterations, free_betas=free, free_offsets=False
+    )
+    progress("Learning the body", 3, 3)
+    return subject
