@@ -55,7 +55,9 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     subject, keys, system = _refine(problem, subject, layout, keys, settings, progress)
     residuals = settings.residual_rotations
     frames = bundle_frames(problem.prior, keys, layout.window, layout.time, residuals=residuals)
-    inflation = noise_inflation(subject, frames, problem.term, settings.robust_scale)
+    inflation = noise_inflation(
+        subject, frames, problem.term, settings.robust_scale, max(1, settings.refine_window // 2)
+    )
     sigma = joint_sigma(subject, frames, layout, system, inflation)
     return BundleSolution(subject, frames.poses, layout.key_times, sigma)
 

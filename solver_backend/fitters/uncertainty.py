@@ -59,11 +59,13 @@ def _window_covariance(xp, diagonal: Array, upper: Array, w: int, dof: int) -> A
     return xp.concat([top, bottom])
 
 
-def noise_inflation(subject: Subject, frames: BundleFrames, term: ReprojectionTerm, scale: float) -> float:
-    """Return (1 + r)/(1 - r), the variance factor of first-order autoregressive noise of lag-one correlation r.
+def noise_inflation(
+    subject: Subject, frames: BundleFrames, term: ReprojectionTerm, scale: float, num_frames: int
+) -> float:
+    """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
 
-    A detector errs alike in neighbouring frames, so F frames hold less news than F independent ones. r is measured on
-    the reprojection residuals of inliers, and 1 is the least that is returned.
+    A detector errs alike in neighbouring frames. r, the lag-one correlation of first-order autoregressive noise, is
+    measured on the reprojection residuals of inliers; n is the number of frames that a key averages over.
 
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".
@@ -75,4 +77,5 @@ def noise_inflation(subject: Subject, frames: BundleFrames, term: ReprojectionTe
     product = xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair)
     power = xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair)
     r = float(np.clip(float(product) / max(float(power), 1e-12), 0.0, 0.95))
-    return (1 + r) / (1 - r)
+    lag = np.arange(1, num_frames)
+    return float(1 + 2 * ((1 - lag / num_frames) * r**lag).sum())
