@@ -26,7 +26,7 @@ class ShapePrior:
     """The shape space has unit variance."""
     offset_sigma_m: float = 0.012
     """How far a detector's idea of a point may lie from ours."""
-    evidence: float = 0.1
+    evidence: float = 0.2
     """Share of each frame's information that is new: detector noise is correlated in time."""
 
 
