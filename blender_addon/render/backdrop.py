@@ -11,7 +11,8 @@ import numpy as np
 
 from ..bake.distortion import distort, normalised, pixels
 from ..bake.footage import Footage
-from .picture import blend, gradient, layer_from_render, resample
+from .picture import blend, gradient, layer_from_render
+from .resampling import Resampling
 from .stage import Look, open_stage
 from .strips import open_footage
 from .view import View
@@ -42,7 +43,10 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
     """
     reader = stack.enter_context(open_footage(footage, view.size, folder))
     sources = straightening_map(view)
-    return lambda index: _straight(reader.image(index), sources)
+    if sources is None:
+        return lambda index: reader.image(index).copy()
+    straighten = Resampling(sources, view.size, _OUTSIDE)
+    return lambda index: straighten(reader.image(index))
 
 
 def straightening_map(view: View) -> np.ndarray | None:
@@ -53,7 +57,3 @@ def straightening_map(view: View) -> np.ndarray | None:
     u, v = np.meshgrid(np.arange(view.size[0], dtype=float), np.arange(view.size[1], dtype=float))
     straight = normalised(np.stack([u, v], axis=-1), view.K)
     return pixels(distort(straight, camera.distortion, camera.distortion_model), view.K)
-
-
-def _straight(picture: np.ndarray, sources: np.ndarray | None) -> np.ndarray:
-    return picture.copy() if sources is None else resample(picture, sources, _OUTSIDE)

@@ -13,13 +13,14 @@ from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, gradient, layer_from_render, write_png
 from .stage import Look, open_stage
 from .subject import Subject
-from .tiles import Tile, arrange
+from .tiles import GAP, Tile, canvas_size, row
 from .view import View, three_quarter_view
 
 POSES, COLUMNS = 12, 6
-_WIDTH, _POSE_HEIGHT, _CAMERA_HEIGHT, _MOST_CAMERAS = 1560, 330, 300, 4
+_POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
 _LOOK = Look(shrink=3, cavity=True, shadows=True)
 _FOOTAGE_OPACITY = 0.8
+_SHEET_COLOUR = (24, 26, 30)
 _STAGE = "rendering the contact sheet"
 
 
@@ -35,30 +36,34 @@ def render_contact_sheet(path: Path, subject: Subject, progress: Progress) -> No
         RenderFailed: Blender cannot render here.
     """
     cameras = subject.cameras(_MOST_CAMERAS)
-    poses_height = -(-POSES // COLUMNS) * _POSE_HEIGHT
-    sheet = gradient(_WIDTH, poses_height + (_CAMERA_HEIGHT if cameras else 0))
+    poses = [_grid_tile(i) for i in range(POSES)]
+    width, poses_height = canvas_size(poses)
+    views = row([camera.image_size for camera in cameras], width, _MOST_CAMERA_HEIGHT)
+    sheet = np.empty((poses_height + (GAP + views[0].height if views else 0), width, 3), dtype=np.uint8)
+    sheet[:] = _SHEET_COLOUR
     total = POSES + len(cameras)
     with tempfile.TemporaryDirectory(prefix="sheet_") as name, ExitStack() as stack:
         folder = Path(name)
         letters = stack.enter_context(open_lettering(folder, 20))
-        tiles = arrange([(_WIDTH // COLUMNS, _POSE_HEIGHT)] * POSES, (_WIDTH, poses_height), columns=COLUMNS)
         frames = np.linspace(0, subject.motion.num_frames - 1, POSES).round().astype(int)
-        for i, (frame, tile) in enumerate(zip(frames.tolist(), tiles, strict=True)):
+        for i, (frame, tile) in enumerate(zip(frames.tolist(), poses, strict=True)):
             _paste(sheet, _pose_picture(folder, subject, frame, tile, letters), tile)
             progress(_STAGE, i + 1, total)
-        tiles = (
-            arrange([c.image_size for c in cameras], (_WIDTH, _CAMERA_HEIGHT), columns=len(cameras)) if cameras else []
-        )
-        for i, (camera, tile) in enumerate(zip(cameras, tiles, strict=True)):
+        for i, (camera, tile) in enumerate(zip(cameras, views, strict=True)):
             view = View(camera, (tile.width, tile.height))
-            _paste(sheet, _camera_picture(stack, folder, subject, view, letters), tile, poses_height)
+            _paste(sheet, _camera_picture(stack, folder, subject, view, letters), tile, poses_height + GAP)
             progress(_STAGE, POSES + i + 1, total)
     write_png(path, sheet)
 
 
+def _grid_tile(i: int) -> Tile:
+    width, height = _POSE_SIZE
+    return Tile(i % COLUMNS * (width + GAP), i // COLUMNS * (height + GAP), width, height)
+
+
 def _pose_picture(folder: Path, subject: Subject, frame: int, tile: Tile, letters: Lettering) -> np.ndarray:
     size = (tile.width, tile.height)
-    view = View(three_quarter_view(_frame_box(subject, frame), subject.heading, size), size)
+    view = View(three_quarter_view(_around(subject, frame), subject.heading, size), size)
     picture = gradient(*size)
     with open_stage("pose", (subject.take.body, *subject.floor), view, _LOOK, folder) as stage:
         blend(picture, layer_from_render(stage.render(float(subject.times[frame])), _LOOK.shrink), 0, 0)
@@ -66,12 +71,14 @@ def _pose_picture(folder: Path, subject: Subject, frame: int, tile: Tile, letter
     return picture
 
 
-def _frame_box(subject: Subject, frame: int) -> np.ndarray:
-    """Return points to frame: as far around this frame's joints as the farthest pose of the take needs."""
+def _around(subject: Subject, frame: int) -> np.ndarray:
+    """Return points to frame: the joints of every pose of the take, moved to where this frame's body is.
+
+    All pictures then have one scale and the body in the middle.
+    """
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
-    reach = np.linalg.norm(joints - middle[:, None], axis=-1).max()
-    return middle[frame] + reach * np.concatenate([np.eye(3), -np.eye(3)])
+    return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)
 
 
 def _camera_picture(stack: ExitStack, folder: Path, subject: Subject, view: View, letters: Lettering) -> np.ndarray:

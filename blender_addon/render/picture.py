@@ -1,4 +1,4 @@
-"""Pictures as NumPy arrays: reading Blender's Targa frames, writing PNG, blending, dots and resampling.
+"""Pictures as NumPy arrays: reading Blender's Targa frames, writing PNG, blending and dots.
 
 Pictures are (height, width, 3) uint8, top row first, as shown on screen (sRGB). A layer is (height, width, 4) float32
 in 0..1 with its colour multiplied by its alpha.
@@ -73,9 +73,18 @@ def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: fl
     x1, y1 = min(x + layer.shape[1], picture.shape[1]), min(y + layer.shape[0], picture.shape[0])
     if x1 <= x0 or y1 <= y0:
         return
-    part = layer[y0 - y : y1 - y, x0 - x : x1 - x] * opacity
-    under = picture[y0:y1, x0:x1]
-    under[:] = np.clip(under * (1 - part[..., 3:]) + part[..., :3] * 255 + 0.5, 0, 255).astype(np.uint8)
+    part = layer[y0 - y : y1 - y, x0 - x : x1 - x] * np.float32(opacity)
+    mixed = picture[y0:y1, x0:x1] * (1 - part[..., 3:]) + part[..., :3] * 255 + np.float32(0.5)
+    picture[y0:y1, x0:x1] = np.minimum(mixed, 255)
+
+
+def soften_edges(layer: np.ndarray) -> np.ndarray:
+    """Return a layer whose outline is smoothed by a 3 x 3 binomial filter; what lies inside stays sharp."""
+    soft = np.pad(layer, ((1, 1), (1, 1), (0, 0)))
+    soft = soft[:-2] + 2 * soft[1:-1] + soft[2:]
+    soft = (soft[:, :-2] + 2 * soft[:, 1:-1] + soft[:, 2:]) / 16
+    outline = (soft[..., 3:] > 0) & (soft[..., 3:] < 1 - 1e-6)
+    return np.where(outline, soft, layer)
 
 
 def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: tuple[float, float, float]) -> None:
@@ -88,16 +97,17 @@ def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: t
         colour: sRGB in 0..1.
     """
     reach = int(np.ceil(radius + 2))
+    size = np.array(picture.shape[1::-1])
+    known = centres[np.isfinite(centres).all(axis=1)]
+    known = known[((known > -reach) & (known < size + reach)).all(axis=1)]
+    corner = np.round(known).astype(int)
     grid = np.arange(-reach, reach + 1, dtype=np.float32)
-    for u, v in centres[np.isfinite(centres).all(axis=1)]:
-        if not (-reach <= u < picture.shape[1] + reach and -reach <= v < picture.shape[0] + reach):
-            continue
-        x, y = round(float(u)), round(float(v))
-        distance = np.hypot(grid[None, :] - (u - x), grid[:, None] - (v - y))
-        fill, rim = np.clip(radius + 0.5 - distance, 0, 1), 0.6 * np.clip(radius + 1.5 - distance, 0, 1)
-        alpha = np.maximum(fill, rim)
-        layer = np.stack([*(fill * c for c in colour), alpha], axis=-1).astype(np.float32)
-        blend(picture, layer, x - reach, y - reach)
+    u, v = (known - corner).astype(np.float32).T[:, :, None, None]
+    distance = np.hypot(grid[None, None, :] - u, grid[None, :, None] - v)
+    fill, rim = np.clip(radius + 0.5 - distance, 0, 1), 0.6 * np.clip(radius + 1.5 - distance, 0, 1)
+    layers = np.stack([*(fill * c for c in colour), np.maximum(fill, rim)], axis=-1)
+    for layer, (x, y) in zip(layers, corner - reach, strict=True):
+        blend(picture, layer, int(x), int(y))
 
 
 def gradient(width: int, height: int) -> np.ndarray:
@@ -105,15 +115,3 @@ def gradient(width: int, height: int) -> np.ndarray:
     shade = np.linspace(0.0, 1.0, height)[:, None, None]
     top, bottom = np.array([40.0, 44.0, 52.0]), np.array([92.0, 97.0, 106.0])
     return np.broadcast_to(top + (bottom - top) * shade, (height, width, 3)).astype(np.uint8)
-
-
-def resample(picture: np.ndarray, uv: np.ndarray, outside: tuple[int, int, int]) -> np.ndarray:
-    """Return the picture sampled bilinearly at (h, w, 2) pixel positions; positions outside take a colour."""
-    height, width = picture.shape[:2]
-    inside = (uv[..., 0] >= 0) & (uv[..., 0] <= width - 1) & (uv[..., 1] >= 0) & (uv[..., 1] <= height - 1)
-    u, v = np.where(inside, uv[..., 0], 0), np.where(inside, uv[..., 1], 0)
-    x, y = np.minimum(u.astype(int), width - 2), np.minimum(v.astype(int), height - 2)
-    a, b = (u - x)[..., None], (v - y)[..., None]
-    upper = picture[y, x] * (1 - a) + picture[y, x + 1] * a
-    lower = picture[y + 1, x] * (1 - a) + picture[y + 1, x + 1] * a
-    return np.where(inside[..., None], upper * (1 - b) + lower * b + 0.5, outside).astype(np.uint8)

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from ..bake.footage import find_footage
 from ..progress import Progress
 from .backdrop import Backdrop
 from .lettering import Lettering, open_lettering
-from .picture import blend, draw_dots, layer_from_render, write_png
+from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png
 from .stage import Look, Stage, open_stage
 from .strips import encode_video
 from .subject import Colour, Subject
-from .tiles import Tile, arrange
+from .tiles import Tile, canvas_size, pack
 from .view import View, three_quarter_view
 
 _CANVAS_COLOUR = (24, 26, 30)
@@ -36,6 +37,8 @@ class PreviewSettings:
     """Frames of video at most; a longer take is cut off."""
     most_views: int = 4
     """Cameras shown side by side."""
+    most_footage_pictures: int = 720
+    """Pictures of footage read at most; where there would be more, fewer cameras are shown."""
     body_opacity: float = 0.8
     """Opacity of the body over footage."""
 
@@ -80,33 +83,43 @@ def render_preview(path: Path, subject: Subject, progress: Progress, settings: P
         letters = stack.enter_context(open_lettering(folder, _LINE))
         panes = [_pane(stack, folder, subject, view, tile, settings) for view, tile in _views(subject, settings)]
         pictures = []
+        size = canvas_size([pane.tile for pane in panes])
         for done, frame in enumerate(frames):
-            canvas = np.empty((settings.size[1], settings.size[0], 3), dtype=np.uint8)
+            canvas = np.empty((size[1], size[0], 3), dtype=np.uint8)
             canvas[:] = _CANVAS_COLOUR
             for pane in panes:
                 _draw(canvas, pane, subject, frame, letters)
-            letters.write(canvas, f"{frame / subject.motion.fps:.1f} s", 8, settings.size[1] - _LINE - 8)
+            letters.write(canvas, f"{frame / subject.motion.fps:.1f} s", 8, size[1] - _LINE - 8)
             pictures.append(folder / f"preview_{done:06d}.png")
             write_png(pictures[-1], canvas, level=1)
             progress("rendering the preview", done + 1, len(frames))
         progress("writing the video", 0, 1)
-        encode_video(pictures, settings.size, fps, path)
+        encode_video(pictures, size, fps, path)
         progress("writing the video", 1, 1)
 
 
 def _views(subject: Subject, settings: PreviewSettings) -> list[tuple[View, Tile]]:
-    cameras = subject.cameras(settings.most_views)
+    cameras = subject.cameras(_view_count(subject, settings))
     if not cameras:
         camera = three_quarter_view(subject.joints.reshape(-1, 3), subject.heading, settings.size)
         return [(View(camera, settings.size), Tile(0, 0, *settings.size))]
-    tiles = arrange([camera.image_size for camera in cameras], settings.size)
+    tiles = pack([camera.image_size for camera in cameras], settings.size)
     return [(View(camera, (tile.width, tile.height)), tile) for camera, tile in zip(cameras, tiles, strict=True)]
+
+
+def _view_count(subject: Subject, settings: PreviewSettings) -> int:
+    """Return how many cameras to show: decoding footage costs more than rendering the body."""
+    cameras = subject.cameras(settings.most_views)
+    if not any(find_footage(camera.footage) for camera in cameras):
+        return settings.most_views
+    frames, _ = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
+    return min(settings.most_views, max(1, settings.most_footage_pictures // len(frames)))
 
 
 def _pane(stack: ExitStack, folder: Path, subject: Subject, view: View, tile: Tile, settings: PreviewSettings) -> Pane:
     backdrop, is_footage = subject.backdrop(stack, view, folder)
     detections, colour = subject.detections(view)
-    stage = stack.enter_context(open_stage("preview", (subject.take.body,), view, Look(), folder))
+    stage = stack.enter_context(open_stage("preview", (subject.take.body,), view, Look(shrink=1), folder))
     return Pane(view, tile, stage, backdrop, settings.body_opacity if is_footage else 1.0, detections, colour)
 
 
@@ -114,8 +127,8 @@ def _draw(canvas: np.ndarray, pane: Pane, subject: Subject, frame: int, letters:
     picture, tile = pane.backdrop(frame), pane.tile
     window = pane.view.window(subject.joints[frame])
     if window is not None:
-        rendered = pane.stage.render(float(subject.times[frame]), window)
-        blend(picture, layer_from_render(rendered, pane.stage.look.shrink), window[0], window[1], opacity=pane.opacity)
+        layer = soften_edges(layer_from_render(pane.stage.render(float(subject.times[frame]), window)))
+        blend(picture, layer, window[0], window[1], opacity=pane.opacity)
     draw_dots(picture, pane.detections[frame], max(1.5, tile.height / 180), pane.dot_colour)
     letters.write(picture, pane.view.camera.name, 8, 8)
     canvas[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width] = picture

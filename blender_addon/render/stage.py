@@ -14,6 +14,9 @@ from ..bake.cameras import create_camera
 from .still import render_still, write_targa
 from .view import View
 
+_STUDIO = "paint.sl"
+"""The brightest of the lights that come with Blender."""
+
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 of a part of a picture, in pixels from the top left."""
 
@@ -104,6 +107,8 @@ def _set_up(scene: bpy.types.Scene, view: View, look: Look) -> None:
     scene.display.render_aa = "OFF"
     shading = scene.display.shading
     shading.light, shading.color_type = "STUDIO", "MATERIAL"
+    if _STUDIO in bpy.context.preferences.studio_lights:
+        shading.studio_light = _STUDIO
     shading.show_cavity, shading.show_shadows = look.cavity, look.shadows
     if look.cavity:
         shading.cavity_type = "BOTH"

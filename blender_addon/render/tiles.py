@@ -1,13 +1,16 @@
-"""Placing pictures of several shapes side by side on one canvas."""
+"""Placing pictures of several shapes side by side."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+GAP = 4
+"""Pixels between pictures."""
+
 
 @dataclass(frozen=True)
 class Tile:
-    """Where one picture goes, in pixels from the canvas's top left."""
+    """Where one picture goes, in pixels from the canvas's top left; sizes are even, as video wants them."""
 
     x: int
     y: int
@@ -15,28 +18,65 @@ class Tile:
     height: int
 
 
-def arrange(shapes: list[tuple[int, int]], canvas: tuple[int, int], *, columns: int | None = None) -> list[Tile]:
-    """Place pictures in a grid of equal cells, each as large as its cell allows and centred in it.
+def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[Tile]:
+    """Place pictures in rows of equal height, as large as a canvas of about this area allows.
+
+    Of all numbers of rows the one is taken whose canvas is shaped most like ``area``.
 
     Args:
         shapes: width and height of each picture; only their ratio counts.
-        canvas: width and height in pixels.
-        columns: number of columns; if None, the one that covers most of the canvas.
+        area: width and height in pixels of the canvas that has the wanted number of pixels.
     """
     if not shapes:
         return []
-    choices = [columns] if columns else range(1, len(shapes) + 1)
-    return max((_grid(shapes, canvas, n) for n in choices), key=lambda tiles: sum(t.width * t.height for t in tiles))
+    choices = [_rows(shapes, rows, area) for rows in range(1, len(shapes) + 1)]
+    wanted = area[0] / area[1]
+
+    def misfit(tiles: list[Tile]) -> float:
+        width, height = canvas_size(tiles)
+        return max(width / height / wanted, wanted / (width / height))
+
+    return min(choices, key=misfit)
 
 
-def _grid(shapes: list[tuple[int, int]], canvas: tuple[int, int], columns: int) -> list[Tile]:
-    rows = -(-len(shapes) // columns)
-    cell_w, cell_h = canvas[0] // columns, canvas[1] // rows
+def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[Tile]:
+    """Place pictures in one row of equal height, as wide as ``width``, or centred in it at ``most_height``."""
+    if not shapes:
+        return []
+    ratio = sum(w / h for w, h in shapes)
+    height = min(most_height, int((width - GAP * (len(shapes) - 1)) / ratio))
+    tiles = _row(shapes, height, 0)
+    left = max(0, (width - tiles[-1].x - tiles[-1].width) // 2)
+    return [Tile(tile.x + left, 0, tile.width, tile.height) for tile in tiles]
+
+
+def canvas_size(tiles: list[Tile]) -> tuple[int, int]:
+    """Return the even width and height that hold all tiles."""
+    width, height = max(t.x + t.width for t in tiles), max(t.y + t.height for t in tiles)
+    return width + width % 2, height + height % 2
+
+
+def _rows(shapes: list[tuple[int, int]], rows: int, area: tuple[int, int]) -> list[Tile]:
+    per_row = -(-len(shapes) // rows)
+    groups = [shapes[i : i + per_row] for i in range(0, len(shapes), per_row)]
+    ratios = [sum(w / h for w, h in group) for group in groups]
+    # The widest row has ``max(ratios)`` times its height; the rows together cover the wanted number of pixels.
+    height = int((area[0] * area[1] / (max(ratios) * len(groups))) ** 0.5)
     tiles = []
-    for i, (width, height) in enumerate(shapes):
-        scale = min(cell_w / width, cell_h / height)
-        # Even sizes keep the video's chroma aligned.
-        w, h = max(2, int(width * scale) // 2 * 2), max(2, int(height * scale) // 2 * 2)
-        x, y = (i % columns) * cell_w + (cell_w - w) // 2, (i // columns) * cell_h + (cell_h - h) // 2
-        tiles.append(Tile(x, y, w, h))
+    for i, group in enumerate(groups):
+        placed = _row(group, height, i * (_even(height) + GAP))
+        left = int((max(ratios) - ratios[i]) * height / 2)
+        tiles += [Tile(tile.x + left, tile.y, tile.width, tile.height) for tile in placed]
     return tiles
+
+
+def _row(shapes: list[tuple[int, int]], height: int, y: int) -> list[Tile]:
+    tiles, x = [], 0
+    for width, own_height in shapes:
+        tiles.append(Tile(x, y, _even(height * width / own_height), _even(height)))
+        x += tiles[-1].width + GAP
+    return tiles
+
+
+def _even(length: float) -> int:
+    return max(2, round(length / 2) * 2)

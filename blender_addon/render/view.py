@@ -8,9 +8,10 @@ import numpy as np
 
 from ..bake.distortion import normalised, pixels, undistort
 from ..files.capture_file import CameraFile
+from ..files.skeleton import JOINTS
 
-BODY_REACH_M = 0.28
-"""No part of a body is farther from its nearest joint."""
+BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
+"""(24,) how far the body reaches beyond each joint, in metres."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class View:
         uv, depth = self.project(joints)
         if (depth < 2 * BODY_REACH_M).any():
             return (0, 0, *self.size) if (depth > 0).any() else None
-        reach = BODY_REACH_M * np.array([self.K[0, 0], self.K[1, 1]]) / depth[:, None]
+        reach = np.array([self.K[0, 0], self.K[1, 1]]) * (BODY_REACH_M / depth)[:, None]
         low = np.floor((uv - reach).min(axis=0)).astype(int)
         high = np.ceil((uv + reach).max(axis=0)).astype(int)
         x0, y0 = max(low[0], 0), max(low[1], 0)
@@ -82,20 +83,31 @@ def look_at(
     return CameraFile(name, K, R, -R @ centre, size, np.zeros(8), "opencv", None)
 
 
-def three_quarter_view(points: np.ndarray, heading: float, size: tuple[int, int], *, name: str = "view") -> CameraFile:
-    """Return a camera in front and to the left of a body that frames all points.
+def three_quarter_view(
+    points: np.ndarray, heading: float, size: tuple[int, int], *, name: str = "view", margin_m: float = 0.2
+) -> CameraFile:
+    """Return a camera in front and to the left of a body, just far enough to frame all points.
+
+    A point at (x, y) across and z towards the camera is in the picture from the distance
+    ``z + max(|x| / tan(a / 2), |y| / tan(b / 2))`` on, with the fields of view a and b.
 
     Args:
         points: (N, 3) world metres, finite.
         heading: direction the body faces, radians from +X about Z.
         size: width and height of the picture in pixels.
         name: name of the camera.
+        margin_m: metres that stay free around the points.
     """
-    field_of_view, elevation, side = np.radians(32.0), np.radians(14.0), np.radians(38.0)
-    low, high = points.min(axis=0), points.max(axis=0)
-    target = (low + high) / 2
-    radius = np.linalg.norm(points - target, axis=1).max() + 0.12
-    narrow = min(field_of_view, 2 * np.arctan(np.tan(field_of_view / 2) * size[0] / size[1]))
-    angle = heading + side
+    field_of_view, elevation, angle = np.radians(32.0), np.radians(14.0), heading + np.radians(38.0)
     away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])
-    return look_at(name, target + away * radius / np.sin(narrow / 2), target, size, float(field_of_view))
+    right = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    target = (points.min(axis=0) + points.max(axis=0)) / 2
+    x, y, z = (
+        np.abs((points - target) @ right),
+        np.abs((points - target) @ np.cross(away, right)),
+        (points - target) @ away,
+    )
+    up = np.tan(field_of_view / 2)
+    across = up * size[0] / size[1]
+    distance = (z + np.maximum((x + margin_m) / across, (y + margin_m) / up)).max()
+    return look_at(name, target + away * distance, target, size, float(field_of_view))

@@ -14,8 +14,9 @@ import pytest
 from blender_addon.bake.distortion import distort, normalised, pixels
 from blender_addon.errors import RenderFailed
 from blender_addon.render.backdrop import straightening_map
-from blender_addon.render.picture import blend, draw_dots, layer_from_render, read_targa, resample, write_png
-from blender_addon.render.tiles import arrange
+from blender_addon.render.picture import blend, draw_dots, layer_from_render, read_targa, soften_edges, write_png
+from blender_addon.render.resampling import Resampling
+from blender_addon.render.tiles import canvas_size, pack, row
 from blender_addon.render.view import View, look_at, three_quarter_view
 
 
@@ -70,25 +71,44 @@ def test_dots_are_centred_to_a_fraction_of_a_pixel() -> None:
     )
 
 
-def test_resample_is_bilinear_and_fills_the_outside() -> None:
+def test_resampling_is_bilinear_and_fills_the_outside() -> None:
     v, u = np.mgrid[:20, :30]
     picture = np.stack([u * 4, v * 5, 0 * u], -1).astype(np.uint8)
-    uv = np.array([[[3.5, 7.25], [29.0, 19.0], [-0.1, 4.0]]])
-    np.testing.assert_array_equal(resample(picture, uv, (9, 8, 7))[0], [[14, 36, 0], [116, 95, 0], [9, 8, 7]])
+    uv = np.array([[[3.5, 7.25], [29.0, 19.0], [-0.4, 4.0], [-0.6, 4.0]]])
+    found = Resampling(uv, (30, 20), (9, 8, 7))(picture)
+    np.testing.assert_array_equal(found[0], [[14, 36, 0], [116, 95, 0], [0, 20, 0], [9, 8, 7]])
 
 
-def test_tiles_fill_the_canvas() -> None:
-    four = arrange([(1920, 1080)] * 4, (848, 480))
-    assert [(t.x, t.y) for t in four] == [(0, 1), (424, 1), (0, 241), (424, 241)] and {t.width for t in four} == {424}
-    portrait = arrange([(1080, 1920)] * 4, (848, 480))
-    assert len({t.y for t in portrait}) == 1, "four upright pictures stand side by side"
-    assert arrange([], (10, 10)) == []
-    for tiles in (four, portrait, arrange([(4, 3), (3, 4), (16, 9)], (848, 480))):
-        cover = np.zeros((480, 848), int)
+def test_soft_edges_change_the_outline_alone() -> None:
+    layer = np.zeros((9, 9, 4), np.float32)
+    layer[2:7, 2:7] = 0.5, 0.25, 0.125, 1.0
+    soft = soften_edges(layer)
+    np.testing.assert_array_equal(soft[3:6, 3:6], layer[3:6, 3:6])
+    np.testing.assert_allclose(soft[4, [0, 1, 2, 3], 3], [0, 0.25, 0.75, 1])
+    np.testing.assert_allclose(soft.sum(axis=(0, 1)), layer.sum(axis=(0, 1)), rtol=1e-6)
+
+
+def test_tiles_have_the_wanted_area_and_do_not_overlap() -> None:
+    four = pack([(1920, 1080)] * 4, (848, 480))
+    assert [(t.x, t.y) for t in four] == [(0, 0), (428, 0), (0, 244), (428, 244)] and {t.width for t in four} == {424}
+    portrait = pack([(1080, 1920)] * 4, (848, 480))
+    assert {t.y for t in portrait} == {0}, "four upright pictures stand side by side"
+    assert pack([], (10, 10)) == row([], 10, 10) == []
+    for tiles in (four, portrait, pack([(4, 3), (3, 4), (16, 9)], (848, 480)), row([(9, 16), (16, 9)], 1560, 460)):
+        width, height = canvas_size(tiles)
+        assert width % 2 == height % 2 == 0 and 0.6 < width * height / (848 * 480) < 1.8
+        cover = np.zeros((height, width), int)
         for t in tiles:
             assert t.width % 2 == t.height % 2 == 0
             cover[t.y : t.y + t.height, t.x : t.x + t.width] += 1
         assert cover.max() == 1
+
+
+def test_row_keeps_below_the_most_height_and_is_centred() -> None:
+    low = row([(1080, 1920)] * 4, 1580, 460)
+    assert {t.height for t in low} == {460} and abs(low[0].x - (1580 - low[-1].x - low[-1].width)) <= 1
+    wide = row([(1920, 1080)] * 4, 1580, 460)
+    assert 0 <= 1580 - canvas_size(wide)[0] <= 8
 
 
 def test_view_scales_the_camera_by_pixel_edges(files: Any) -> None:
