@@ -71,13 +71,14 @@ class LandmarkBuilder:
             BodyInvalid: a ray misses the mesh.
         """
         mixes = [self._landmark(name) for name in names]
+        points = (np.stack(self._rest), np.stack(self._shapedirs), np.stack(self._weights))
+        if self._correctives:
+            return Landmarks.of_points(names, *points, posedirs=np.stack(self._posedirs))
         mix = np.zeros((len(names), len(self._rest)))
         for row, shares in enumerate(mixes):
             for point, share in shares.items():
                 mix[row, point] += share
-        posedirs = np.stack(self._posedirs) if self._correctives else None
-        arrays = (np.stack(self._rest), np.stack(self._shapedirs), np.stack(self._weights))
-        return Landmarks(names, *arrays, mix, posedirs)
+        return Landmarks.of_points(names, *points, mix)
 
     def _landmark(self, name: str) -> dict[int, float]:
         side, rule = self._rules[name]

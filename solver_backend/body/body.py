@@ -20,7 +20,7 @@ _HANDS = {24: (22, 23), 52: (25, 40), 55: (28, 43)}
 """Joints that stand for SMPL's left and right hand: themselves, or the root of the middle finger."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """A skinned, shaped and corrected body in its rest frame: Y up, facing +Z, left = +X, metres.
 
@@ -44,6 +44,8 @@ class Body:
     """Parent of each joint; -1 at the root."""
     faces: np.ndarray
     """(T, 3) vertex indices."""
+    hands_rest: np.ndarray | None = None
+    """(J - 22, 3, 3) rotations of the joints after the 22nd in relaxed hands; None = they are flat."""
     joints_template: np.ndarray = field(init=False)
     """(J, 3) rest joints of the mean shape."""
     joints_shapedirs: np.ndarray = field(init=False)

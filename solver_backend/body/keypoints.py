@@ -49,7 +49,7 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
         chosen = list(body.smpl_joints)
         one_hot = np.eye(len(body.parents))[chosen]
         joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]
-        return Landmarks(SMPL_JOINTS, joints, directions, one_hot, np.eye(len(chosen)))
+        return Landmarks.of_points(SMPL_JOINTS, joints, directions, one_hot)
     return LandmarkBuilder(body, _RULES).build(joint_set.keypoints)
 
 

@@ -1,5 +1,7 @@
 """Landmarks: kinematics against a plain loop, Jacobians against central differences, NumPy against torch."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,6 +13,18 @@ from solver_backend.types import SMPL_PARENTS
 FRAMES, POINTS, MARKS = 3, 7, 5
 
 
+@dataclass(frozen=True)
+class Case:
+    body: Body
+    landmarks: Landmarks
+    state: dict[str, np.ndarray]
+    rest: np.ndarray
+    shapedirs: np.ndarray
+    weights: np.ndarray
+    mix: np.ndarray
+    posedirs: np.ndarray
+
+
 def random_body(rng: np.random.Generator, vertices: int = 40) -> Body:
     weights = rng.dirichlet(np.ones(24) * 0.2, size=vertices)
     regressor = rng.dirichlet(np.ones(vertices), size=24)
@@ -20,23 +34,39 @@ def random_body(rng: np.random.Generator, vertices: int = 40) -> Body:
     )  # fmt: skip
 
 
-@pytest.fixture
-def case():
+def few(rng: np.random.Generator, shape: tuple[int, ...], share: float) -> np.ndarray:
+    """Return a mask with about this share of ones."""
+    return (rng.random(shape) < share).astype(float)
+
+
+def make_case(kind: str) -> Case:
+    """'mixed': rigid points, several a landmark; 'skin': own points, correctives at few joints; 'dense': at all."""
     rng = np.random.default_rng(5)
-    body = random_body(rng)
-    landmarks = Landmarks(
-        tuple("abcde"), rng.normal(size=(POINTS, 3)), 0.1 * rng.normal(size=(POINTS, 3, 10)),
-        rng.dirichlet(np.ones(24) * 0.3, size=POINTS), rng.dirichlet(np.ones(POINTS), size=MARKS),
-        0.05 * rng.normal(size=(POINTS, 3, 207)),
-    )  # fmt: skip
+    weights = rng.dirichlet(np.ones(24) * 0.3, size=POINTS) * few(rng, (POINTS, 24), 0.2 if kind == "skin" else 1.0)
+    weights[:, 16] += 0.1
+    weights /= weights.sum(1, keepdims=True)
+    rest, shapedirs = rng.normal(size=(POINTS, 3)), 0.1 * rng.normal(size=(POINTS, 3, 10))
+    posedirs = 0.05 * rng.normal(size=(POINTS, 3, 23, 9)) * few(rng, (POINTS, 1, 23, 1), 0.2 if kind == "skin" else 1.0)
+    posedirs = posedirs.reshape(POINTS, 3, 207)
+    if kind == "mixed":
+        mix, posedirs = rng.dirichlet(np.ones(POINTS), size=MARKS), 0 * posedirs
+        landmarks = Landmarks.of_points(tuple("abcde"), rest, shapedirs, weights, mix)
+    else:
+        mix = np.eye(POINTS)
+        landmarks = Landmarks.of_points(tuple("abcdefg"), rest, shapedirs, weights, posedirs=posedirs)
     state = {
         "betas": rng.normal(size=10),
         "global_orient": Rotation.random(FRAMES, random_state=1).as_matrix(),
         "local": Rotation.random(FRAMES * 21, random_state=2).as_matrix().reshape(FRAMES, 21, 3, 3),
         "transl": rng.normal(size=(FRAMES, 3)),
-        "offsets": 0.1 * rng.normal(size=(MARKS, 3)),
+        "offsets": 0.1 * rng.normal(size=(len(mix), 3)),
     }
-    return body, landmarks, state
+    return Case(random_body(rng), landmarks, state, rest, shapedirs, weights, mix, posedirs)
+
+
+@pytest.fixture(params=["mixed", "skin", "dense"])
+def case(request) -> Case:
+    return make_case(request.param)
 
 
 def points(body, landmarks, state):
@@ -52,7 +82,7 @@ def central(function, size, step=1e-6):
 
 
 def test_skinning_equals_a_plain_loop(case):
-    body, landmarks, state = case
+    body, landmarks, state = case.body, case.landmarks, case.state
     rest = body.rest_joints(state["betas"])
     for f in range(FRAMES):
         local = np.concatenate([state["global_orient"][f][None], state["local"][f], np.tile(np.eye(3), (2, 1, 1))])
@@ -64,15 +94,15 @@ def test_skinning_equals_a_plain_loop(case):
             G.append(G[k] @ local[j])
         mixed = np.zeros((POINTS, 3))
         for i in range(POINTS):
-            x = landmarks.rest[i] + landmarks.shapedirs[i] @ state["betas"] + landmarks.posedirs[i] @ feature
-            mixed[i] = sum(landmarks.weights[i, b] * (p[b] + G[b] @ (x - rest[b])) for b in range(24))
-        blend = np.einsum("lp,pb,bij->lij", landmarks.mix, landmarks.weights, np.stack(G))
-        expected = landmarks.mix @ mixed + np.einsum("lij,lj->li", blend, state["offsets"])
+            x = case.rest[i] + case.shapedirs[i] @ state["betas"] + case.posedirs[i] @ feature
+            mixed[i] = sum(case.weights[i, b] * (p[b] + G[b] @ (x - rest[b])) for b in range(24))
+        blend = np.einsum("lp,pb,bij->lij", case.mix, case.weights, np.stack(G))
+        expected = case.mix @ mixed + np.einsum("lij,lj->li", blend, state["offsets"])
         np.testing.assert_allclose(points(body, landmarks, state)[f], expected, atol=1e-12)
 
 
 def test_jacobians_equal_central_differences(case):
-    body, landmarks, state = case
+    body, landmarks, state = case.body, case.landmarks, case.state
     posed = pose_landmarks(body, landmarks, **state, jacobian=True)
     for k in range(22):
 
@@ -89,7 +119,7 @@ def test_jacobians_equal_central_differences(case):
         )
     numeric = central(lambda d: points(body, landmarks, {**state, "betas": state["betas"] + d}), 10)
     np.testing.assert_allclose(posed.by_betas, numeric, atol=1e-8)
-    for mark in range(MARKS):
+    for mark in range(len(landmarks)):
 
         def shift(d, mark=mark):
             offsets = state["offsets"].copy()
@@ -101,7 +131,7 @@ def test_jacobians_equal_central_differences(case):
 
 def test_torch_equals_numpy(case):
     torch = pytest.importorskip("torch")
-    body, landmarks, state = case
+    body, landmarks, state = case.body, case.landmarks, case.state
     posed = pose_landmarks(body, landmarks, **state, jacobian=True)
     other = pose_landmarks(body, landmarks, **{k: torch.as_tensor(v) for k, v in state.items()}, jacobian=True)
     for name in ("points", "by_rotations", "by_betas", "by_offsets"):
@@ -109,8 +139,30 @@ def test_torch_equals_numpy(case):
 
 
 def test_batch_equals_frame_by_frame(case):
-    body, landmarks, state = case
+    body, landmarks, state = case.body, case.landmarks, case.state
     whole = points(body, landmarks, state)
     for f in range(FRAMES):
         one = {k: (v[f : f + 1] if k in ("global_orient", "local", "transl") else v) for k, v in state.items()}
         np.testing.assert_allclose(points(body, landmarks, one)[0], whole[f], atol=1e-13)
+
+
+def test_long_takes_equal_their_parts(case):
+    """More frames than are computed at a time, the last part shorter."""
+    state = {
+        k: np.concatenate([v] * 15) if k in ("global_orient", "local", "transl") else v for k, v in case.state.items()
+    }
+    posed = pose_landmarks(case.body, case.landmarks, **state, jacobian=True)
+    part = pose_landmarks(case.body, case.landmarks, **case.state, jacobian=True)
+    np.testing.assert_allclose(posed.by_rotations[42:], part.by_rotations, atol=1e-12)
+
+
+def test_fewer_rotations_are_the_first_columns(case):
+    whole = pose_landmarks(case.body, case.landmarks, **case.state, jacobian=True)
+    few = pose_landmarks(case.body, case.landmarks, **case.state, jacobian=True, num_rotations=5)
+    np.testing.assert_allclose(few.by_rotations, whole.by_rotations[..., :15], atol=1e-13)
+
+
+def test_mixed_points_have_no_correctives():
+    skin = make_case("skin")
+    with pytest.raises(ValueError, match="mixed points are rigid"):
+        Landmarks.of_points(("a",), skin.rest, skin.shapedirs, skin.weights, np.full((1, 7), 1 / 7), skin.posedirs)

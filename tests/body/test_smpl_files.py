@@ -27,7 +27,8 @@ def random_model(family: str, vertices: int = 60, seed: int = 0) -> dict[str, np
     return {
         "v_template": rng.normal(size=(vertices, 3)), "shapedirs": 0.1 * rng.normal(size=(vertices, 3, 16)),
         "posedirs": 0.01 * rng.normal(size=(vertices, 3, 9 * (joints - 1))),
-        "J_regressor": rng.dirichlet(np.ones(vertices), size=joints), "weights": rng.dirichlet(np.ones(joints), vertices),
+        "J_regressor": rng.dirichlet(np.ones(vertices), size=joints),
+        "weights": rng.dirichlet(np.ones(joints), size=vertices),
         "kintree_table": kintree, "f": rng.integers(0, vertices, (20, 3)).astype(np.uint32),
     }  # fmt: skip
 

@@ -1,0 +1,57 @@
+"""The whole skin, posed: for reports, occlusion and comparisons; fitting slices the model instead."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from array_api_compat import array_namespace
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import forward_kinematics, pose_feature, with_resting_hands
+from solver_backend.geometry.arrays import Array, constant
+
+_CHUNK = 16
+"""Frames at a time: a blended transform per vertex and frame is large."""
+
+
+def pose_mesh(
+    body: Body, betas: Array, root: Array, local: Array, transl: Array, *, correctives: bool = True
+) -> Array:  # fmt: skip
+    """Return the (F, V, 3) vertices: ``v = sum_b w_b (G_b (x - J_b) + p_b)`` with correctives in x.
+
+    ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).
+
+    Args:
+        body: the body model.
+        betas: (10,) shape.
+        root: (F, 3, 3) rotation body to world about the pelvis joint.
+        local: (F, n, 3, 3) rotations of joints 1..n: 21, or more.
+        transl: (F, 3) metres.
+        correctives: False leaves the pose correctives out (plain linear blend skinning).
+    """
+    xp = array_namespace(root)
+    local = with_resting_hands(body, local)
+    shaped = constant(body.v_template, root) + xp.matmul(constant(body.shapedirs, root), betas)
+    skeleton = forward_kinematics(body, betas, root, local, transl)
+    rest_joints = constant(body.joints_template, root) + xp.matmul(constant(body.joints_shapedirs, root), betas)
+    shifts = skeleton.joints - xp.matmul(skeleton.G, rest_joints[:, :, None])[..., 0]
+    transforms = xp.concat([skeleton.G, shifts[..., None]], axis=-1)
+    weights = constant(body.weights, root)
+    used = 9 * local.shape[1]
+    directions = xp.reshape(constant(body.posedirs[..., :used], root), (-1, used)).T
+    feature = pose_feature(local)
+    parts = []
+    for start in range(0, root.shape[0], _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        rest = shaped[None]
+        if correctives:
+            rest = rest + xp.reshape(xp.matmul(feature[chunk], directions), (-1, *shaped.shape))
+        parts.append(_skinned(xp, weights, transforms[chunk], rest))
+    return xp.concat(parts, axis=0)
+
+
+def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:
+    """Return (f, V, 3) from (f, J, 3, 4) transforms and (f or 1, V, 3) rest points."""
+    blend = xp.matmul(weights, xp.reshape(transforms, (*transforms.shape[:2], 12)))
+    blend = xp.reshape(blend, (*blend.shape[:2], 3, 4))
+    return xp.sum(blend[..., :3] * rest[..., None, :], axis=-1) + blend[..., 3]
