@@ -126,8 +126,8 @@ def read_detections(
     for done, (camera, frame, path) in enumerate(used):
         people.append((camera, frame, _strongest(_finite(read_people(path), path))))
         if done % _PROGRESS_STEP == 0:
-            progress("reading detections", done, len(used))
-    progress("reading detections", len(used), len(used))
+            progress("Reading the detections", done, len(used))
+    progress("Reading the detections", len(used), len(used))
     where = str(next(iter(folders.values())).parent)
     count = _keypoint_count(people, used)
     if count == 0:

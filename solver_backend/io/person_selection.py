@@ -10,13 +10,12 @@ from solver_backend.errors import NoDetections, TooFewViews
 from solver_backend.io.detections import Detections
 from solver_backend.io.person_tracks import persons
 from solver_backend.io.settled_people import concatenated, settled
+from solver_backend.io.sightings import Sightings, sightings
 from solver_backend.io.view_agreement import (
     TOLERANCE_M,
     PeopleInSpace,
-    Sightings,
     candidates,
     detection_distances,
-    sightings,
 )
 from solver_backend.io.view_tracks import view_tracks
 from solver_backend.progress import Progress, silent
@@ -76,7 +75,7 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
     blocks: list[PeopleInSpace] = []
     for done, block in candidates(seen):
         blocks.append(block)
-        progress("comparing views", done, detections.num_frames)
+        progress("Comparing the views", done, detections.num_frames)
     people = settled(concatenated(blocks), tracks)
     found = persons(people, tracks, fps)
     if not found:

@@ -53,8 +53,8 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
     assert found.confidence[0, 2, 0, 4] == 0
     assert np.isnan(found.xy[0, 1]).all()
     assert found.problems == ("1 frame files are missing; nobody is seen there.",)
-    assert calls[0] == ("reading detections", 0, 5)
-    assert calls[-1] == ("reading detections", 5, 5)
+    assert calls[0] == ("Reading the detections", 0, 5)
+    assert calls[-1] == ("Reading the detections", 5, 5)
 
 
 @pytest.mark.parametrize(

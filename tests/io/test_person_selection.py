@@ -8,7 +8,7 @@ import pytest
 from solver_backend.errors import NoDetections, TooFewViews
 from solver_backend.io.detections import Detections
 from solver_backend.io.person_selection import SelectedPerson, select_person
-from solver_backend.io.view_agreement import sightings
+from solver_backend.io.sightings import sightings
 from solver_backend.io.view_tracks import view_tracks
 from solver_backend.types import Cameras, JointSet
 from tests.io.scenes import detected, ring_of_cameras, walker
@@ -168,6 +168,29 @@ def test_one_frame() -> None:
     scene.add(walker(COCO, 1, (1.5, 0.0), (0.0, 0.0)), everywhere(1, (0, 1)))
     detections, who = scene.detections()
     assert (chosen(select_person(cameras, detections, 30.0), who) == 0).all()
+
+
+@pytest.mark.parametrize("still_first", [True, False])
+def test_a_mannequin_is_not_the_person(still_first: bool) -> None:
+    cameras, frames = ring_of_cameras(), 40
+    still = np.repeat(walker(COCO, 1, (1.2, 0.0), (0.0, 0.0)), frames, axis=0)
+    moving = walker(COCO, frames, (-0.5, 0.0), (0.3, 0.0))
+    scene = Scene(cameras)
+    for points in (still, moving) if still_first else (moving, still):
+        scene.add(points, everywhere(frames), certainty=0.9 if points is still else 0.5)
+    detections, who = scene.detections()
+    assert (chosen(select_person(cameras, detections, 30.0), who) == int(still_first)).all()
+
+
+def test_few_views_for_long_count_less_than_many_for_a_while() -> None:
+    cameras, frames = ring_of_cameras(), 120
+    scene = Scene(cameras)
+    seen = everywhere(frames)
+    seen[:, 40:] = False
+    scene.add(walker(COCO, frames, (-0.5, 0.0), (0.2, 0.0)), seen)
+    scene.add(walker(COCO, frames, (0.9, 1.2), (0.1, 0.0)), everywhere(frames, (1, 2)))
+    detections, who = scene.detections()
+    np.testing.assert_array_equal(chosen(select_person(cameras, detections, 30.0), who) == 0, seen)
 
 
 def test_a_second_person_seen_as_well_is_a_problem() -> None:
