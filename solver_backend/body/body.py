@@ -44,8 +44,8 @@ class Body:
     """Parent of each joint; -1 at the root."""
     faces: np.ndarray
     """(T, 3) vertex indices."""
-    hands_rest: np.ndarray | None = None
-    """(J - 22, 3, 3) rotations of the joints after the 22nd in relaxed hands; None = they are flat."""
+    hands_mean: np.ndarray | None = None
+    """(J - 22, 3) axis-angles that SMPL-H and SMPL-X add to those of the joints after the 22nd; None = flat hands."""
     joints_template: np.ndarray = field(init=False)
     """(J, 3) rest joints of the mean shape."""
     joints_shapedirs: np.ndarray = field(init=False)

@@ -9,6 +9,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import exp_so3
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,22 @@ def forward_kinematics(body: Body, betas: Array, global_orient: Array, local: Ar
 
 def with_resting_hands(body: Body, local: Array) -> Array:
     """Return local rotations with the body's own relaxed fingers appended, where it has any and none are given."""
-    if body.hands_rest is None or local.shape[1] > 21:
+    if body.hands_mean is None or local.shape[1] > 21:
         return local
     xp = array_namespace(local)
-    hands = constant(body.hands_rest, local)
+    hands = exp_so3(constant(body.hands_mean, local))
     return xp.concat([local[:, :21], xp.broadcast_to(hands, (local.shape[0], *hands.shape))], axis=1)
+
+
+def local_rotations(body: Body, rotvec: Array) -> Array:
+    """Return the (F, J - 1, 3, 3) rotations of a file's (F, J - 1, 3) axis-angles, relaxed hands added to the fingers.
+
+    SMPL-H and SMPL-X add the mean to the axis-angle vector, before it becomes a rotation (Romero et al. 2017).
+    """
+    if body.hands_mean is None:
+        return exp_so3(rotvec)
+    mean = np.concatenate([np.zeros((21, 3)), body.hands_mean])
+    return exp_so3(rotvec + constant(mean, rotvec))
 
 
 def pose_feature(local: Array) -> Array:
