@@ -64,7 +64,7 @@ def run(name: str) -> list[Metric] | None:
 def record(metrics: list[Metric]) -> dict[str, Any]:
     """Return figures as they stand in the baseline, with the machine they were measured on."""
     for metric in metrics:
-        print(f"    {metric.key:<28} {metric.value:12.4g} {metric.unit}")
+        print(f"    {metric.key:<30} {metric.value:12.4g} {metric.unit}")
     return {"machine": machine(), "figures": {m.key: {"value": round(m.value, 5), "unit": m.unit} for m in metrics}}
 
 
@@ -75,7 +75,7 @@ def compare(name: str, metrics: list[Metric], known: dict[str, Any]) -> bool:
     for verdict in verdicts:
         print(verdict.line())
     for key in lost:
-        print(f"  ✗ {key:<28} stands in the baseline and was not measured")
+        print(f"  ✗ {key:<30} stands in the baseline and was not measured")
     if known.get("machine") not in (None, machine()):
         print(f"  (the baseline of {name} was measured on: {known['machine']})")
     return not lost and all(verdict.passed for verdict in verdicts)

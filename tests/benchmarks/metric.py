@@ -54,7 +54,7 @@ class Verdict:
     def line(self) -> str:
         """Return the verdict as a row of text."""
         metric = self.metric
-        shown = f"{metric.key:<28} {metric.value:12.4g} {metric.unit:<8}"
+        shown = f"{metric.key:<30} {metric.value:12.4g} {metric.unit:<8}"
         if self.baseline is None:
             return f"  ✗ {shown} no baseline; record it with --update"
         sign = "≤" if metric.direction == "lower" else "≥"

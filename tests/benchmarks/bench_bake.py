@@ -1,18 +1,14 @@
-"""How long a bake takes: ``python tests/benchmarks/bake.py [FRAMES ...]``.
+"""A synthetic motion of 24 bones baked onto the add-on's own body, at 1,000 and 10,000 frames; the best of three.
 
-Bakes a synthetic motion of 24 bones onto the add-on's own body. Prints, for each length, the seconds of the action
-alone (curves of 24 bones and the pelvis's path) and of the whole bake (armature, mesh, action, overlay, floor): wall
-time and, because machines are shared, processor time; the best of three. Nothing is written.
+"action" is the curves of 24 bones and the pelvis's path alone, "bake" the whole of armature, mesh, action, overlay and
+floor. Processor seconds stand beside wall seconds because machines are shared. Nothing is written.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import bpy
 import numpy as np
@@ -21,22 +17,26 @@ from blender_addon.bake.action import bake_action
 from blender_addon.bake.scene import bake_take
 from blender_addon.files.body_file import BodyFile, default_body_path, read_body
 from blender_addon.files.motion_file import MotionFile, read_motion
+from tests.benchmarks.metric import Metric
 from tests.blender_addon.stand_in import motion_arrays
 
+LENGTHS = (1_000, 10_000)
 REPEATS = 3
 
 
-def main() -> None:
-    """Bake each length and print the table."""
-    lengths = [int(text) for text in sys.argv[1:]] or [1000, 10_000]
+def run() -> list[Metric]:
+    """Bake each length."""
     body = read_body(default_body_path())
-    say = sys.stdout.write
-    say(f"Blender {bpy.app.version_string}, {len(body.v_template)} vertices, best of {REPEATS}\n")
-    say(f"{'frames':>8}  {'action s':>9}  {'cpu s':>7}  {'bake s':>9}  {'cpu s':>7}\n")
-    for frames in lengths:
+    metrics = []
+    for frames in LENGTHS:
         motion = synthetic_motion(frames)
-        action, action_cpu, bake, bake_cpu = np.min([measure(motion, body) for _ in range(REPEATS)], axis=0)
-        say(f"{frames:>8}  {action:>9.3f}  {action_cpu:>7.3f}  {bake:>9.3f}  {bake_cpu:>7.3f}\n")
+        best = np.min([measure(motion, body) for _ in range(REPEATS)], axis=0)
+        names = ("action_s", "action_cpu_s", "bake_s", "bake_cpu_s")
+        metrics += [
+            Metric(f"{name}_{frames}_frames", float(value), "s", rel_tol=1.0, abs_tol=0.05)
+            for name, value in zip(names, best, strict=True)
+        ]
+    return metrics
 
 
 def synthetic_motion(frames: int) -> MotionFile:
@@ -56,7 +56,3 @@ def measure(motion: MotionFile, body: BodyFile) -> tuple[float, float, float, fl
     start, start_cpu = time.perf_counter(), time.process_time()
     bake_action("again", motion, take.armature, body.rest_joints(motion.betas)[0], take.timing)
     return time.perf_counter() - start, time.process_time() - start_cpu, *whole
-
-
-if __name__ == "__main__":
-    main()
