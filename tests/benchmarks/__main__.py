@@ -55,21 +55,23 @@ def run(name: str) -> list[Metric] | None:
     method = " ".join((module.__doc__ or "").split())
     print(f"\n{name}: {method}", flush=True)
     try:
-        return module.run()
+        metrics: list[Metric] = module.run()
     except BenchmarkSkipped as reason:
         print(f"  skipped: {reason}")
         return None
+    for metric in metrics:
+        print(f"    {metric.key:<30} {metric.value:12.4g} {metric.unit}", flush=True)
+    return metrics
 
 
 def record(metrics: list[Metric]) -> dict[str, Any]:
     """Return figures as they stand in the baseline, with the machine they were measured on."""
-    for metric in metrics:
-        print(f"    {metric.key:<30} {metric.value:12.4g} {metric.unit}")
     return {"machine": machine(), "figures": {m.key: {"value": round(m.value, 5), "unit": m.unit} for m in metrics}}
 
 
 def compare(name: str, metrics: list[Metric], known: dict[str, Any]) -> bool:
     """Print every figure beside its baseline and return whether all pass."""
+    print(f"\n{name} against its baseline:")
     figures = {key: item["value"] for key, item in known.get("figures", {}).items()}
     verdicts, lost = judge(metrics, figures)
     for verdict in verdicts:

@@ -1,4 +1,4 @@
-"""The embedded capture (four cameras, authored motion, noise of a real detector) solved by both methods on NumPy.
+"""The embedded capture (four cameras, authored motion, detector-like noise) solved by both methods on NumPy.
 
 Errors are against the known truth; the ratios are to triangulation with a 6 Hz Butterworth filter. Times are of one
 solve in a warm process.
