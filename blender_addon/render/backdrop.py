@@ -21,6 +21,8 @@ Backdrop = Callable[[int], np.ndarray]
 """Returns the (h, w, 3) picture behind the body for a frame of the footage; the caller may draw on it."""
 
 _OUTSIDE = (30, 32, 36)
+_CUT = 0.02
+"""Largest share by which footage may differ from the calibrated size and still be taken to be cut off."""
 
 
 def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: Path) -> Backdrop:
@@ -37,23 +39,37 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
     Args:
         stack: closes the footage.
-        footage: the video or images; their picture is the camera's whole image.
+        footage: the video or images.
         view: the view.
         folder: where pictures may be written.
     """
     reader = stack.enter_context(open_footage(footage, view.size, folder))
-    sources = straightening_map(view)
-    if sources is None:
+    positions = straightening_map(view, reader.native_size)
+    if positions is None:
         return lambda index: reader.image(index).copy()
-    straighten = Resampling(sources, view.size, _OUTSIDE)
+    straighten = Resampling(positions, view.size, _OUTSIDE)
     return lambda index: straighten(reader.image(index))
 
 
-def straightening_map(view: View) -> np.ndarray | None:
-    """Return where in the recorded picture each pixel of the undistorted one comes from: (h, w, 2), None if equal."""
+def straightening_map(view: View, native_size: tuple[int, int]) -> np.ndarray | None:
+    """Return where in the footage, scaled to the view's size, each pixel of the undistorted picture comes from.
+
+    Footage of nearly the calibrated size is taken to be cut off at its right and bottom, as codecs do that pad to
+    multiples of 16 pixels; footage of any other size is taken to be the whole image, scaled.
+
+    Args:
+        view: the view.
+        native_size: width and height of the footage's own images.
+
+    Returns:
+        (h, w, 2) pixels, or None if every pixel comes from where it is.
+    """
     camera = view.camera
-    if camera.distortion_model == "opencv" and not camera.distortion.any():
+    stretch = np.array(camera.image_size) / np.array(native_size)
+    cut = bool((np.abs(stretch - 1) < _CUT).all() and (stretch != 1).any())
+    if camera.distortion_model == "opencv" and not camera.distortion.any() and not cut:
         return None
     u, v = np.meshgrid(np.arange(view.size[0], dtype=float), np.arange(view.size[1], dtype=float))
     straight = normalised(np.stack([u, v], axis=-1), view.K)
-    return pixels(distort(straight, camera.distortion, camera.distortion_model), view.K)
+    bent = pixels(distort(straight, camera.distortion, camera.distortion_model), view.K)
+    return (bent + 0.5) * stretch - 0.5 if cut else bent

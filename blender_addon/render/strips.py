@@ -22,8 +22,13 @@ class FootageReader:
     """Reads single images of a video or an image sequence at a given size."""
 
     scene: bpy.types.Scene
+    """Renders the footage."""
     folder: Path
+    """Where pictures may be written."""
     length: int
+    """Number of images."""
+    native_size: tuple[int, int]
+    """Width and height of the files' images in pixels."""
 
     def image(self, index: int) -> np.ndarray:
         """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8.
@@ -41,18 +46,16 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
     scene = _sequencer_scene("footage", size)
     try:
         write_targa(scene)
-        first = str(footage.files[0])
         if footage.is_video:
             strip = _strips(scene).new_movie(
-                name="footage", filepath=first, channel=1, frame_start=1, fit_method="STRETCH"
+                name="footage", filepath=str(footage.files[0]), channel=1, frame_start=1, fit_method="STRETCH"
             )
             if strip.fps > 0:
                 set_scene_frame_rate(scene, strip.fps)
-            length = int(strip.frame_duration)
         else:
-            _image_strip(scene, list(footage.files))
-            length = len(footage.files)
-        yield FootageReader(scene, folder, max(1, length))
+            strip = _image_strip(scene, list(footage.files))
+        first = strip.elements[0]
+        yield FootageReader(scene, folder, max(1, _length(strip)), (first.orig_width, first.orig_height))
     finally:
         bpy.data.scenes.remove(scene)
 
@@ -112,10 +115,15 @@ def _strips(scene: bpy.types.Scene) -> Any:
     return editor.strips if hasattr(editor, "strips") else editor.sequences
 
 
-def _image_strip(scene: bpy.types.Scene, files: list[Path]) -> None:
+def _image_strip(scene: bpy.types.Scene, files: list[Path]) -> Any:
     strip = _strips(scene).new_image(
         name="pictures", filepath=str(files[0]), channel=1, frame_start=1, fit_method="STRETCH"
     )
     for file in files[1:]:
         strip.elements.append(file.name)
-    strip.frame_final_duration = len(files)
+    return strip
+
+
+def _length(strip: Any) -> int:
+    """Return the images of a strip: ``content_duration`` since Blender 5.2, ``frame_duration`` before."""
+    return int(strip.content_duration if hasattr(strip, "content_duration") else strip.frame_duration)

@@ -154,8 +154,19 @@ def test_straightening_map_undoes_the_lens(files: Any) -> None:
     """Where the straight picture shows a point, the map names the recorded pixel of that point."""
     camera = files.capture.cameras[1]
     view = View(camera, (320, 180))
-    sources = straightening_map(view)
-    assert sources is not None and straightening_map(View(files.capture.cameras[0], (320, 180))) is None
+    sources = straightening_map(view, camera.image_size)
+    assert sources is not None
     straight = np.array([100, 60])
     bent = pixels(distort(normalised(straight.astype(float), view.K), camera.distortion, "opencv"), view.K)
     np.testing.assert_allclose(sources[60, 100], bent, atol=1e-9)
+    np.testing.assert_allclose(straightening_map(view, (640, 360)), sources, atol=1e-9)
+
+
+def test_cut_footage_keeps_its_scale(files: Any) -> None:
+    """A video of 1080 pixels for a calibration of 1088: pixel 540 of the image is pixel 540 of the video."""
+    camera = replace(files.capture.cameras[0], image_size=(1088, 1920))
+    view = View(camera, (1088, 1920))
+    assert straightening_map(view, (1088, 1920)) is None and straightening_map(view, (544, 960)) is None
+    scaled = straightening_map(view, (1080, 1920))
+    assert scaled is not None
+    np.testing.assert_allclose((scaled[7, 540] + 0.5) * [1080 / 1088, 1] - 0.5, [540, 7], atol=1e-9)
