@@ -36,8 +36,9 @@ from tests.benchmarks.metric import BenchmarkSkipped, Metric
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _PLAIN = (1000.0,)
 _SIGMA_M, _SAMPLE = 0.004, 40
-_SHAPE_PRIOR = ShapePrior(betas_sigma=1.5, offset_sigma_m=0.012, evidence=0.2)
-_METRES_PER_UNIT, _THORAX_M = 0.0564444, 0.119
+_SHAPE_PRIOR = ShapePrior(betas_sigma=1.0, offset_sigma_m=0.012, evidence=0.2)
+_METRES_PER_UNIT, _THORAX_M, _WRIST_BONE = 0.0564444, 0.119, 0.5
+"""Bones that this conversion of the skeleton lacks: the thorax's, and the wrist's, half as long as the radius's."""
 _REFERENCE = {
     "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand",
 }  # fmt: skip
@@ -103,6 +104,9 @@ def read_take(data: Path) -> Take:
         for ours, theirs in _REFERENCE.items()
         for side in ("left", "right")
     }
+    for side in ("left", "right"):
+        elbow, hand = joints[f"{side}_elbow"], joints[f"{side}_wrist"]
+        joints[f"{side}_wrist"] = hand + _WRIST_BONE * (hand - elbow)
     # Both have Z up; the skeleton's file has its axes a quarter turn about it.
     return Take(labels, np.stack([markers[..., 1], -markers[..., 0], markers[..., 2]], -1), joints)
 
@@ -165,7 +169,8 @@ def _as_observations(markers: np.ndarray) -> Observations:
     count, num = markers.shape[:2]
     return Observations(
         Triangulation(
-            markers, np.zeros((count, num, 3, 3)), np.ones((1, count, num), bool), np.zeros((1, count, num)), np.ones(num)
+            markers, np.zeros((count, num, 3, 3)), np.ones((1, count, num), bool), np.zeros((1, count, num)),
+            np.ones(num),
         ),
         np.ones(num), np.ones(count, bool),
     )  # fmt: skip
