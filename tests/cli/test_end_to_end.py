@@ -1,0 +1,47 @@
+"""The real verbs in a row: a capture is written, described, solved, reported on and compared with its truth."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.io.capture_file import write_capture
+from solver_backend.io.motion_file import read_motion
+from solver_backend.synthetic.demo import demo_capture
+
+FRAMES = 48
+
+
+def result_of(argv: list[str], capsys) -> dict:
+    assert main([*argv, "--json"]) == 0
+    *progress, result = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {event["event"] for event in progress} <= {"progress"}
+    assert result["event"] == "result"
+    return result
+
+
+@pytest.mark.slow
+def test_a_capture_becomes_a_motion_and_a_report(tmp_path, capsys):
+    capture, copy = tmp_path / "take.npz", tmp_path / "copy.npz"
+    motion, report = tmp_path / "motion.npz", tmp_path / "report.html"
+    write_capture(capture, demo_capture(FRAMES))
+
+    described = result_of(["info", str(capture)], capsys)
+    assert (described["frames"], described["joint_set"], len(described["cameras"])) == (FRAMES, "BODY_25", 4)
+
+    assert result_of(["convert", str(capture), "--out", str(copy)], capsys) == described | {"capture": str(copy)}
+
+    solved = result_of(["solve", str(copy), "--out", str(motion), "--report", str(report)], capsys)
+    assert (solved["frames"], solved["unseen_frames"]) == (FRAMES, 0)
+    assert read_motion(motion).provenance["settings"]["method"] == "bundle"
+    page = report.read_text(encoding="utf-8")
+    assert "Against the truth" in page
+    assert page.endswith("</html>\n")
+
+    compared = result_of(["evaluate", str(copy), str(motion)], capsys)
+    assert compared["joints_mpjpe_mm"] < 25.0
+    assert compared["mpjpe_ratio"] < 1.0
+    assert compared["accel_ratio"] < 1.0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["copy.npz", "motion.npz", "report.html", "take.npz"]
