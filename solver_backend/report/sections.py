@@ -182,8 +182,8 @@ def scene_section(capture: Capture, motion: Motion) -> str:
     rows: list[tuple[str, object]] = [
         ("body", motion.body),
         ("shape (betas)", ", ".join(f"{b:+.2f}" for b in motion.betas)),
-        ("highest joint", f"{motion.joints[..., 2].max():.2f} m above the floor"),
-        ("lowest joint", f"{100 * motion.joints[..., 2].min():.1f} cm above the floor"),
+        ("height of the highest joint", f"{motion.joints[..., 2].max():.2f} m"),
+        ("height of the lowest joint", f"{100 * motion.joints[..., 2].min():.1f} cm"),
         ("way of the pelvis", f"{way:.2f} m over the floor"),
     ]
     if capture.cameras is not None:
