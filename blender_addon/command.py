@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,13 @@ from .files.motion_file import MotionFile, read_motion
 from .outputs import atomic_outputs
 from .progress import Progress
 
+if TYPE_CHECKING:
+    import bpy
+
+    from .render.subject import Subject
+
 _CHECKED_FRAMES = 8
+_TOLERATED_MM = 1.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class BakeJob:
 
 
 def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
-    """Bake a motion in a fresh Blender session and write ``<name>.blend``, ``.mp4`` and ``_contact.png``.
+    """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
 
     All files are written or none; existing ones are never replaced.
 
@@ -48,11 +54,8 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     Raises:
         AddonError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
-    import bpy
-
     from .bake.scene import bake_take, require_body
-    from .render.contact_sheet import render_contact_sheet
-    from .render.preview import PreviewSettings, preview_frames, render_preview
+    from .bake.session import frame_viewports, fresh_scene
     from .render.subject import Subject
 
     start = time.monotonic()
@@ -60,29 +63,23 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     body = read_body(job.body or default_body_path())
     require_body(motion, body)
     capture = read_capture(job.capture) if job.capture is not None else None
-    blend, video, sheet = f"{motion.name}.blend", f"{motion.name}.mp4", f"{motion.name}_contact.png"
-    names = (blend, *([video] if job.video else []), *([sheet] if job.pictures else []))
-    with atomic_outputs(job.out, names) as temporary:
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        scene = bpy.context.scene
+    names = _names(job, motion)
+    with atomic_outputs(job.out, tuple(names.values())) as temporary:
+        scene = fresh_scene()
         progress("baking", 0, 1)
+        baking = time.monotonic()
         take = bake_take(scene, motion, body, capture)
-        baked_s = time.monotonic() - start
+        baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
-        deviation = _deviation(scene, take, body, motion)
-        _save(temporary[blend])
-        notes = list(take.notes)
         subject = Subject(take, motion, body, capture)
-        if job.pictures:
-            render_contact_sheet(temporary[sheet], subject, progress)
-        if job.video:
-            settings = PreviewSettings()
-            shown, fps = preview_frames(motion.num_frames, motion.fps, settings)
-            render_preview(temporary[video], subject, progress, settings)
-            notes.extend(_cut_note(motion, len(shown) / fps))
+        deviation = _deviation(scene, subject)
+        frame_viewports(tuple(subject.joints[0, 0].tolist()))
+        _save(temporary[names["blend"]])
+        notes = [*take.notes, *_deviation_notes(deviation)]
+        notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
         "event": "result",
-        "outputs": [str(job.out / name) for name in names],
+        "outputs": [str(job.out / name) for name in names.values()],
         "notes": notes,
         "frames": motion.num_frames,
         "fps": motion.fps,
@@ -92,16 +89,60 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     }
 
 
-def _deviation(scene: Any, take: Any, body: Any, motion: MotionFile) -> dict[str, float]:
+def _names(job: BakeJob, motion: MotionFile) -> dict[str, str]:
+    """Return the output's name of each kind."""
+    names = {"blend": f"{motion.name}.blend"}
+    if job.video:
+        names["video"] = f"{motion.name}.mp4"
+    if job.pictures:
+        names["sheet"] = f"{motion.name}_contact.png"
+    return names
+
+
+def _write_pictures(paths: dict[str, Path], subject: Subject, progress: Progress) -> list[str]:
+    """Write the contact sheet and the video, if wanted, and return notes on what they leave out."""
+    from .render.contact_sheet import render_contact_sheet
+    from .render.preview import PreviewSettings, preview_frames, render_preview
+
+    if "sheet" in paths:
+        render_contact_sheet(paths["sheet"], subject, progress)
+    if "video" not in paths:
+        return []
+    settings, motion = PreviewSettings(), subject.motion
+    render_preview(paths["video"], subject, progress, settings)
+    frames, fps = preview_frames(motion.num_frames, motion.fps, settings)
+    shown_s, whole_s = len(frames) / fps, motion.num_frames / motion.fps
+    cut = shown_s < whole_s - 0.5 / motion.fps
+    return [f"The preview video shows the first {shown_s:.1f} s of {whole_s:.1f} s."] if cut else []
+
+
+def _deviation(scene: bpy.types.Scene, subject: Subject) -> dict[str, float]:
+    """Return how far Blender's body is from NumPy's on some frames, in millimetres."""
     from .bake.deviation import measure_deviation
 
-    frames = np.unique(np.linspace(0, motion.num_frames - 1, _CHECKED_FRAMES).round().astype(int)).tolist()
-    deviation = measure_deviation(scene, take.armature, take.mesh, body, motion, take.timing, frames)
+    take, last = subject.take, subject.motion.num_frames - 1
+    frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()
+    deviation = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)
     return {
         "joints_deviation_mm": round(deviation.joints_mm, 4),
         "linear_skin_deviation_mm": round(deviation.linear_skin_mm, 4),
         "full_skin_deviation_mm": round(deviation.full_skin_mm, 4),
     }
+
+
+def _deviation_notes(deviation: dict[str, float]) -> list[str]:
+    joints_mm, skin_mm = deviation["joints_deviation_mm"], deviation["full_skin_deviation_mm"]
+    notes = []
+    if joints_mm > _TOLERATED_MM:
+        notes.append(
+            f"The armature's joints are up to {joints_mm:.1f} mm from the motion file's: "
+            "it was solved for another body of this name."
+        )
+    if skin_mm > _TOLERATED_MM:
+        notes.append(
+            f"The body's pose correctives are not baked: the skin is up to {skin_mm:.0f} mm from the full model's."
+        )
+    return notes
 
 
 def _save(path: Path) -> None:
@@ -111,10 +152,3 @@ def _save(path: Path) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
     except RuntimeError as error:
         raise OutputNotWritable(f"Blender cannot save the file ({str(error).strip()}).", where=path.name) from error
-
-
-def _cut_note(motion: MotionFile, shown_s: float) -> list[str]:
-    whole_s = motion.num_frames / motion.fps
-    if shown_s > whole_s - 0.5 / motion.fps:
-        return []
-    return [f"The preview video shows the first {shown_s:.1f} s of {whole_s:.1f} s."]

@@ -53,6 +53,7 @@ def create_point_overlay(
     )  # fmt: skip
     overlay.modifiers.new("Points of this frame", "NODES").node_group = create_player(name, settings)
     overlay.hide_render = True
+    overlay.show_in_front = True
     overlay.hide_select = True
     return overlay
 

@@ -107,6 +107,8 @@ def require_body(motion: MotionFile, body: BodyFile) -> None:
 
 def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     notes = []
+    if not motion.body:
+        notes.append("The motion does not say which body it is for: its shape is read as this body's.")
     if capture is not None and capture.xy is not None:
         frames = capture.xy.shape[1]
         if frames != motion.num_frames:

@@ -43,16 +43,17 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
         view: the view.
         folder: where pictures may be written.
     """
-    reader = stack.enter_context(open_footage(footage, view.size, folder))
-    positions = straightening_map(view, reader.native_size)
+    whole = np.round(np.array(view.camera.image_size) * view.scale).astype(int)
+    reader = stack.enter_context(open_footage(footage, (int(whole[0]), int(whole[1])), folder))
+    positions = straightening_map(view, reader.native_size, reader.size)
     if positions is None:
         return lambda index: reader.image(index).copy()
-    straighten = Resampling(positions, view.size, _OUTSIDE)
+    straighten = Resampling(positions, reader.size, _OUTSIDE)
     return lambda index: straighten(reader.image(index))
 
 
-def straightening_map(view: View, native_size: tuple[int, int]) -> np.ndarray | None:
-    """Return where in the footage, scaled to the view's size, each pixel of the undistorted picture comes from.
+def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
+    """Return where in the footage each pixel of the undistorted picture comes from.
 
     Footage of nearly the calibrated size is taken to be cut off at its right and bottom, as codecs do that pad to
     multiples of 16 pixels; footage of any other size is taken to be the whole image, scaled.
@@ -60,16 +61,19 @@ def straightening_map(view: View, native_size: tuple[int, int]) -> np.ndarray | 
     Args:
         view: the view.
         native_size: width and height of the footage's own images.
+        read_size: width and height to which they are scaled when read.
 
     Returns:
-        (h, w, 2) pixels, or None if every pixel comes from where it is.
+        (h, w, 2) pixels of the scaled footage, or None if every pixel comes from where it is.
     """
-    camera = view.camera
-    stretch = np.array(camera.image_size) / np.array(native_size)
+    camera, calibrated = view.camera, np.array(view.camera.image_size)
+    stretch = calibrated / np.array(native_size)
     cut = bool((np.abs(stretch - 1) < _CUT).all() and (stretch != 1).any())
-    if camera.distortion_model == "opencv" and not camera.distortion.any() and not cut:
+    bent = bool(camera.distortion.any()) or camera.distortion_model != "opencv"
+    if not (cut or bent) and view.part[2] == 1.0 and read_size == view.size:
         return None
     u, v = np.meshgrid(np.arange(view.size[0], dtype=float), np.arange(view.size[1], dtype=float))
     straight = normalised(np.stack([u, v], axis=-1), view.K)
-    bent = pixels(distort(straight, camera.distortion, camera.distortion_model), view.K)
-    return (bent + 0.5) * stretch - 0.5 if cut else bent
+    seen = pixels(distort(straight, camera.distortion, camera.distortion_model), camera.K)
+    covered = np.array(native_size) if cut else calibrated
+    return (seen + 0.5) * np.array(read_size) / covered - 0.5

@@ -14,7 +14,7 @@ from .picture import blend, draw_dots, gradient, layer_from_render, write_png
 from .stage import Look, open_stage
 from .subject import Subject
 from .tiles import GAP, Tile, canvas_size, row
-from .view import View, three_quarter_view
+from .view import View, close_view, three_quarter_view
 
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
@@ -50,7 +50,7 @@ def render_contact_sheet(path: Path, subject: Subject, progress: Progress) -> No
             _paste(sheet, _pose_picture(folder, subject, frame, tile, letters), tile)
             progress(_STAGE, i + 1, total)
         for i, (camera, tile) in enumerate(zip(cameras, views, strict=True)):
-            view = View(camera, (tile.width, tile.height))
+            view = close_view(camera, subject.joints, (tile.width, tile.height))
             _paste(sheet, _camera_picture(stack, folder, subject, view, letters), tile, poses_height + GAP)
             progress(_STAGE, POSES + i + 1, total)
     write_png(path, sheet)

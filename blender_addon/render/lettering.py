@@ -50,7 +50,8 @@ class Lettering:
         camera.location = (width / unit / 2 - 0.35, (_ASCENT - _DESCENT) / 2 - 0.02, 1.0)
         alpha = layer_from_render(render_still(self._scene, 1, self._folder), _SHRINK)[..., 3:]
         plaque = np.array([*(c * _PLAQUE[3] for c in _PLAQUE[:3]), _PLAQUE[3]], dtype=np.float32)
-        return (plaque * (1 - alpha) + np.float32([0.96, 0.96, 0.94, 1.0]) * alpha).astype(np.float32)
+        ink = np.array([0.96, 0.96, 0.94, 1.0], dtype=np.float32)
+        return (plaque * (1 - alpha) + ink * alpha).astype(np.float32)
 
 
 @contextmanager

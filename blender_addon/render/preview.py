@@ -18,7 +18,7 @@ from .stage import Look, Stage, open_stage
 from .strips import encode_video
 from .subject import Colour, Subject
 from .tiles import Tile, canvas_size, pack
-from .view import View, three_quarter_view
+from .view import View, close_view, three_quarter_view
 
 _CANVAS_COLOUR = (24, 26, 30)
 _LINE = 20
@@ -104,7 +104,10 @@ def _views(subject: Subject, settings: PreviewSettings) -> list[tuple[View, Tile
         camera = three_quarter_view(subject.joints.reshape(-1, 3), subject.heading, settings.size)
         return [(View(camera, settings.size), Tile(0, 0, *settings.size))]
     tiles = pack([camera.image_size for camera in cameras], settings.size)
-    return [(View(camera, (tile.width, tile.height)), tile) for camera, tile in zip(cameras, tiles, strict=True)]
+    return [
+        (close_view(camera, subject.joints, (tile.width, tile.height)), tile)
+        for camera, tile in zip(cameras, tiles, strict=True)
+    ]
 
 
 def _view_count(subject: Subject, settings: PreviewSettings) -> int:

@@ -82,7 +82,7 @@ def open_stage(
         folder: where pictures may be written.
     """
     scene = bpy.data.scenes.new(name)
-    camera = create_camera(view.camera, scene.collection)
+    camera = create_camera(view.pinhole, scene.collection)
     try:
         for collection in collections:
             scene.collection.children.link(collection)

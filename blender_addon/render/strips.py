@@ -29,6 +29,8 @@ class FootageReader:
     """Number of images."""
     native_size: tuple[int, int]
     """Width and height of the files' images in pixels."""
+    size: tuple[int, int]
+    """Width and height of the images that are returned."""
 
     def image(self, index: int) -> np.ndarray:
         """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8.
@@ -55,7 +57,7 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
         else:
             strip = _image_strip(scene, list(footage.files))
         first = strip.elements[0]
-        yield FootageReader(scene, folder, max(1, _length(strip)), (first.orig_width, first.orig_height))
+        yield FootageReader(scene, folder, max(1, _length(strip)), (first.orig_width, first.orig_height), size)
     finally:
         bpy.data.scenes.remove(scene)
 

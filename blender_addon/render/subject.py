@@ -58,9 +58,11 @@ class Subject:
 
     def cameras(self, most: int) -> tuple[CameraFile, ...]:
         """Return up to ``most`` of the capture's cameras, evenly chosen."""
-        cameras = self.capture.cameras if self.capture is not None else ()
-        count = min(most, len(cameras))
-        return tuple(cameras[round(i)] for i in np.linspace(0, len(cameras) - 1, count)) if count else ()
+        if self.capture is None or not self.capture.cameras:
+            return ()
+        cameras = self.capture.cameras
+        chosen = np.linspace(0, len(cameras) - 1, min(most, len(cameras))).round().astype(int)
+        return tuple(cameras[i] for i in chosen)
 
     def backdrop(self, stack: ExitStack, view: View, folder: Path) -> tuple[Backdrop, bool]:
         """Return what lies behind the body in a view, and whether it is footage."""

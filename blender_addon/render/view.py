@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,24 +14,39 @@ BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
 """(24,) how far the body reaches beyond each joint, in metres."""
 
 
+_CLOSEST = 0.5
+"""Smallest share of a camera's image that is shown: half its width is twice as close."""
+
+
 @dataclass(frozen=True)
 class View:
-    """A camera whose image is shown ``size`` pixels large."""
+    """A camera whose image, or a part of it, is shown ``size`` pixels large."""
 
     camera: CameraFile
     """The camera."""
     size: tuple[int, int]
     """Width and height of the picture."""
+    part: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Left edge and top edge of the part in the camera's pixels, and its share of the image's width and height."""
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(2,) picture pixels per camera pixel."""
+        return np.array(self.size) / np.array(self.camera.image_size) / self.part[2]
 
     @property
     def K(self) -> np.ndarray:
         """(3, 3) intrinsic matrix of the picture."""
-        scale = np.array(self.size) / np.array(self.camera.image_size)
         K = self.camera.K.copy()
-        K[0, :2] *= scale[0]
-        K[1, 1] *= scale[1]
-        K[:2, 2] = (self.camera.K[:2, 2] + 0.5) * scale - 0.5
+        K[0, :2] *= self.scale[0]
+        K[1, 1] *= self.scale[1]
+        K[:2, 2] = (self.camera.K[:2, 2] + 0.5 - self.part[:2]) * self.scale - 0.5
         return K
+
+    @property
+    def pinhole(self) -> CameraFile:
+        """A camera that sees just this picture, without distortion or footage."""
+        return replace(self.camera, K=self.K, image_size=self.size, distortion=np.zeros(8), footage=None)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (..., 2) picture pixels and (...) depths in metres of world points; NaN pixels behind the camera."""
@@ -60,6 +75,25 @@ class View:
         x0, y0 = max(low[0], 0), max(low[1], 0)
         x1, y1 = min(high[0], self.size[0]), min(high[1], self.size[1])
         return (int(x0), int(y0), int(x1), int(y1)) if x1 > x0 and y1 > y0 else None
+
+
+def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
+    """Return a view of the part of a camera's image in which a body moves, at most twice as close as the camera.
+
+    Args:
+        camera: the camera.
+        joints: (F, 24, 3) world metres.
+        size: width and height of the picture, shaped like the image.
+    """
+    whole, image = View(camera, camera.image_size), np.array(camera.image_size, dtype=np.float64)
+    windows = [window for frame in joints if (window := whole.window(frame)) is not None]
+    if not windows:
+        return View(camera, size)
+    low = np.min([window[:2] for window in windows], axis=0)
+    high = np.max([window[2:] for window in windows], axis=0)
+    share = float(np.clip(((high - low) / image).max(), _CLOSEST, 1.0))
+    corner = np.clip((low + high) / 2 - share * image / 2, 0, (1 - share) * image)
+    return View(camera, size, (float(corner[0]), float(corner[1]), share))
 
 
 def look_at(

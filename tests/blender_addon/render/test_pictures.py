@@ -17,7 +17,7 @@ from blender_addon.render.backdrop import straightening_map
 from blender_addon.render.picture import blend, draw_dots, layer_from_render, read_targa, soften_edges, write_png
 from blender_addon.render.resampling import Resampling
 from blender_addon.render.tiles import canvas_size, pack, row
-from blender_addon.render.view import View, look_at, three_quarter_view
+from blender_addon.render.view import View, close_view, look_at, three_quarter_view
 
 
 def test_png_holds_the_picture(tmp_path: Path) -> None:
@@ -154,19 +154,37 @@ def test_straightening_map_undoes_the_lens(files: Any) -> None:
     """Where the straight picture shows a point, the map names the recorded pixel of that point."""
     camera = files.capture.cameras[1]
     view = View(camera, (320, 180))
-    sources = straightening_map(view, camera.image_size)
+    sources = straightening_map(view, camera.image_size, view.size)
     assert sources is not None
     straight = np.array([100, 60])
     bent = pixels(distort(normalised(straight.astype(float), view.K), camera.distortion, "opencv"), view.K)
     np.testing.assert_allclose(sources[60, 100], bent, atol=1e-9)
-    np.testing.assert_allclose(straightening_map(view, (640, 360)), sources, atol=1e-9)
+    np.testing.assert_allclose(straightening_map(view, (640, 360), view.size), sources, atol=1e-9)
 
 
 def test_cut_footage_keeps_its_scale(files: Any) -> None:
     """A video of 1080 pixels for a calibration of 1088: pixel 540 of the image is pixel 540 of the video."""
     camera = replace(files.capture.cameras[0], image_size=(1088, 1920))
     view = View(camera, (1088, 1920))
-    assert straightening_map(view, (1088, 1920)) is None and straightening_map(view, (544, 960)) is None
-    scaled = straightening_map(view, (1080, 1920))
+    assert straightening_map(view, (1088, 1920), view.size) is None
+    assert straightening_map(view, (544, 960), view.size) is None
+    scaled = straightening_map(view, (1080, 1920), view.size)
     assert scaled is not None
     np.testing.assert_allclose((scaled[7, 540] + 0.5) * [1080 / 1088, 1] - 0.5, [540, 7], atol=1e-9)
+
+
+def test_close_view_is_a_part_of_the_image(files: Any) -> None:
+    camera, joints = files.capture.cameras[0], files.motion.joints
+    view = close_view(camera, joints, (480, 270))
+    x, y, share = view.part
+    assert 0.5 <= share < 1 and x >= 0 and y >= 0
+    assert x + share * 1920 <= 1920 and y + share * 1080 <= 1080
+    uv, _ = view.project(joints)
+    assert (uv > 0).all() and (uv < view.size).all(), "the body stays in the picture"
+    full, _ = View(camera, camera.image_size).project(joints)
+    np.testing.assert_allclose((uv + 0.5) / view.scale + [x, y], full + 0.5, atol=1e-9)
+    sources = straightening_map(view, (1920, 1080), (960, 540))
+    assert sources is not None
+    np.testing.assert_allclose((sources[0, 0] + 0.5) * 2, [x, y] + 0.5 / view.scale, atol=1e-9)
+    np.testing.assert_allclose(View(view.pinhole, view.size).K, view.K)
+    assert close_view(camera, joints + [0, 0, 500.0], (480, 270)).part == (0.0, 0.0, 1.0)

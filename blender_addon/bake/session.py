@@ -1,0 +1,39 @@
+"""A fresh Blender file for a take: light, a world, and viewports that look at it."""
+
+from __future__ import annotations
+
+import bpy
+from mathutils import Vector
+
+_WORLD = (0.24, 0.25, 0.28)
+_SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
+_DISTANCE_M = 5.5
+
+
+def fresh_scene() -> bpy.types.Scene:
+    """Forget the open file and return an empty scene with a sun and a grey world, so that renders show something."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.color = _WORLD
+    light = bpy.data.lights.new("Sun", "SUN")
+    light.energy = _SUN_W_M2
+    sun = bpy.data.objects.new("Sun", light)
+    sun.location, sun.rotation_euler = (0.0, 0.0, 4.0), _SUN_TURN
+    scene.collection.objects.link(sun)
+    return scene
+
+
+def frame_viewports(target: tuple[float, float, float]) -> None:
+    """Turn every 3D viewport of the file to a point, a few metres away, with plain studio light.
+
+    Args:
+        target: world metres.
+    """
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                space = area.spaces.active
+                space.region_3d.view_location = Vector(target)
+                space.region_3d.view_distance = _DISTANCE_M
+                space.shading.color_type = "MATERIAL"
