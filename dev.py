@@ -60,6 +60,8 @@ def main(argv: list[str] | None = None) -> int:
     demo_parser.add_argument("--backend", choices=("numpy", "torch"), default="numpy")
     demo_parser.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
     demo_parser.add_argument("--joint-set", help="names of the keypoints, where their number fits several sets")
+    demo_parser.add_argument("--unit", help="length unit of the calibration, where it is told wrongly")
+    demo_parser.add_argument("--up-axis", help="axis of the calibration's world that points up, if not z")
     demo_parser.add_argument("--trim", action="store_true", help="cut all cameras to the shortest")
     verbs.add_parser("test", help="every check and every test", add_help=False)
     verbs.add_parser("lint", help="the checks alone").add_argument("--fix", action="store_true")
@@ -209,7 +211,9 @@ def demo(args: argparse.Namespace) -> int:
     if args.capture is None:
         read = [*backend, "demo-capture", "--out", str(capture)]
     else:
-        options = [("--fps", args.fps), ("--joint-set", args.joint_set)]
+        options = [
+            ("--fps", args.fps), ("--joint-set", args.joint_set), ("--unit", args.unit), ("--up-axis", args.up_axis),
+        ]  # fmt: skip
         given = [text for name, value in options if value is not None for text in (name, str(value))]
         read = [*backend, "convert", str(args.capture.resolve()), "--out", str(capture), *given]
         read += ["--trim"] if args.trim else []

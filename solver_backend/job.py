@@ -35,6 +35,10 @@ class Job:
     """Cut all cameras to the shortest."""
     joint_set: JointSet | None = None
     """Names of the keypoints, where their number fits several sets."""
+    unit: str | None = None
+    """Length unit of the calibration, where the file does not tell it."""
+    up_axis: str | None = None
+    """Axis of the calibration's world that points up, where it is not Z."""
     settings: SolveSettings = field(default_factory=SolveSettings)
     """How to solve."""
 
@@ -88,6 +92,8 @@ class Job:
             fps=None if fps is None else positive_fps(fps),
             trim=bool(_typed(values, "trim", bool)),
             joint_set=None if name is None else joint_set_named(name),
+            unit=_typed(values, "unit", str),
+            up_axis=_typed(values, "up_axis", str),
             settings=_settings(_typed(values, "settings", dict) or {}),
         )
 
@@ -104,10 +110,15 @@ class Job:
             raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
         return cls.from_dict(values, Path(path).parent)
 
+    def reading(self) -> dict[str, Any]:
+        """Return the arguments that reading the capture takes."""
+        return {name: getattr(self, name) for name in ("fps", "trim", "joint_set", "unit", "up_axis")}
+
     def as_dict(self) -> dict[str, Any]:
         """Return the job as plain values, which ``from_dict`` reads back."""
         paths = {"capture": str(self.capture), "out": str(self.out), "report": self.report and str(self.report)}
         plain = {"version": VERSION, **paths, "overwrite": self.overwrite, "fps": self.fps, "trim": self.trim}
+        plain |= {"unit": self.unit, "up_axis": self.up_axis}
         return {**plain, "joint_set": self.joint_set and self.joint_set.value, "settings": asdict(self.settings)}
 
 

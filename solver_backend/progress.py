@@ -27,7 +27,12 @@ class _Clock:
         self._stage = ""
         self._start = 0.0
 
+    def starts(self, stage: str) -> bool:
+        """Return whether this is another stage than the last one."""
+        return stage != self._stage
+
     def eta_s(self, stage: str, done: int, total: int) -> float | None:
+        """Return the seconds left of the stage, None at its start."""
         now = time.monotonic()
         if stage != self._stage:
             self._stage, self._start = stage, now
@@ -57,7 +62,7 @@ class ConsoleProgress:
 
 
 class JsonProgress:
-    """Writes one JSON object a line, at most every ``interval_s``, to the child's standard output."""
+    """Writes JSON lines to standard output: a stage's first and last, and between at most one an interval."""
 
     def __init__(self, stream: TextIO = sys.stdout, interval_s: float = 0.1) -> None:
         self._stream, self._interval_s = stream, interval_s
@@ -65,8 +70,8 @@ class JsonProgress:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Show how far the stage has come."""
-        eta_s = self._clock.eta_s(stage, done, total)
-        if done < total and time.monotonic() - self._last < self._interval_s:
+        first, eta_s = self._clock.starts(stage), self._clock.eta_s(stage, done, total)
+        if not first and done < total and time.monotonic() - self._last < self._interval_s:
             return
         self._last = time.monotonic()
         self.event(

@@ -37,6 +37,8 @@ def _parser() -> argparse.ArgumentParser:
     reading.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
     reading.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
     reading.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
+    reading.add_argument("--unit", help="length unit of the calibration, such as m or mm, where it is told wrongly")
+    reading.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration's world that points up, if not z")
     writing = _Parser(add_help=False)
     writing.add_argument("--overwrite", action="store_true", default=None, help="replace results that are there")
 

@@ -24,7 +24,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     for path in (job.out, job.report):
         if path is not None:
             check_output(path, overwrite=job.overwrite)
-    capture = _load(job.capture, job.fps, job.trim, job.joint_set, progress)
+    capture = _load(job.capture, job.reading(), progress)
     from solver_backend.fitters.solve import solve as solve_capture
     from solver_backend.io.motion_file import write_motion
     from solver_backend.report.page import write_report
@@ -71,7 +71,7 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.evaluate import evaluate as compare
     from solver_backend.io.motion_file import read_motion
 
-    capture = _load(args.capture, None, False, None, progress)
+    capture = _load(args.capture, {}, progress)
     found = compare(capture, read_motion(args.motion))
     ratios = {"mpjpe_ratio": found.mpjpe_ratio, "accel_ratio": found.accel_ratio}
     figures = {name: round(value, 4) for name, value in {**asdict(found), **ratios}.items()}
@@ -80,7 +80,19 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _job(args: argparse.Namespace) -> Job:
     """Return the job of the command line: a job file, or the options that would stand in one."""
-    names = ("capture", "out", "report", "overwrite", "fps", "trim", "joint_set", "method", "backend")
+    names = (
+        "capture",
+        "out",
+        "report",
+        "overwrite",
+        "fps",
+        "trim",
+        "joint_set",
+        "unit",
+        "up_axis",
+        "method",
+        "backend",
+    )
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:
         if given:
@@ -96,26 +108,30 @@ def _job(args: argparse.Namespace) -> Job:
         out=args.out,
         report=args.report,
         overwrite=bool(args.overwrite),
-        fps=None if args.fps is None else positive_fps(args.fps),
-        trim=bool(args.trim),
-        joint_set=None if args.joint_set is None else joint_set_named(args.joint_set),
+        **_reading(args),
         settings=SolveSettings.from_dict(chosen),
     )
 
 
 def _read(args: argparse.Namespace, progress: Progress) -> Capture:
-    fps = None if args.fps is None else positive_fps(args.fps)
-    joint_set = None if args.joint_set is None else joint_set_named(args.joint_set)
-    return _load(args.capture, fps, bool(args.trim), joint_set, progress)
+    return _load(args.capture, _reading(args), progress)
 
 
-def _load(path: Path, fps: float | None, trim: bool, joint_set: Any, progress: Progress) -> Capture:
+def _reading(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options that say how a capture is read."""
+    return {
+        "fps": None if args.fps is None else positive_fps(args.fps),
+        "trim": bool(args.trim),
+        "joint_set": None if args.joint_set is None else joint_set_named(args.joint_set),
+        "unit": args.unit,
+        "up_axis": args.up_axis,
+    }
+
+
+def _load(path: Path, reading: dict[str, Any], progress: Progress) -> Capture:
     from solver_backend.io.load import load_capture
 
-    progress("Reading the capture", 0, 1)
-    capture = load_capture(path, fps=fps, trim=trim, joint_set=joint_set)
-    progress("Reading the capture", 1, 1)
-    return capture
+    return load_capture(path, **reading, progress=progress)
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:

@@ -47,6 +47,8 @@ class SolveSettings:
                 isinstance(self.iterations, int) and 1 <= self.iterations <= 200,
                 "a whole number from 1 to 200",
             ),
+            "refine": (isinstance(self.refine, bool), "true or false"),
+            "residual_rotations": (isinstance(self.residual_rotations, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
         }

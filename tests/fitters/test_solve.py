@@ -112,6 +112,8 @@ def test_fewer_than_two_views(capture):
 def test_settings_name_what_is_wrong():
     with pytest.raises(JobInvalid, match=r"window = 2 is not valid; a whole number from 4 to 240"):
         SolveSettings(window=2)
+    with pytest.raises(JobInvalid, match=r"refine = 'no' is not valid; true or false"):
+        SolveSettings(refine="no")  # type: ignore[arg-type]
     with pytest.raises(JobInvalid, match=r"Unknown setting windows.*Known settings: method, backend, window"):
         SolveSettings.from_dict({"windows": 20})
 
