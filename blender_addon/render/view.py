@@ -118,7 +118,7 @@ def look_at(
 
 
 def three_quarter_view(
-    points: np.ndarray, heading: float, size: tuple[int, int], *, name: str = "three-quarter view", margin_m: float = 0.2
+    points: np.ndarray, heading: float, size: tuple[int, int], *, name: str = "front and left", margin_m: float = 0.2
 ) -> CameraFile:
     """Return a camera in front and to the left of a body, just far enough to frame all points.
 
