@@ -23,9 +23,10 @@ class AtJoints:
 
 @dataclass(frozen=True)
 class OnSurface:
-    """Where a ray leaves the skin; it starts at a joint, or on the way ``along`` to the next one, moved by ``start``.
+    """Where a ray first leaves the skin (from the head: last, as mouths are hollow).
 
-    The point then moves ``depth`` metres inwards (a marker's negative depth moves it out along the normal).
+    It starts at a joint, or on the way ``along`` to the next one, moved by ``start``. The point then moves ``depth``
+    metres inwards (a marker's negative depth moves it out along the normal).
     """
 
     joint: str
@@ -106,7 +107,8 @@ class LandmarkBuilder:
         origin = self._body.joints_template[self._joint(rule.joint, side)]
         if rule.towards:
             origin = origin + rule.along * (self._body.joints_template[self._joint(rule.towards, side)] - origin)
-        hit = cast_ray(self._body, origin + self._vector(rule.start, side), self._vector(rule.direction, side))
+        origin, direction = origin + self._vector(rule.start, side), self._vector(rule.direction, side)
+        hit = cast_ray(self._body, origin, direction, outermost=rule.joint == "head")
         share = hit.barycentric
         rest = share @ self._body.v_template[hit.vertices] - rule.depth * hit.normal
         shapedirs = np.tensordot(share, self._body.shapedirs[hit.vertices], axes=1)

@@ -1,4 +1,18 @@
-"""Keypoint regressors: what each detector means by its points, defined by anatomical rule on any body."""
+"""Keypoint regressors: what each detector means by its points, defined by anatomical rule on any body.
+
+Detectors repeat what people clicked, which is not the centre of a joint. Sources of the offsets:
+
+- COCO's hips lie outside and above the joint centres, its ankles above them; BODY_25B's upper neck is near the joint
+  that the neck turns about, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's
+  recording of four calibrated cameras (one person, trunk as long as ours): hips 205 mm apart where the joint centres
+  are 160, thigh 424 (396), shank 382 (404), heel to big toe 209 (241), upper neck 57 above the shoulders (94).
+- OpenPose's neck and middle of the hips are midpoints of the keypoints beside them (its BODY_25 definition).
+- Human3.6M's published bone lengths at a stature near 1.75 m: hips 133 mm beside the middle, spine 233 above it, thorax
+  257 above that (level with the shoulders), nose 121 higher, and a "head" 115 above that, which is the forehead.
+- MediaPipe's hand points are the first joints of little and index finger and the thumb's second joint (BlazePose GHUM).
+
+A detector and a person differ from these; the solver learns what is left over, per take, as an offset of each landmark.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +26,9 @@ from solver_backend.types import SMPL_JOINTS, JointSet
 _MIDLINE: dict[str, Rule] = {
     "nose": OnSurface("head", (0, 0, 1), (0, 0.045, 0)),
     "neck": Between({"left_shoulder": 0.5, "right_shoulder": 0.5}),
-    "upper_neck": AtJoints({"neck": 0.6, "head": 0.4}),
+    "upper_neck": AtJoints({"neck": 1.0}),
     "head_top": OnSurface("head", (0, 1, 0), (0, 0.05, 0.0)),
     "mid_hip": Between({"left_hip": 0.5, "right_hip": 0.5}),
-    "spine": AtJoints({"spine2": 1.0}),
-    "thorax": Between({"left_shoulder": 0.5, "right_shoulder": 0.5}),
 }
 _LEFT: dict[str, Rule] = {
     "eye": OnSurface("head", (0, 0, 1), (0.032, 0.08, 0), depth=0.008),
@@ -27,16 +39,28 @@ _LEFT: dict[str, Rule] = {
     "shoulder": AtJoints({"shoulder": 1.0}),
     "elbow": AtJoints({"elbow": 1.0}),
     "wrist": AtJoints({"wrist": 1.0}),
-    "hip": AtJoints({"hip": 1.0}),
+    "hip": AtJoints({"hip": 1.0}, (0.022, 0.02, 0.0)),
     "knee": AtJoints({"knee": 1.0}),
-    "ankle": AtJoints({"ankle": 1.0}),
-    "big_toe": OnSurface("foot", (-0.12, 0, 1), (0, -0.004, 0), depth=0.008),
-    "small_toe": OnSurface("foot", (0.55, 0, 1), (0, -0.006, 0), depth=0.008),
-    "heel": OnSurface("ankle", (0, 0, -1), (0, -0.045, 0), depth=0.008),
+    "ankle": AtJoints({"ankle": 1.0}, (0.0, 0.015, 0.0)),
+    "big_toe": OnSurface("foot", (-0.12, 0, 1), (0, -0.004, 0), depth=0.02),
+    "small_toe": OnSurface("foot", (1, 0, 0.75), (0, -0.006, 0), depth=0.008),
+    "heel": OnSurface("ankle", (0, 0, -1), (0, -0.05, 0), depth=0.008),
     "thumb": AtJoints({"hand": 1.0}, (-0.02, 0, 0.045)),
     "index": AtJoints({"hand": 1.0}, (0.015, 0, 0.02)),
     "pinky": AtJoints({"hand": 1.0}, (0.0, 0, -0.035)),
 }
+_OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
+    JointSet.H36M_17: (
+        {
+            "spine": AtJoints({"spine1": 0.7, "spine2": 0.3}),
+            "thorax": Between({"left_shoulder": 0.5, "right_shoulder": 0.5}),
+            "nose": AtJoints({"head": 1.0}, (0.0, -0.012, 0.03)),
+            "head_top": AtJoints({"head": 1.0}, (0.0, 0.1, 0.02)),
+        },
+        {"hip": AtJoints({"hip": 1.0}, (0.045, 0.0, 0.0)), "ankle": AtJoints({"ankle": 1.0})},
+    ),
+}
+"""Midline and left rules of sets that mean other places by the same names."""
 
 
 def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
@@ -50,16 +74,17 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
         one_hot = np.eye(len(body.parents))[chosen]
         joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]
         return Landmarks.of_points(SMPL_JOINTS, joints, directions, one_hot)
-    return LandmarkBuilder(body, _RULES).build(joint_set.keypoints)
+    return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
 
 
-def _sided_rules() -> dict[str, tuple[str, Rule]]:
+def _sided_rules(midline: dict[str, Rule], left: dict[str, Rule]) -> dict[str, tuple[str, Rule]]:
     """Return side and rule of every keypoint name."""
-    rules: dict[str, tuple[str, Rule]] = {name: ("", rule) for name, rule in _MIDLINE.items()}
-    for part, rule in _LEFT.items():
+    rules: dict[str, tuple[str, Rule]] = {name: ("", rule) for name, rule in midline.items()}
+    for part, rule in left.items():
         for side in ("left", "right"):
             rules[f"mouth_{side}" if part == "mouth" else f"{side}_{part}"] = (side, rule)
     return rules
 
 
-_RULES = _sided_rules()
+_COMMON = _sided_rules(_MIDLINE, _LEFT)
+_RULES = {chosen: _sided_rules(_MIDLINE | middle, _LEFT | left) for chosen, (middle, left) in _OWN.items()}

@@ -22,13 +22,14 @@ class SurfacePoint:
     """(3,) outward unit normal."""
 
 
-def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray) -> SurfacePoint:
+def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:
     """Return where a ray that starts inside the rest mesh first leaves it.
 
     Args:
         body: the body model.
         origin: (3,) start, rest frame, metres.
         direction: (3,) any length.
+        outermost: take where it leaves the mesh for good; a head may have a hollow mouth and nostrils.
 
     Raises:
         BodyInvalid: the ray misses the mesh.
@@ -55,7 +56,8 @@ def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray) -> SurfacePo
         )
     normals = np.cross(edge1, edge2)
     leaving = hit & (normals @ direction > 0)
-    face = int(np.argmin(np.where(leaving if leaving.any() else hit, t, np.inf)))
+    reach = np.where(leaving if leaving.any() else hit, t, np.nan)
+    face = int(np.nanargmax(reach) if outermost else np.nanargmin(reach))
     barycentric = np.array([1 - u[face] - v[face], u[face], v[face]]).clip(0)
     normal = normals[face] / np.linalg.norm(normals[face])
     return SurfacePoint(body.faces[face], barycentric / barycentric.sum(), normal)
