@@ -1,8 +1,14 @@
 """``python -m solver_backend``: solve, info, convert, demo-capture, evaluate."""
 
+import os
 import sys
 
-from solver_backend.cli.main import main
+# NumPy's products here are many and small: threads inside each one wait for one another as soon as another program
+# wants the processor. This must be said before NumPy is loaded; what the user says stands.
+for _setting in ("OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ.setdefault(_setting, "1")
+
+from solver_backend.cli.main import main  # noqa: E402
 
 if __name__ == "__main__":
     sys.exit(main())
