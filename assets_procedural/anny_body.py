@@ -33,10 +33,13 @@ _AIMS = (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "
 """Segments that are turned: arms level, legs down."""
 _SHIFTED = {
     "pelvis": {"root": 0.4, "spine04": 0.6},
+    "spine2": {"spine02": 0.6, "spine01": 0.4},
     "head": {"head": 0.6, "neck01": 0.4},
+    "collar": {"clavicle": 0.65, "upperarm01": 0.35},
+    "foot": {"toe2-1": 0.85, "foot": 0.15},
     "hip": {"root": 0.25, "upperleg01": 0.675, "lowerleg01": 0.075},
 }
-"""Joints that lie between the rig's bone heads: hip centres are further in and lower, the pelvis above them."""
+"""Joints between the rig's bone heads: hip centres are further in and lower, the pelvis lies above them."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -97,8 +100,8 @@ def _owners(rig: Rig) -> np.ndarray:
 def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
     """Return (V, 24) weights with at most six influences."""
     joined = (weights @ csr_matrix((np.ones(len(owner)), (np.arange(len(owner)), owner)))).toarray()
-    smallest = np.sort(joined, axis=1)[:, -MAX_INFLUENCES, None]
-    joined = np.where(joined >= np.maximum(smallest, 1e-4), joined, 0.0)
+    np.put_along_axis(joined, np.argsort(joined, axis=1, kind="stable")[:, :-MAX_INFLUENCES], 0.0, axis=1)
+    joined[joined < 1e-4] = 0.0
     return joined / joined.sum(axis=1, keepdims=True)
 
 

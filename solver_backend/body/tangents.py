@@ -72,7 +72,7 @@ def rotation_jacobian(
 
     lever_map = xp.take(levers, index(pairs.landmark), axis=0) * constant(pairs.below, G)[:, :, None]
     lever_map = xp.reshape(lever_map, (num_pairs, -1)).T
-    joint, scatter = index(pairs.joint), index(pairs.scatter)
+    joint, scatter = index(_spread(pairs.joint, 9, count)), index(pairs.scatter)
     dense = xp.empty((frames, len(pairs.scatter)), dtype=G.dtype, device=device)
     for start in range(0, frames, _CHUNK):
         chunk = slice(start, start + _CHUNK)
@@ -80,14 +80,27 @@ def rotation_jacobian(
         lever = xp.matmul(xp.reshape(xp.permute_dims(turns, (0, 2, 1, 3)), (turns.shape[0], 3, -1)), lever_map)
         if correction is not None:
             lever = lever + _corrected_lever(xp, landmarks, pairs, turns, correction[chunk], index)
-        axes = xp.take(_axes(xp, body, turns, count), joint, axis=3)
-        columns = _turned(xp, axes, lever)
+        axes = _columns(xp, _axes(xp, body, turns, count), joint)
+        columns = _turned(xp, xp.reshape(axes, (turns.shape[0], 3, 3, -1)), lever)
         if pairs.corrected:
             columns = _add_correctives(xp, landmarks, pairs, turns, local[chunk], columns, index)
         flat = xp.reshape(columns, (turns.shape[0], -1))
         flat = xp.concat([flat, xp.zeros_like(flat[:, :1])], axis=1)
-        dense[chunk] = xp.take(flat, scatter, axis=1)
+        dense[chunk] = _columns(xp, flat, scatter)
     return xp.reshape(dense, (frames, len(landmarks), 3, 3 * count))
+
+
+def _spread(columns: np.ndarray, copies: int, width: int) -> np.ndarray:
+    """Return the same columns of each of several blocks that lie side by side."""
+    return (width * np.arange(copies)[:, None] + columns).reshape(-1)
+
+
+def _columns(xp: Any, values: Array, columns: Array) -> Array:
+    """Return (F, n) columns of the (F, ...) values laid flat; torch is four times faster so than along an axis."""
+    flat = xp.reshape(values, (values.shape[0], -1))
+    start = xp.arange(flat.shape[0], dtype=columns.dtype, device=getattr(columns, "device", None)) * flat.shape[1]
+    chosen = xp.take(xp.reshape(flat, (-1,)), xp.reshape(start[:, None] + columns, (-1,)), axis=0)
+    return xp.reshape(chosen, (flat.shape[0], -1))
 
 
 def _axes(xp: Any, body: Body, G: Array, count: int) -> Array:
@@ -105,15 +118,21 @@ def _turned(xp: Any, axes: Array, lever: Array) -> Array:
     return xp.stack([y * lz - z * ly, z * lx - x * lz, x * ly - y * lx], axis=1)
 
 
+def _blended(xp: Any, shares: np.ndarray, G: Array) -> Array:
+    """Return (F, 3, 3, N): global rotations mixed by (N, J) shares, as one product of two matrices."""
+    frames, joints = G.shape[:2]
+    rows = xp.reshape(xp.permute_dims(G, (0, 2, 3, 1)), (frames * 9, joints))
+    return xp.reshape(xp.matmul(rows, constant(np.ascontiguousarray(shares.T), G)), (frames, 3, 3, -1))
+
+
 def _corrected_lever(
     xp: Any, landmarks: Landmarks, pairs: _Pairs, G: Array, correction: Array, index: Any
 ) -> Array:  # fmt: skip
     """Return (F, 3, N): what the bones below each pair's joint carry of the landmark's corrective."""
-    shares = constant(landmarks.weights[pairs.landmark] * pairs.below, G)
-    blend = xp.matmul(shares, xp.reshape(G, (G.shape[0], -1, 9)))
-    blend = xp.permute_dims(xp.reshape(blend, (G.shape[0], -1, 3, 3)), (0, 2, 3, 1))
-    moved = xp.take(xp.permute_dims(correction, (0, 2, 1)), index(pairs.landmark), axis=2)
-    return xp.sum(blend * moved[:, None], axis=2)
+    blend = _blended(xp, landmarks.weights[pairs.landmark] * pairs.below, G)
+    columns = index(_spread(pairs.landmark, 3, correction.shape[1]))
+    moved = xp.reshape(_columns(xp, xp.permute_dims(correction, (0, 2, 1)), columns), (G.shape[0], 3, -1))
+    return blend[:, :, 0] * moved[:, None, 0] + blend[:, :, 1] * moved[:, None, 1] + blend[:, :, 2] * moved[:, None, 2]
 
 
 def _add_correctives(
@@ -124,10 +143,10 @@ def _add_correctives(
     R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
     moved = xp.matmul(R, constant(pairs.corrective, G))
     moved = xp.reshape(moved, (len(pairs.corrected), frames, 9, -1))
-    moved = xp.reshape(xp.permute_dims(moved, (1, 2, 0, 3)), (frames, 9, -1))
-    moved = xp.reshape(xp.take(moved, index(pairs.unpadded), axis=2), (frames, 3, 3, -1))
-    blend = xp.matmul(constant(landmarks.weights[pairs.landmark[pairs.target]], G), xp.reshape(G, (frames, -1, 9)))
-    blend = xp.permute_dims(xp.reshape(blend, (frames, -1, 3, 3)), (0, 2, 3, 1))
+    width = moved.shape[0] * moved.shape[3]
+    moved = _columns(xp, xp.permute_dims(moved, (1, 2, 0, 3)), index(_spread(pairs.unpadded, 9, width)))
+    moved = xp.reshape(moved, (frames, 3, 3, -1))
+    blend = _blended(xp, landmarks.weights[pairs.landmark[pairs.target]], G)
     world = sum(blend[:, :, j, None] * moved[:, None, j] for j in range(3))
     columns[..., index(pairs.target)] += world
     return columns
