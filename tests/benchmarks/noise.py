@@ -1,0 +1,21 @@
+"""Prints what the detector of a recording does wrong: ``python -m tests.benchmarks.noise [CAPTURE]``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from solver_backend.io.load import load_capture
+from solver_backend.synthetic.noise_measurement import measure_noise
+from tests.benchmarks.bench_held_out import DATA, TRIAL
+
+
+def main(argv: list[str]) -> int:
+    """Measure the given capture, or the balancing trial kept beside the repository."""
+    path = Path(argv[0]) if argv else DATA / TRIAL
+    sys.stdout.write("\n".join(measure_noise(load_capture(path)).lines()) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
