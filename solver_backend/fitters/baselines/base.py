@@ -1,0 +1,40 @@
+"""What every baseline gives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver_backend.types import Capture, Motion
+
+
+@dataclass(frozen=True)
+class BaselineResult:
+    """A take as a baseline sees it; F frames."""
+
+    keypoints3d: np.ndarray
+    """(F, K, 3) world metres in the capture's joint set; NaN for a point it never found."""
+    motion: Motion | None = None
+    """The animated body, of methods that have one."""
+    statistics: dict[str, Any] = field(default_factory=dict)
+    """What the method counts, as plain values."""
+
+
+class Baseline(ABC):
+    """A method to compare with."""
+
+    name: str
+    """How tables call it."""
+    simplified: str
+    """What differs from the publication, in a sentence; empty if nothing."""
+
+    @abstractmethod
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Solve a multi-view capture.
+
+        Raises:
+            TooFewViews, NoDetections: nothing can be triangulated.
+        """
