@@ -26,7 +26,7 @@ _MIDLINE: dict[str, Rule] = {
     "T10": _skin("spine2", (0, 0, -1), (0, 0.03, 0)),
     "CLAV": _skin("neck", (0, -0.25, 1), (0, -0.05, 0)),
     "STRN": _skin("spine3", (0, 0, 1), (0, -0.02, 0)),
-    "SACR": _skin("pelvis", (0, 0, -1), (0, 0.02, 0)),
+    "SACR": _skin("pelvis", (0, 0, -1), (0, 0.055, 0)),
     "ARIEL": _skin("head", (0, 1, 0), (0, 0.05, 0)),
 }
 _LEFT: dict[str, Rule] = {

@@ -1,0 +1,88 @@
+"""From the committed numbers to the body file."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from assets_procedural.charts import build_texture_map
+from assets_procedural.correctives import fit_correctives
+from assets_procedural.layout import BORDERS, PARENTS
+from assets_procedural.meshing import build_mesh
+from assets_procedural.parts import MATERIAL_NAMES, PART_FACING, face_materials, face_parts
+from assets_procedural.primitives import load_primitives
+from assets_procedural.regressor import fit_regressor
+from assets_procedural.shape import build_shape_space
+from assets_procedural.skeleton import load_joints
+from assets_procedural.skinning import heat_weights
+from assets_procedural.statistics import load_statistics
+
+BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"
+BODY_ID = "manifold_neutral"
+NUM_VERTICES = 7200
+_LOG = logging.getLogger(__name__)
+_ROOT = 4294967295
+_T = TypeVar("_T")
+
+
+def build_body(num_vertices: int = NUM_VERTICES) -> dict[str, np.ndarray]:
+    """Return the arrays of the body file; the pelvis is the origin for every shape.
+
+    Keys of SMPL: ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Ours: ``body_id``; ``uv``
+    (V, 2); ``vt`` (T, 2) and ``ft`` (F, 3) with seams; ``face_material`` (F,) and ``material_names``; ``mirror`` (V,);
+    the joints that the regressor was fitted to, ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10).
+    """
+    mesh = _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
+    part = face_parts(mesh.vertices, mesh.faces)
+    statistics, fitted_joints = load_statistics(), load_joints()
+    space = _timed("shape", lambda: build_shape_space(mesh.vertices, mesh.faces, fitted_joints, statistics))
+    origin = space.joints[0]
+    vertices, joints = _rounded(space.vertices - origin), space.joints - origin
+    vertex_dirs = _rounded(space.vertex_dirs)
+    weights = _timed("weights", lambda: heat_weights(vertices, mesh.faces, mesh.mirror, joints))
+    weights = weights.astype(np.float32).astype(np.float64)
+    regressor = _timed("regressor", lambda: fit_regressor(vertices, vertex_dirs, joints, space.joint_dirs, mesh.mirror))
+    posedirs = _timed("correctives", lambda: fit_correctives(vertices, mesh.faces, weights, joints, mesh.mirror))
+    texture = _timed("texture", lambda: build_texture_map(space.vertices, mesh.faces, part, PART_FACING))
+    return {
+        "body_id": np.array(BODY_ID),
+        "v_template": vertices.astype(np.float32),
+        "shapedirs": vertex_dirs.astype(np.float32),
+        "posedirs": posedirs.astype(np.float16),
+        "J": joints.astype(np.float32),
+        "J_shapedirs": space.joint_dirs.astype(np.float32),
+        "J_regressor": regressor.astype(np.float32),
+        "weights": weights.astype(np.float32),
+        "kintree_table": np.array([[_ROOT if p < 0 else p for p in PARENTS], range(len(PARENTS))], dtype=np.uint32),
+        "f": mesh.faces.astype(np.uint32),
+        "uv": texture.per_vertex(mesh.faces, len(vertices)).astype(np.float32),
+        "vt": texture.vt.astype(np.float32),
+        "ft": texture.ft.astype(np.uint32),
+        "face_material": face_materials(part),
+        "material_names": np.array(MATERIAL_NAMES),
+        "mirror": mesh.mirror.astype(np.uint32),
+    }
+
+
+def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write the arrays without pickle, under a temporary name first."""
+    partial = path.with_suffix(".part.npz")
+    np.savez_compressed(partial, **arrays)
+    partial.replace(path)
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    """Return values on a grid of 0.1 micrometre, so that last-bit differences between machines vanish."""
+    return np.round(values, 7).astype(np.float32).astype(np.float64)
+
+
+def _timed(name: str, work: Callable[[], _T]) -> _T:
+    start = time.perf_counter()
+    result = work()
+    _LOG.info("%s: %.1f s", name, time.perf_counter() - start)
+    return result

@@ -1,0 +1,59 @@
+"""The joint regressor: each joint as a weighted mean of skin around it, exact for the mean and all ten components."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from assets_procedural.layout import MIRROR_JOINT
+
+Array = np.ndarray
+_NEIGHBOURS, _REACH_M, _TOLERANCE_M = 500, 0.06, 1e-5
+
+
+def fit_regressor(vertices: Array, vertex_dirs: Array, joints: Array, joint_dirs: Array, mirror: Array) -> Array:
+    """Return the (24, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``; rows sum to 1.
+
+    Weights are non-negative where such a mean exists, otherwise the smallest signed weights near the joint.
+
+    Args:
+        vertices: (V, 3) metres.
+        vertex_dirs: (V, 3, 10).
+        joints: (24, 3) metres.
+        joint_dirs: (24, 3, 10).
+        mirror: (V,) index of each vertex's mirror image.
+    """
+    count = len(vertices)
+    rows = np.concatenate([np.ones((1, count)), vertices.T, vertex_dirs.reshape(count, -1).T])
+    regressor = np.zeros((len(joints), count))
+    for j, joint in enumerate(joints):
+        if MIRROR_JOINT[j] < j:
+            regressor[j] = regressor[MIRROR_JOINT[j]][mirror]
+            continue
+        target = np.concatenate([[1.0], joint, joint_dirs[j].ravel()])
+        distance = np.linalg.norm(vertices - joint, axis=1)
+        near = np.argsort(distance, kind="stable")[:_NEIGHBOURS]
+        near = np.unique(np.concatenate([near, mirror[near]])) if MIRROR_JOINT[j] == j else near
+        weights = _positive_mean(rows[:, near], target, distance[near])
+        if weights is None:
+            weights = _signed_mean(rows[:, near], target, distance[near])
+        regressor[j, near] = weights
+        if MIRROR_JOINT[j] == j:
+            regressor[j] = 0.5 * (regressor[j] + regressor[j][mirror])
+    return regressor / regressor.sum(axis=1, keepdims=True)
+
+
+def _positive_mean(rows: Array, target: Array, distance: Array) -> Array | None:
+    """Return non-negative weights, or None where none reproduce the joint to 0.01 mm."""
+    ridge = 1e-5 * (0.3 + distance / _REACH_M)
+    stacked = np.concatenate([rows, np.diag(ridge)])
+    weights, _ = nnls(stacked, np.concatenate([target, np.zeros(len(distance))]), maxiter=50 * len(distance))
+    return weights if np.abs(rows @ weights - target).max() < _TOLERANCE_M else None
+
+
+def _signed_mean(rows: Array, target: Array, distance: Array) -> Array:
+    """Return the weights of least weighted norm that reproduce the joint."""
+    share = np.exp(-0.5 * ((distance - distance.min()) / _REACH_M) ** 2) + 1e-3
+    scale = np.linalg.norm(rows, axis=1).clip(1e-9)
+    a, b = rows / scale[:, None], target / scale
+    return share * (a.T @ np.linalg.lstsq((a * share) @ a.T, b, rcond=1e-12)[0])

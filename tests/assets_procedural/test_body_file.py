@@ -1,0 +1,124 @@
+"""The committed body file keeps what animators and solvers rely on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from assets_procedural.build import BODY_FILE, build_body
+from assets_procedural.contact_sheet import BakedBody, read_baked
+from assets_procedural.correctives import joint_masks
+from assets_procedural.layout import MIRROR_JOINT, PARENTS
+from assets_procedural.measure import Figure, figures
+from assets_procedural.poses import BENDS, EXTREMES, rotations
+from assets_procedural.skinning import volume
+from solver_backend.body.body import load_body
+
+
+@pytest.fixture(scope="module")
+def body() -> BakedBody:
+    return read_baked()
+
+
+@pytest.fixture(scope="module")
+def measured(body: BakedBody) -> list[Figure]:
+    return list(figures(body, BODY_FILE))
+
+
+def test_every_figure_is_in_its_range(measured: list[Figure]) -> None:
+    missed = [figure.row() for figure in measured if not figure.good]
+    assert not missed, "\n".join(missed)
+
+
+def test_vertices_weights_and_regressor_mirror_exactly(body: BakedBody) -> None:
+    with np.load(BODY_FILE) as data:
+        mirror = data["mirror"]
+    flip = np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(mirror[mirror], np.arange(len(mirror)))
+    np.testing.assert_allclose(body.vertices[mirror] * flip, body.vertices, atol=1e-6)
+    np.testing.assert_allclose(body.shapedirs[mirror] * flip[:, None], body.shapedirs, atol=1e-6)
+    np.testing.assert_allclose(body.weights[mirror][:, list(MIRROR_JOINT)], body.weights, atol=1e-6)
+    np.testing.assert_allclose(body.regressor[list(MIRROR_JOINT)][:, mirror], body.regressor, atol=1e-6)
+
+
+def test_weights_are_a_partition_with_six_influences(body: BakedBody) -> None:
+    assert body.weights.min() >= 0.0
+    np.testing.assert_allclose(body.weights.sum(axis=1), 1.0, atol=1e-6)
+    assert np.sum(body.weights > 0, axis=1).max() <= 6
+    left_leg, right_side = body.weights[:, [1, 4, 7, 10]].sum(axis=1), body.vertices[:, 0] < -0.02
+    assert left_leg[right_side].max() < 0.25
+
+
+def test_joints_stand_where_the_smpl_tree_wants_them(body: BakedBody) -> None:
+    joints = body.joints
+    np.testing.assert_allclose(joints[0], 0.0, atol=1e-5)
+    assert 0.08 <= joints[0, 1] - joints[1, 1] <= 0.09
+    assert abs(joints[7, 0] - joints[1, 0]) < 0.03, "the legs are near vertical"
+    assert np.ptp(joints[[16, 18, 20, 22], 1]) < 0.015, "the arms are level"
+    assert joints[16, 0] > 0 and joints[10, 2] > joints[7, 2], "left is +X and toes point to +Z"
+
+
+def test_each_joint_lies_inside_the_skin_it_carries(body: BakedBody) -> None:
+    of_the_back_alone = 6  # spine2 moves the skin of the back; the front goes with its neighbours
+    for joint in set(range(1, len(PARENTS))) - {of_the_back_alone}:
+        skin = body.vertices[body.weights[:, joint] > 0.05]
+        assert np.all(skin.min(axis=0) < body.joints[joint] + 0.02)
+        assert np.all(skin.max(axis=0) > body.joints[joint] - 0.02)
+
+
+def test_betas_keep_the_pelvis_at_the_origin(body: BakedBody) -> None:
+    moved = body.regressor @ (body.vertices + body.shapedirs @ np.full(10, 1.5))
+    assert np.linalg.norm(moved[0]) < 1e-4
+
+
+def test_rest_pose_is_the_template(body: BakedBody) -> None:
+    np.testing.assert_allclose(body.posed(rotations({})), body.vertices, atol=1e-6)
+
+
+def test_correctives_stay_where_joints_act(body: BakedBody) -> None:
+    active = np.abs(body.posedirs).reshape(len(body.vertices), 3, 23, 9).max(axis=(1, 3)) > 0
+    assert not np.any(active & (joint_masks(body.weights) == 0))
+
+
+@pytest.mark.parametrize("name", BENDS)
+def test_correctives_keep_more_volume_than_linear_blending(body: BakedBody, name: str) -> None:
+    rest, turned = volume(body.vertices, body.faces), rotations(BENDS[name], 90)
+    lost = [abs(volume(body.posed(turned, correctives=use), body.faces) / rest - 1) for use in (True, False)]
+    assert lost[0] < 0.6 * lost[1] or lost[0] < 0.002
+
+
+@pytest.mark.parametrize("name", EXTREMES)
+def test_extreme_poses_stretch_no_edge_apart(body: BakedBody, name: str) -> None:
+    pairs = np.concatenate([body.faces[:, [0, 1]], body.faces[:, [1, 2]], body.faces[:, [2, 0]]])
+    posed = body.posed(rotations(EXTREMES[name]))
+    length = [np.linalg.norm(v[pairs[:, 0]] - v[pairs[:, 1]], axis=1) for v in (posed, body.vertices)]
+    assert np.isfinite(posed).all() and np.quantile(length[0] / length[1], 0.9999) < 3.5
+
+
+def test_texture_charts_cover_every_face_without_turning_over(body: BakedBody) -> None:
+    with np.load(BODY_FILE) as data:
+        vt, ft, uv, material = data["vt"].astype(np.float64), data["ft"], data["uv"], data["face_material"]
+    assert ft.shape == body.faces.shape and len(uv) == len(body.vertices)
+    assert vt.min() >= 0.0 and vt.max() <= 1.0 and ft.max() == len(vt) - 1
+    a, b, c = (vt[ft[:, k]] for k in range(3))
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert np.mean(area <= 0) < 0.002
+    assert set(np.unique(material)) == {0, 1}
+
+
+def test_the_runtime_loads_the_file() -> None:
+    body = load_body()
+    assert body.id == "manifold_neutral"
+    assert body.parents == PARENTS
+
+
+@pytest.mark.slow
+def test_rebuilding_from_the_committed_numbers_gives_the_committed_file() -> None:
+    rebuilt = build_body()
+    with np.load(BODY_FILE) as data:
+        assert set(data.files) == set(rebuilt)
+        for key, value in rebuilt.items():
+            if value.dtype.kind == "f":
+                np.testing.assert_allclose(value, data[key], atol=2e-4, err_msg=key)
+            else:
+                np.testing.assert_array_equal(value, data[key], err_msg=key)
