@@ -147,7 +147,8 @@ def _planted(body: Body, betas: np.ndarray, root: np.ndarray, local: np.ndarray,
 def _lowest(body: Body, betas: np.ndarray, G: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Return (F,) the height of the lowest point of both soles, smoothed over the change of feet."""
     rest = body.rest_joints(betas)
-    sole_depth = rest[SMPL_JOINTS.index("left_foot"), 1] - body.v_template[:, 1].min()
+    lowest = (body.v_template[:, 1] + body.shapedirs[:, 1] @ betas).min()
+    sole_depth = rest[SMPL_JOINTS.index("left_foot"), 1] - lowest
     heights = []
     for side in ("left", "right"):
         ankle, foot = SMPL_JOINTS.index(f"{side}_ankle"), SMPL_JOINTS.index(f"{side}_foot")
