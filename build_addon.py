@@ -1,12 +1,14 @@
-"""Build the extension: one zip with the add-on, the solver, the body and the weights.
+"""Build the extension: one zip with the add-on, the solver, the body and the weights, and a repository's index.
 
-``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip`` and has Blender's own extension tool
-validate it where the ``bpy`` module is installed. Same sources, same bytes.
+``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip``, has Blender's own extension tool validate
+it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
+any web server as an extension repository. Same sources, same bytes.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import subprocess
 import sys
@@ -17,38 +19,59 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
 ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
+MANIFEST = ADDON / "blender_manifest.toml"
+WHEEL_CACHE = ROOT / "build" / "wheels"
+WHEEL_SHA256 = {
+    "array_api_compat-1.16.0-py3-none-any.whl": "0464934d7d5f1e9b728b2e248da52400630b1fcb46b70073eab3c7ae084290aa",
+}
+"""The wheels a manifest may list. They are pure Python: Blender brings NumPy itself."""
 _LEFT_OUT = frozenset({"__pycache__", "training"})
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _LIMIT_MIB = 25
 
 
+class WheelMissing(Exception):
+    """A wheel is neither cached nor to be had, or it is not the one that is expected."""
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Build and validate; return 0 if both went well."""
+    """Build, validate and index; return 0 if all went well."""
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the zip (default: dist)")
     out = parser.parse_args(arguments).out
-    path = build(out)
+    try:
+        path = build(out)
+    except WheelMissing as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     print(f"{path} ({path.stat().st_size / 2**20:.1f} MiB)")
     if path.stat().st_size > _LIMIT_MIB * 2**20:
         print(f"error: the extension is larger than {_LIMIT_MIB} MiB", file=sys.stderr)
         return 1
     tool = extension_tool()
     if tool is None:
-        print("not validated: the bpy module, which carries Blender's extension tool, is not installed")
+        print("not validated, no index: the bpy module, which carries Blender's extension tool, is not installed")
         return 0
-    return subprocess.run([sys.executable, str(tool), "validate", str(path)], check=False).returncode
+    steps = [["validate", str(path)], ["server-generate", "--repo-dir", str(out)]]
+    codes = [subprocess.run([sys.executable, str(tool), *step], check=False).returncode for step in steps]
+    return max(codes)
 
 
 def build(out: Path) -> Path:
-    """Write the zip into a folder, replacing an older one, and return its path."""
-    manifest = tomllib.loads((ADDON / "blender_manifest.toml").read_text(encoding="utf-8"))
+    """Write the zip into a folder, replacing an older one, and return its path.
+
+    Raises:
+        WheelMissing: see ``wheel``.
+    """
+    manifest = tomllib.loads(MANIFEST.read_text(encoding="utf-8"))
     path = out / f"{manifest['id']}-{manifest['version']}.zip"
+    files = contents()
     out.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".part")
     try:
         with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-            for name, source in contents().items():
+            for name, source in files.items():
                 entry = zipfile.ZipInfo(name, _EPOCH)
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 entry.external_attr = 0o644 << 16
@@ -60,13 +83,42 @@ def build(out: Path) -> Path:
 
 
 def contents() -> dict[str, Path]:
-    """Return the files of the extension by their names in the zip, sorted."""
+    """Return the files of the extension by their names in the zip, sorted.
+
+    The solver lies in a folder of its own, so that a child process that finds it finds nothing of the add-on.
+    """
     found = {path.relative_to(ADDON).as_posix(): path for path in _files(ADDON)}
-    found |= {f"solver_backend/{path.relative_to(SOLVER).as_posix()}": path for path in _files(SOLVER)}
-    licence = ROOT / "LICENSE"
-    if licence.is_file():
-        found["LICENSE"] = licence
+    found |= {f"backend/solver_backend/{path.relative_to(SOLVER).as_posix()}": path for path in _files(SOLVER)}
+    found |= {f"wheels/{name}": wheel(name) for name in manifest_wheels()}
+    found["LICENSE"] = ROOT / "LICENSE"
     return dict(sorted(found.items()))
+
+
+def manifest_wheels() -> list[str]:
+    """Return the file names of the wheels the manifest lists."""
+    return [Path(entry).name for entry in tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["wheels"]]
+
+
+def wheel(name: str) -> Path:
+    """Return the path of a wheel, as its index has it, from ``build/wheels`` or fetched there by pip.
+
+    Raises:
+        WheelMissing: it cannot be had, or its bytes are not the expected ones.
+    """
+    path = WHEEL_CACHE / name
+    if not path.is_file():
+        project, version = name.split("-")[:2]
+        fetch = ["download", "--quiet", "--no-deps", "--only-binary", ":all:", "--dest", str(WHEEL_CACHE)]
+        command = [sys.executable, "-m", "pip", *fetch, f"{project}=={version}"]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        if not path.is_file():
+            lines = done.stderr.strip().splitlines()
+            raise WheelMissing(f"{name} cannot be had ({lines[-1] if lines else 'pip is missing'}); is the network up?")
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    if found != WHEEL_SHA256.get(name):
+        path.unlink()
+        raise WheelMissing(f"{name} has the hash {found}, not the expected {WHEEL_SHA256.get(name)}; it was deleted.")
+    return path
 
 
 def extension_tool() -> Path | None:

@@ -82,6 +82,12 @@ class RenderFailed(AddonError):
     code = "render_failed"
 
 
+class BackendMissing(AddonError):
+    """The solver, or a Python to run it with, is not there."""
+
+    code = "backend_missing"
+
+
 class BlenderMissing(AddonError):
     """The command was started by a Python without Blender's module."""
 

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import BodyInvalid, FileMissing
+from ..backend_environment import PACKAGE, backend_folder
+from ..errors import BodyInvalid
 from .arrays import read_arrays, text
 from .skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
 _OPTIONAL = ("posedirs", "body_id", "uv", "face_material")
-_ASSET = Path("solver_backend", "assets", "body_neutral.npz")
+_ASSET = Path("assets", "body_neutral.npz")
 
 
 @dataclass(frozen=True)
@@ -49,18 +50,12 @@ class BodyFile:
 
 
 def default_body_path() -> Path:
-    """Return the path of the body that ships with the add-on.
+    """Return the path of the body that ships with the solver.
 
     Raises:
-        FileMissing: neither the installed extension nor a source tree holds it.
+        BackendMissing: the solver is not there.
     """
-    package = Path(__file__).parents[1]
-    for folder in (package, package.parent):
-        if (folder / _ASSET).is_file():
-            return folder / _ASSET
-    raise FileMissing(
-        "The body that ships with the add-on is not there.", where=_ASSET.as_posix(), hint="Name a body file."
-    )
+    return backend_folder() / PACKAGE / _ASSET
 
 
 def read_body(path: Path) -> BodyFile:

@@ -1,0 +1,67 @@
+"""Where the solver is, and the environment in which a child process finds it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from .errors import BackendMissing
+
+PACKAGE = "solver_backend"
+_BUNDLED, _WHEELS = "backend", "wheels"
+_ADDON = Path(__file__).resolve().parent
+
+
+def backend_folder() -> Path:
+    """Return the folder that holds the solver's package: inside the installed extension, or of the source tree.
+
+    Raises:
+        BackendMissing: neither holds it.
+    """
+    for folder in (_ADDON / _BUNDLED, _ADDON.parent):
+        if (folder / PACKAGE / "__main__.py").is_file():
+            return folder
+    raise BackendMissing(
+        "The solver is not in the add-on's folder.", where=str(_ADDON), hint="Install the add-on anew."
+    )
+
+
+def backend_command(python: Path | None = None) -> list[str]:
+    """Return how the solver is started; its arguments follow.
+
+    Args:
+        python: interpreter to use; None for Blender's own.
+
+    Raises:
+        BackendMissing: there is no such interpreter.
+    """
+    executable = Path(python or sys.executable)
+    if not executable.is_file():
+        raise BackendMissing(
+            "There is no Python to run the solver with.",
+            where=str(executable),
+            hint="Choose another Python in the add-on's preferences, or none to use Blender's own.",
+        )
+    return [str(executable), "-m", PACKAGE]
+
+
+def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Return the environment of a solver started by ``backend_command``.
+
+    ``PYTHONPATH`` holds the solver and, straight from their wheels, the pure-Python packages it imports. All other
+    settings of Python are dropped, as Blender itself does, and the working folder is not searched for modules.
+
+    Args:
+        python: interpreter that will run; None for Blender's own, which gets nothing from the user's site packages.
+        inherited: environment to start from; None for this process's.
+
+    Raises:
+        BackendMissing: the solver is not there.
+    """
+    base = os.environ if inherited is None else inherited
+    kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}
+    paths = [backend_folder(), *sorted((_ADDON / _WHEELS).glob("*.whl"))]
+    settings = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
+    return kept | settings | ({"PYTHONNOUSERSITE": "1"} if python is None else {})

@@ -1,0 +1,38 @@
+"""The environment of the solver's process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from blender_addon import backend_environment
+from blender_addon.backend_environment import backend_command, backend_folder, environment_for_child
+from blender_addon.errors import BackendMissing
+
+
+def test_a_child_finds_the_solver_from_anywhere_and_nothing_of_the_working_folder(tmp_path: Path) -> None:
+    (tmp_path / "json.py").write_text("raise SystemExit('the wrong module')")
+    done = subprocess.run(
+        [*backend_command(), "--version"], cwd=tmp_path, env=environment_for_child(), capture_output=True, text=True
+    )
+    assert done.returncode == 0 and done.stdout.startswith("Manifold MoCap "), done.stderr
+
+
+def test_pythons_settings_are_not_inherited_and_others_are() -> None:
+    inherited = {"PYTHONHOME": "/gone", "PYTHONPATH": "/gone", "PATH": "/bin", "LANG": "C"}
+    own = environment_for_child(inherited=inherited)
+    assert (own["PATH"], own["LANG"], own["PYTHONNOUSERSITE"]) == ("/bin", "C", "1")
+    assert "PYTHONHOME" not in own and own["PYTHONPATH"].split(os.pathsep)[0] == str(backend_folder())
+    assert "PYTHONNOUSERSITE" not in environment_for_child(Path(sys.executable), inherited)
+
+
+def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BackendMissing, match=r"no Python to run the solver with.*Choose another Python"):
+        backend_command(tmp_path / "python")
+    monkeypatch.setattr(backend_environment, "_ADDON", tmp_path / "addon")
+    with pytest.raises(BackendMissing, match="The solver is not in the add-on's folder"):
+        environment_for_child()

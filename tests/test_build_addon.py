@@ -1,0 +1,140 @@
+"""The built extension: complete, reproducible, accepted by Blender's own tool, and able to solve on its own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import build_addon
+import solver_backend
+from solver_backend.io.capture_file import write_capture
+from solver_backend.io.motion_file import read_motion
+from solver_backend.synthetic.demo import demo_capture
+
+_SOLVE = """
+import json, subprocess, sys
+from manifold_mocap.backend_environment import backend_command, environment_for_child
+code = "import solver_backend, array_api_compat; print(solver_backend.__file__); print(array_api_compat.__file__)"
+environment = environment_for_child()
+run = lambda *command: subprocess.run(command, env=environment, capture_output=True, text=True, encoding="utf-8")
+found = run(sys.executable, "-c", code)
+solved = run(*backend_command(), "solve", sys.argv[1], "--out", sys.argv[2], "--json")
+print(json.dumps([found.stdout.split("\\n"), solved.returncode, solved.stdout.splitlines()[-1:], solved.stderr]))
+"""
+
+
+@pytest.fixture(scope="session")
+def extension_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the extension once."""
+    try:
+        return build_addon.build(tmp_path_factory.mktemp("dist"))
+    except build_addon.WheelMissing as missing:
+        pytest.skip(f"the extension cannot be built here: {missing}")
+
+
+@pytest.fixture
+def bare_python(tmp_path: Path) -> Path:
+    """Return a Python of its own that has NumPy and nothing else, as Blender's has."""
+    folder = tmp_path / "bare"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
+    packages = next(folder.glob("lib*/**/site-packages"))
+    for source in Path(np.__file__).parents[1].glob("numpy*"):
+        (packages / source.name).symlink_to(source, target_is_directory=True)
+    return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def tool(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run Blender's extension tool."""
+    path = build_addon.extension_tool()
+    if path is None:
+        pytest.skip("the bpy module, which carries Blender's extension tool, is not installed")
+    return subprocess.run([sys.executable, str(path), *map(str, arguments)], capture_output=True, text=True)
+
+
+def test_zip_is_complete_small_and_reproducible(extension_zip: Path, tmp_path: Path) -> None:
+    assert extension_zip.read_bytes() == build_addon.build(tmp_path).read_bytes()
+    names = zipfile.ZipFile(extension_zip).namelist()
+    for name in ("blender_manifest.toml", "__init__.py", "bake/action.py", "backend/solver_backend/cli/main.py",
+                 "backend/solver_backend/assets/body_neutral.npz", "LICENSE"):  # fmt: skip
+        assert name in names
+    assert not [name for name in names if "__pycache__" in name or "training" in name or name.endswith(".pyc")]
+    wheels = {name for name in names if name.endswith(".whl")}
+    assert wheels == {f"wheels/{name}" for name in build_addon.manifest_wheels()}
+    assert all(name.endswith("-py3-none-any.whl") and "numpy" not in name for name in wheels)
+    assert extension_zip.stat().st_size < 25 * 2**20
+
+
+def test_manifest_asks_for_files_alone_and_has_the_solvers_version() -> None:
+    manifest = tomllib.loads(build_addon.MANIFEST.read_text(encoding="utf-8"))
+    assert manifest["version"] == solver_backend.__version__
+    assert set(manifest["permissions"]) == {"files"}
+    assert set(build_addon.manifest_wheels()) == set(build_addon.WHEEL_SHA256)
+
+
+def test_blenders_tool_validates_and_builds_it(extension_zip: Path, tmp_path: Path) -> None:
+    validated = tool("validate", extension_zip)
+    assert validated.returncode == 0, validated.stdout + validated.stderr
+    zipfile.ZipFile(extension_zip).extractall(tmp_path / "source")
+    built = tool("build", "--source-dir", tmp_path / "source", "--output-dir", tmp_path)
+    assert built.returncode == 0, built.stdout + built.stderr
+    ours, theirs = zipfile.ZipFile(extension_zip), zipfile.ZipFile(tmp_path / extension_zip.name)
+    assert {n: ours.read(n) for n in ours.namelist()} == {
+        n: theirs.read(n) for n in theirs.namelist() if not n.endswith("/")
+    }
+    next((tmp_path / "source" / "wheels").iterdir()).unlink()
+    assert tool("build", "--source-dir", tmp_path / "source", "--output-dir", tmp_path).returncode != 0
+
+
+def test_build_writes_a_static_repository(
+    extension_zip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    tool("--help")
+    assert build_addon.main(["--out", str(tmp_path)]) == 0
+    assert "MiB)" in capfd.readouterr().out
+    index = json.loads((tmp_path / "index.json").read_text(encoding="utf-8"))
+    [entry] = index["data"]
+    assert (entry["id"], entry["archive_url"]) == ("manifold_mocap", f"./{extension_zip.name}")
+    assert entry["archive_size"] == extension_zip.stat().st_size
+    assert entry["archive_hash"] == f"sha256:{hashlib.sha256(extension_zip.read_bytes()).hexdigest()}"
+
+
+def test_a_wheel_that_is_not_the_expected_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = next(iter(build_addon.WHEEL_SHA256))
+    (tmp_path / name).write_bytes(b"something else")
+    monkeypatch.setattr(build_addon, "WHEEL_CACHE", tmp_path)
+    with pytest.raises(build_addon.WheelMissing, match="not the expected"):
+        build_addon.wheel(name)
+    assert not (tmp_path / name).exists()
+
+
+def test_a_cached_wheel_needs_no_network(extension_zip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: pytest.fail("pip was called"))
+    assert build_addon.build(tmp_path).read_bytes() == extension_zip.read_bytes()
+
+
+@pytest.mark.slow
+def test_the_unpacked_zip_solves_with_numpy_alone(extension_zip: Path, bare_python: Path, tmp_path: Path) -> None:
+    installed = tmp_path / "extensions ü"
+    zipfile.ZipFile(extension_zip).extractall(installed / "manifold_mocap")
+    capture, motion = tmp_path / "kurze Aufnahme.npz", tmp_path / "motion ü.npz"
+    write_capture(capture, demo_capture(24))
+    command = [str(bare_python), "-c", _SOLVE, str(capture), str(motion)]
+    done = subprocess.run(
+        command, cwd=installed, capture_output=True, text=True, encoding="utf-8", env={"PYTHONUTF8": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    (solver, compat, *_), code, last, said = json.loads(done.stdout)
+    assert code == 0, said
+    assert Path(solver).is_relative_to(installed / "manifold_mocap" / "backend")
+    assert ".whl" in compat and Path(compat).is_relative_to(installed)
+    assert json.loads(last[0])["event"] == "result"
+    assert read_motion(motion).num_frames == 24
