@@ -5,20 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import bpy
-import numpy as np
 
 from ..errors import BodyMismatch
 from ..files.body_file import BodyFile
-from ..files.capture_file import CameraFile, CaptureFile
+from ..files.capture_file import CaptureFile
 from ..files.motion_file import MotionFile
 from .action import bake_action
 from .armature import create_armature
-from .cameras import add_background, create_camera, look_through
+from .cameras import look_through
+from .capture_stage import create_cameras, create_detections
+from .collections import child_collection
 from .floor import create_floor
-from .materials import DETECTION_COLOUR, KEYPOINT_COLOUR, MARKER_COLOUR
+from .materials import KEYPOINT_COLOUR
 from .mesh import create_body_mesh
-from .overlay import create_point_overlay, create_view_overlay
+from .overlay import create_point_overlay
 from .timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
+
+_KEYPOINT_M = 0.014
 
 
 @dataclass(frozen=True)
@@ -62,8 +65,11 @@ def bake_take(
     body: BodyFile,
     capture: CaptureFile | None = None,
     settings: BakeSettings | None = None,
+    parent: bpy.types.Collection | None = None,
 ) -> BakedTake:
     """Bake a motion, and the capture it was solved from, into a scene; nothing that is there is changed.
+
+    Everything goes into a collection of its own inside ``parent`` or, without one, the scene's.
 
     Blender must be in object mode, and the scene the window's current one.
 
@@ -74,19 +80,19 @@ def bake_take(
     require_body(motion, body)
     notes = _differences(motion, capture)
     timing = _set_time(scene, motion, settings)
-    take = _collection(motion.name, scene.collection)
+    take = child_collection(motion.name, parent or scene.collection)
     rest = body.rest_joints(motion.betas)
-    figure = _collection("Body", take)
+    figure = child_collection("Body", take)
     armature = create_armature(motion.name, body, motion.betas, figure)
     mesh = create_body_mesh(
         f"{motion.name} body", body, motion.betas, armature, preserve_volume=settings.preserve_volume
     )
     action = bake_action(motion.name, motion, armature, rest[0], timing)
-    cameras = _bake_cameras(scene, capture, take, settings, notes)
-    overlays = _bake_overlays(motion, capture, cameras, timing, take)
+    cameras, detections = _bake_capture(scene, capture, timing, take, settings, notes)
+    overlays = (*_bake_keypoints(motion, timing, take), *detections)
     floor = None
     if settings.floor:
-        floor = create_floor(rest[0] + motion.transl, _collection("Floor", take))
+        floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take))
     scene.frame_set(settings.frame_start)
     return BakedTake(take, figure, armature, mesh, action, cameras, overlays, floor, timing, tuple(notes))
 
@@ -128,57 +134,30 @@ def _set_time(scene: bpy.types.Scene, motion: MotionFile, settings: BakeSettings
     return TakeTiming(settings.frame_start, scene_frame_rate(scene))
 
 
-def _collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
-    collection = bpy.data.collections.new(name)
-    parent.children.link(collection)
-    return collection
-
-
-def _bake_cameras(
+def _bake_capture(
     scene: bpy.types.Scene,
     capture: CaptureFile | None,
+    timing: TakeTiming,
     take: bpy.types.Collection,
     settings: BakeSettings,
     notes: list[str],
-) -> tuple[bpy.types.Object, ...]:
-    if capture is None or not capture.cameras:
-        return ()
-    folder = _collection("Cameras", take)
-    cameras = tuple(create_camera(source, folder) for source in capture.cameras)
-    for camera, source in zip(cameras, capture.cameras, strict=True):
-        notes.extend(_lens_notes(source))
-        if settings.backgrounds:
-            note = add_background(camera, source, frame_start=settings.frame_start)
-            notes.extend([note] if note else [])
-    if settings.set_scene:
+) -> tuple[tuple[bpy.types.Object, ...], tuple[bpy.types.Object, ...]]:
+    if capture is None:
+        return (), ()
+    cameras, missing = create_cameras(capture, take, frame_start=settings.frame_start, backgrounds=settings.backgrounds)
+    notes += missing
+    if settings.set_scene and cameras:
         look_through(scene, cameras[0])
-    return cameras
+    return cameras, create_detections(capture, cameras, timing, child_collection("Detections", take))
 
 
-def _lens_notes(source: CameraFile) -> list[str]:
-    skew = abs(source.K[0, 1])
-    return [f"Camera {source.name}: its skew of {skew:.2g} px is left out."] if skew > 0.01 else []
-
-
-def _bake_overlays(
-    motion: MotionFile,
-    capture: CaptureFile | None,
-    cameras: tuple[bpy.types.Object, ...],
-    timing: TakeTiming,
-    take: bpy.types.Collection,
-) -> tuple[bpy.types.Object, ...]:
-    clouds: list[tuple[str, np.ndarray | None, float, float, tuple[float, float, float, float]]] = [
-        ("Triangulated keypoints", motion.keypoints3d, motion.fps, 0.014, KEYPOINT_COLOUR)
-    ]
-    if capture is not None:
-        clouds.append(("Markers", capture.markers, capture.fps, 0.008, MARKER_COLOUR))
-    folder = _collection("Detections", take)
-    overlays = [
-        create_point_overlay(name, points, fps, timing, folder, radius_m=radius_m, colour=colour)
-        for name, points, fps, radius_m, colour in clouds
-        if points is not None and points.size
-    ]
-    if capture is not None and capture.xy is not None and capture.xy.size:
-        for camera, source, xy in zip(cameras, capture.cameras, capture.xy, strict=True):
-            overlays.append(create_view_overlay(camera, source, xy, capture.fps, timing, folder, DETECTION_COLOUR))
-    return tuple(overlays)
+def _bake_keypoints(motion: MotionFile, timing: TakeTiming, take: bpy.types.Collection) -> tuple[bpy.types.Object, ...]:
+    points = motion.keypoints3d
+    if points is None or not points.size:
+        return ()
+    folder = child_collection("Keypoints", take)
+    return (
+        create_point_overlay(
+            "Triangulated keypoints", points, motion.fps, timing, folder, radius_m=_KEYPOINT_M, colour=KEYPOINT_COLOUR
+        ),
+    )

@@ -59,6 +59,13 @@ class CaptureFile:
     markers: np.ndarray | None = None
     """(F, M, 3) optical markers in world metres, NaN where unseen."""
 
+    @property
+    def num_frames(self) -> int:
+        """Number of frames of the detections or, without any, of the markers."""
+        if self.xy is not None:
+            return self.xy.shape[1]
+        return 0 if self.markers is None else len(self.markers)
+
 
 def read_capture(path: Path) -> CaptureFile:
     """Read a capture file.

@@ -12,11 +12,13 @@ from .arrays import read_arrays, require_format, text
 from .skeleton import NUM_BETAS, NUM_JOINTS
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
+FLAG_UNSEEN, FLAG_UNSURE = 1, 2
+"""The frame was bridged from its neighbours; its residual is far above the take's."""
 _BODY = 66
 """Columns of ``poses`` before the fingers: the root and joints 1..21."""
 _OPTIONAL = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
-    "joint_set", "keyframes", "provenance",
+    "joint_set", "keyframes", "joint_sigma", "flags", "provenance",
 )  # fmt: skip
 
 
@@ -44,6 +46,10 @@ class MotionFile:
     """Name of the set of ``keypoints3d``."""
     keyframes: np.ndarray | None = None
     """(F,) bool: the frame is a keyframe of the solver."""
+    joint_sigma: np.ndarray | None = None
+    """(F, 24) standard deviation of each joint in metres."""
+    flags: np.ndarray | None = None
+    """(F,) bit mask of ``FLAG_UNSEEN`` and ``FLAG_UNSURE``."""
     provenance: str = ""
     """JSON text: version, settings and sources of the solve."""
 
@@ -77,6 +83,8 @@ def read_motion(path: Path) -> MotionFile:
         keypoints3d=_keypoints(arrays, frames, path),
         joint_set=text(arrays, "joint_set"),
         keyframes=_shaped(arrays, "keyframes", (frames,), path).astype(bool) if "keyframes" in arrays else None,
+        joint_sigma=_shaped(arrays, "joint_sigma", (frames, NUM_JOINTS), path) if "joint_sigma" in arrays else None,
+        flags=_shaped(arrays, "flags", (frames,), path).astype(np.uint8) if "flags" in arrays else None,
         provenance=text(arrays, "provenance"),
     )
     for name in ("rotvec", "transl", "betas", "joints"):

@@ -32,6 +32,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
 def _parser() -> argparse.ArgumentParser:
     common = _Parser(add_help=False)
     common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
+    common.add_argument("--parent-pipe", action="store_true", help="cancel as soon as standard input ends")
     common.add_argument("-v", "--verbose", action="store_true", help="log details to standard error")
     reading = _Parser(add_help=False)
     reading.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import _thread
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -55,3 +57,18 @@ def cancel_on_signals() -> Iterator[Cancellation]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def cancel_at_end_of(stream: int) -> None:
+    """Cancel as a termination signal would once a file descriptor ends.
+
+    A program that starts this one keeps the other end of a pipe open: should it die, however it dies, the pipe ends.
+    Closing the pipe is also a way to cancel that works alike on every system.
+    """
+
+    def watch() -> None:
+        while os.read(stream, 1):
+            pass
+        _thread.interrupt_main(signal.SIGTERM)
+
+    threading.Thread(target=watch, name="parent pipe", daemon=True).start()

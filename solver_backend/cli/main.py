@@ -12,7 +12,7 @@ from contextlib import redirect_stdout
 from typing import TextIO
 
 from solver_backend.cli.arguments import parse
-from solver_backend.cli.cancel import Cancellation, cancel_on_signals
+from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.errors import MocapError, SolverFailed
@@ -45,6 +45,8 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
     """Run one verb; exactly one result or error is told."""
     try:
         args = parse(argv)
+        if args.parent_pipe:
+            cancel_at_end_of(sys.stdin.fileno())
         logging.basicConfig(
             level=logging.INFO if args.verbose else logging.WARNING,
             format="%(levelname)s: %(message)s",

@@ -14,10 +14,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def start(tmp_path: Path) -> subprocess.Popen[str]:
+def start(tmp_path: Path, *options: str) -> subprocess.Popen[str]:
     """Start a solve of a minute and wait until it is under way."""
     command = [sys.executable, "-m", "tests.cli.stand_ins", "solve", "take", "--out", str(tmp_path / "m.npz"), "--json"]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipe = subprocess.PIPE
+    process = subprocess.Popen([*command, *options], cwd=ROOT, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
     assert process.stdout is not None
     for line in process.stdout:
         if json.loads(line)["stage"] == "Solving":
@@ -47,3 +48,23 @@ def test_a_reader_that_goes_away_ends_the_solver(tmp_path):
     assert process.returncode == 130
     assert "Traceback" not in err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_parent_that_goes_away_ends_the_solver(tmp_path):
+    process = start(tmp_path, "--parent-pipe")
+    out, err = process.communicate(timeout=20)  # closes the pipe to its standard input
+    assert process.returncode == 130, err
+    (event,) = [json.loads(line) for line in out.splitlines()]
+    assert (event["event"], event["code"]) == ("error", "cancelled")
+    assert "Traceback" not in err and not list(tmp_path.iterdir())
+
+
+def test_without_the_option_standard_input_is_ignored(tmp_path):
+    process = start(tmp_path)
+    assert process.stdin is not None
+    process.stdin.close()
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=0.5)
+    process.send_signal(signal.SIGTERM)
+    process.stdin = None
+    process.communicate(timeout=20)
