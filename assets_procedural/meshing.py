@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from skimage.measure import marching_cubes
 
 from assets_procedural.primitives import Primitives
-from assets_procedural.remeshing import relax, remesh
+from assets_procedural.remeshing import on_grid, relax, remesh
 from solver_backend.errors import BodyInvalid
 
 _LOW, _HIGH = np.array([0.0, -0.03, -0.20]), np.array([0.92, 1.75, 0.28])
@@ -74,11 +74,11 @@ def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, 
     vertices, faces = _marching_half(primitives)
     area, size = _wanted_sizes(primitives, vertices, faces)
     wanted = num_vertices / 2
-    scale = np.sqrt(np.sum(area / size**2) / (0.866 * wanted))
+    size = on_grid(np.sqrt(np.sum(area / size**2) / (0.866 * wanted)) * size)
     tree = KDTree(vertices)
 
     def size_at(points: np.ndarray) -> np.ndarray:
-        return scale * size[tree.query(points)[1]]
+        return size[tree.query(points)[1]]
 
     def project(points: np.ndarray, border: np.ndarray) -> np.ndarray:
         return primitives.project(points, steps=2, on_plane=border)
@@ -138,9 +138,9 @@ def _half_edges(faces: np.ndarray) -> np.ndarray:
 def _marching_half(primitives: Primitives, cell: float = 0.003) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest piece of the skin with x >= 0, its border exactly on x = 0."""
     nx, ny, nz = (int(n) for n in np.ceil((_HIGH - _LOW) / cell))
-    field = np.log(primitives.grid(_LOW, cell, (nx, ny, nz)) + 1e-6)
+    field = np.round(np.log(primitives.grid(_LOW, cell, (nx, ny, nz)) + 1e-6), 6)
     vertices, faces, _, _ = marching_cubes(field, 0.0, spacing=(cell,) * 3)
-    vertices = vertices.astype(np.float64) + _LOW
+    vertices = on_grid(vertices.astype(np.float64) + _LOW)
     faces = faces[:, ::-1].astype(np.int64)
     vertices, faces = _largest(*_weld(vertices, faces, 1e-7))
     vertices[np.abs(vertices[:, 0]) < 1e-7, 0] = 0.0

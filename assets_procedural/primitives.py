@@ -75,8 +75,8 @@ class Primitives:
         return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])
 
     def grid(self, low: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
-        """Return F on a regular grid as float32; each Gaussian is added inside its own box (to 4.2 scales)."""
-        field = np.zeros(shape, dtype=np.float32)
+        """Return F on a regular grid; each Gaussian is added inside its own box (to 4.2 scales)."""
+        field = np.zeros(shape)
         for mean, whiten, log_weight, radius in zip(
             self.mean, self.whiten, self.log_weight, self._reach(), strict=True
         ):
@@ -86,12 +86,12 @@ class Primitives:
             if np.any(last <= first):
                 continue
             offsets = [low[k] + cell * np.arange(first[k], last[k]) - mean[k] for k in range(3)]
-            x, y, z = (axis.astype(np.float32) for axis in np.ix_(*offsets))
-            a = precision.astype(np.float32)
+            x, y, z = np.ix_(*offsets)
+            a = precision
             form = a[0, 0] * x * x + a[1, 1] * y * y + a[2, 2] * z * z
             form = form + 2 * (a[0, 1] * x * y + a[0, 2] * x * z + a[1, 2] * y * z)
             box = tuple(slice(int(i), int(j)) for i, j in zip(first, last, strict=True))
-            field[box] += np.exp(np.float32(log_weight) - np.float32(0.5) * form)
+            field[box] += np.exp(log_weight - 0.5 * form)
         return field
 
     def project(self, points: np.ndarray, *, steps: int = 4, on_plane: np.ndarray | None = None) -> np.ndarray:

@@ -13,6 +13,15 @@ Array = np.ndarray
 SizeAt = Callable[[Array], Array]
 Project = Callable[[Array, Array], Array]
 _TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75
+_DECIMALS = 6
+
+
+def on_grid(values: Array) -> Array:
+    """Return lengths on a grid of one micrometre, where the last bits, which differ between machines, vanish.
+
+    Every split, collapse and flip is decided on such values, so that the same numbers give the same topology.
+    """
+    return np.round(values, _DECIMALS)
 
 
 def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rounds: int = 9) -> tuple[Array, Array]:
@@ -57,7 +66,7 @@ def relax(
     move[border] = _along_border(vertices, faces, border, step)
     if fixed is not None:
         move[fixed] = 0.0
-    moved = project(vertices + move, border)
+    moved = on_grid(project(vertices + move, border))
     moved[~border, 0] = np.maximum(moved[~border, 0], 1e-4)
     return moved if fixed is None else np.where(fixed[:, None], vertices, moved)
 
@@ -119,4 +128,4 @@ def _relative_lengths(mesh: HalfMesh, size_at: SizeAt) -> tuple[Array, Array]:
     edges, vertices = mesh.edges(), np.array(mesh.vertices)
     size = size_at(vertices)
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    return edges, length / (0.5 * (size[edges[:, 0]] + size[edges[:, 1]]))
+    return edges, np.round(length / (0.5 * (size[edges[:, 0]] + size[edges[:, 1]])), _DECIMALS)

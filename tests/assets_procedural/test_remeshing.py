@@ -23,13 +23,29 @@ def half_sphere() -> tuple[Array, Array]:
     return vertices.astype(np.float64) + [0.0, -1.2, -1.2], faces[:, ::-1].astype(np.int64)
 
 
-@pytest.fixture(scope="module")
-def remeshed(half_sphere: tuple[Array, Array]) -> tuple[Array, Array]:
+def onto_sphere(points: Array, border: Array) -> Array:
+    points = np.where(border[:, None], points * [0.0, 1.0, 1.0], points)
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def remesh_sphere(half_sphere: tuple[Array, Array], noise_m: float = 0.0) -> tuple[Array, Array]:
+    rng = np.random.default_rng(0)
+
     def project(points: Array, border: Array) -> Array:
-        points = np.where(border[:, None], points * [0.0, 1.0, 1.0], points)
-        return points / np.linalg.norm(points, axis=1, keepdims=True)
+        return onto_sphere(points + noise_m * rng.normal(size=points.shape), border)
 
     return remesh(*half_sphere, lambda p: np.full(len(p), 0.2), project, rounds=6)
+
+
+@pytest.fixture(scope="module")
+def remeshed(half_sphere: tuple[Array, Array]) -> tuple[Array, Array]:
+    return remesh_sphere(half_sphere)
+
+
+def test_last_bits_vanish(half_sphere: tuple[Array, Array], remeshed: tuple[Array, Array]) -> None:
+    vertices, faces = remesh_sphere(half_sphere, noise_m=1e-12)
+    np.testing.assert_array_equal(faces, remeshed[1])
+    np.testing.assert_array_equal(vertices, remeshed[0])
 
 
 def test_edges_have_the_wanted_length(remeshed: tuple[Array, Array]) -> None:
