@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import bpy
 import numpy as np
 
@@ -9,13 +11,19 @@ from ..files.motion_file import MotionFile
 from ..files.skeleton import JOINTS
 from .armature import rotation_from_body_axes
 from .coordinates import QUAT_BODY_ARMATURE
-from .curves import create_action, key_type_values, write_curves
+from .curves import create_action, key_type_values, write_curves, write_smooth_curves
+from .few_keys import thin_channels
 from .rotations import quat_from_rotvec, quat_multiply, sign_continuous
 from .timing import TakeTiming
 
 
 def bake_action(
-    name: str, motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray, timing: TakeTiming
+    name: str,
+    motion: MotionFile,
+    armature: bpy.types.Object,
+    rest_pelvis: np.ndarray,
+    timing: TakeTiming,
+    keys_per_second: float | None = None,
 ) -> bpy.types.Action:
     """Write the motion as one new action of the armature.
 
@@ -25,20 +33,43 @@ def bake_action(
         armature: from ``create_armature``.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
         timing: where the take lies in the scene.
+        keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
+            the full take is noted on the action. None for a key on every frame.
     """
     target = create_action(name, armature)
-    times = timing.scene_frames(motion.num_frames, motion.fps)
-    types = key_type_values(motion.keyframes, motion.num_frames)
-    location = pelvis_location(motion, armature, rest_pelvis)
-    write_curves(target, 'pose.bones["pelvis"].location', JOINTS[0], times, location, types)
+    action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
+    channels = pose_channels(motion, armature, rest_pelvis)
+    if keys_per_second is None:
+        types = key_type_values(motion.keyframes, motion.num_frames)
+        for path, joint, part in _columns():
+            write_curves(target, path, joint, times, channels[:, part], types)
+    else:
+        count = 1 + round(keys_per_second * motion.num_frames / motion.fps)
+        curves, deviation = thin_channels(channels, armature, motion.keyframes, count)
+        slopes = curves.slopes * motion.fps / timing.scene_fps
+        for path, joint, part in _columns():
+            write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
+        action["keys_deviation"] = str(deviation)
+        action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
+    action["fps"] = motion.fps
+    action["body"] = motion.body
+    action["provenance"] = motion.provenance
+    action.use_fake_user = True
+    return action
+
+
+def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
+    """Return the (F, 99) location of the pelvis and quaternions wxyz of the bones, in their own rest axes."""
     quaternions = bone_quaternions(motion.rotvec, rotation_from_body_axes(armature))
+    location = pelvis_location(motion, armature, rest_pelvis)
+    return np.concatenate([location, quaternions.reshape(motion.num_frames, -1)], axis=1)
+
+
+def _columns() -> Iterator[tuple[str, str, slice]]:
+    """Yield data path, bone and columns of each property in ``pose_channels``."""
+    yield f'pose.bones["{JOINTS[0]}"].location', JOINTS[0], slice(0, 3)
     for j, joint in enumerate(JOINTS):
-        write_curves(target, f'pose.bones["{joint}"].rotation_quaternion', joint, times, quaternions[:, j], types)
-    target.action["fps"] = motion.fps
-    target.action["body"] = motion.body
-    target.action["provenance"] = motion.provenance
-    target.action.use_fake_user = True
-    return target.action
+        yield f'pose.bones["{joint}"].rotation_quaternion', joint, slice(3 + 4 * j, 7 + 4 * j)
 
 
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:

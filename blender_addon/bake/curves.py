@@ -58,20 +58,44 @@ def write_curves(
         values: (F, N) one column for each index of the property.
         types: (F,) key types, see ``key_type_values``.
     """
-    channels = (
-        target.container.groups.new(group) if group not in target.container.groups else target.container.groups[group]
-    )
     linear = np.full(len(times), _enum_value("interpolation", "LINEAR"), dtype=np.int32)
-    points = np.empty((len(times), 2), dtype=np.float32)
-    points[:, 0] = times
-    for index in range(values.shape[1]):
-        curve = target.container.fcurves.new(path, index=index)
-        curve.group = channels
+    for curve, column in zip(_new_curves(target, path, group, values.shape[1]), values.T, strict=True):
         curve.keyframe_points.add(len(times))
-        points[:, 1] = values[:, index]
-        curve.keyframe_points.foreach_set("co", points.ravel())
+        curve.keyframe_points.foreach_set("co", _points(times, column))
         curve.keyframe_points.foreach_set("interpolation", linear)
         curve.keyframe_points.foreach_set("type", types)
+        curve.update()
+
+
+def write_smooth_curves(
+    target: CurveTarget, path: str, group: str, times: np.ndarray, values: np.ndarray, slopes: np.ndarray
+) -> None:
+    """Write one Bezier curve a column, which is the cubic through its keys with the given slopes.
+
+    Handles a third of the way to the next key make a Bezier piece a cubic polynomial of time.
+
+    Args:
+        target: from ``create_action``.
+        path: data path of the property.
+        group: channel group, one a bone.
+        times: (K,) scene frames, rising.
+        values: (K, N) one column for each index of the property.
+        slopes: (K, N) per scene frame.
+    """
+    bezier = np.full(len(times), _enum_value("interpolation", "BEZIER"), dtype=np.int32)
+    aligned = np.full(len(times), _enum_value("handle_left_type", "ALIGNED"), dtype=np.int32)
+    steps = np.diff(times, prepend=times[0] - 1, append=times[-1] + 1) / 3
+    curves = _new_curves(target, path, group, values.shape[1])
+    for curve, column, slope in zip(curves, values.T, slopes.T, strict=True):
+        keys = curve.keyframe_points
+        keys.add(len(times))
+        keys.foreach_set("co", _points(times, column))
+        keys.foreach_set("interpolation", bezier)
+        keys.foreach_set("handle_left_type", aligned)
+        keys.foreach_set("handle_right_type", aligned)
+        keys.foreach_set("handle_left", _points(times - steps[:-1], column - slope * steps[:-1]))
+        keys.foreach_set("handle_right", _points(times + steps[1:], column + slope * steps[1:]))
+        keys.foreach_set("type", key_type_values(None, len(times)))
         curve.update()
 
 
@@ -85,6 +109,19 @@ def key_type_values(keyframes: np.ndarray | None, frames: int) -> np.ndarray:
         return np.full(frames, keyframe, dtype=np.int32)
     between = _enum_value("type", "GENERATED", "BREAKDOWN")
     return np.where(keyframes, keyframe, between).astype(np.int32)
+
+
+def _new_curves(target: CurveTarget, path: str, group: str, count: int) -> list[bpy.types.FCurve]:
+    groups = target.container.groups
+    channels = groups[group] if group in groups else groups.new(group)
+    curves = [target.container.fcurves.new(path, index=index) for index in range(count)]
+    for curve in curves:
+        curve.group = channels
+    return curves
+
+
+def _points(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.stack([times, values], axis=1).astype(np.float32).ravel()
 
 
 def _enum_value(prop: str, *names: str) -> int:

@@ -35,6 +35,17 @@ def matrix_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sinc(angle / np.pi) * K + np.sinc(angle / 2 / np.pi) ** 2 / 2 * (K @ K)
 
 
+def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
+    """Return the rotations (..., 3, 3) of unit quaternions (..., 4) wxyz."""
+    w, x, y, z = np.moveaxis(quat, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
     """Flip signs so that neighbours in time are less than 180° of quaternion arc apart.
 

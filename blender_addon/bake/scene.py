@@ -19,6 +19,7 @@ from .floor import create_floor
 from .materials import KEYPOINT_COLOUR
 from .mesh import create_body_mesh
 from .overlay import create_point_overlay
+from .takes import mark_as_asset
 from .timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
 
 _KEYPOINT_M = 0.014
@@ -34,6 +35,10 @@ class BakeSettings:
     """Set the scene's frame rate, range and camera; otherwise keys are placed by time at the scene's own rate."""
     preserve_volume: bool = False
     """Deform by dual quaternions instead of linear blend skinning."""
+    keys_per_second: float | None = None
+    """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
+    asset: bool = False
+    """Mark the action as an asset."""
     floor: bool = True
     """Add a floor."""
     backgrounds: bool = True
@@ -87,7 +92,10 @@ def bake_take(
     mesh = create_body_mesh(
         f"{motion.name} body", body, motion.betas, armature, preserve_volume=settings.preserve_volume
     )
-    action = bake_action(motion.name, motion, armature, rest[0], timing)
+    action = bake_action(motion.name, motion, armature, rest[0], timing, settings.keys_per_second)
+    notes += [action["keys_deviation"]] if "keys_deviation" in action else []
+    if settings.asset:
+        mark_as_asset(action)
     cameras, detections = _bake_capture(scene, capture, timing, take, settings, notes)
     overlays = (*_bake_keypoints(motion, timing, take), *detections)
     floor = None

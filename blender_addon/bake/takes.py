@@ -1,0 +1,39 @@
+"""Takes among others: laid aside on an NLA track, or offered in the asset browser."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
+    """Move the object's current action to a strip on a new, muted NLA track of its name, so that another can follow.
+
+    Returns:
+        The strip; None if the object has no action.
+    """
+    animation = obj.animation_data
+    action = animation.action if animation is not None else None
+    if action is None:
+        return None
+    slot = getattr(animation, "action_slot", None)
+    track = animation.nla_tracks.new()
+    track.name = action.name
+    strip = track.strips.new(action.name, int(action.frame_range[0]), action)
+    if slot is not None:
+        strip.action_slot = slot
+    strip.action_frame_start, strip.action_frame_end = action.frame_range
+    strip.frame_start_ui, strip.frame_end_ui = action.frame_range
+    strip.blend_type, strip.extrapolation = "REPLACE", "NOTHING"
+    track.mute = True
+    animation.action = None
+    return strip
+
+
+def mark_as_asset(action: bpy.types.Action) -> None:
+    """Offer an action from ``bake_action`` in the asset browser, with what is known about it."""
+    action.asset_mark()
+    start, end = action.frame_range
+    data = action.asset_data
+    data.description = f"Solved take: {end - start + 1:g} frames, solved at {action['fps']:g} fps"
+    for tag in ("motion capture", "take"):
+        data.tags.new(tag, skip_if_exists=True)
