@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.json:
             progress.event(result)
         else:
-            joints_mm, skin_mm = result["joints_deviation_mm"], result["linear_skin_deviation_mm"]
+            joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
             err.write(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)\n")
             err.writelines(f"note: {note}\n" for note in result["notes"])
             out.write("\n".join(result["outputs"]) + "\n")

@@ -125,24 +125,18 @@ def _deviation(scene: bpy.types.Scene, subject: Subject) -> dict[str, float]:
     deviation = measure_deviation(scene, take.armature, take.mesh, subject.body, subject.motion, take.timing, frames)
     return {
         "joints_deviation_mm": round(deviation.joints_mm, 4),
-        "linear_skin_deviation_mm": round(deviation.linear_skin_mm, 4),
-        "full_skin_deviation_mm": round(deviation.full_skin_mm, 4),
+        "skin_deviation_mm": round(deviation.skin_mm, 4),
     }
 
 
 def _deviation_notes(deviation: dict[str, float]) -> list[str]:
-    joints_mm, skin_mm = deviation["joints_deviation_mm"], deviation["full_skin_deviation_mm"]
-    notes = []
-    if joints_mm > _TOLERATED_MM:
-        notes.append(
-            f"The armature's joints are up to {joints_mm:.1f} mm from the motion file's: "
-            "it was solved for another body of this name."
-        )
-    if skin_mm > _TOLERATED_MM:
-        notes.append(
-            f"The body's pose correctives are not baked: the skin is up to {skin_mm:.0f} mm from the full model's."
-        )
-    return notes
+    joints_mm = deviation["joints_deviation_mm"]
+    if joints_mm <= _TOLERATED_MM:
+        return []
+    return [
+        f"The armature's joints are up to {joints_mm:.1f} mm from the motion file's: "
+        "it was solved for another body of this name."
+    ]
 
 
 def _save(path: Path) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from ..body.armature import rotation_from_body_axes
 from ..files.motion_file import MotionFile
 from ..files.skeleton import JOINTS
-from .armature import rotation_from_body_axes
 from .coordinates import QUAT_BODY_ARMATURE
 from .curves import create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
@@ -30,7 +30,7 @@ def bake_action(
     Args:
         name: name of the action.
         motion: the motion.
-        armature: from ``create_armature``.
+        armature: of the body's rig.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
         timing: where the take lies in the scene.
         keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from

@@ -20,10 +20,8 @@ class Deviation:
 
     joints_mm: float
     """Heads of the pose bones against the motion file's joints, or the tree's where the file has none."""
-    linear_skin_mm: float
-    """Evaluated mesh against linear blend skinning."""
-    full_skin_mm: float
-    """Evaluated mesh against skinning with the body's pose correctives."""
+    skin_mm: float
+    """Evaluated mesh against the model: skinning with the body's shape and pose correctives."""
 
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:
@@ -64,8 +62,7 @@ def measure_deviation(
     scene.frame_set(scene.frame_start)
     return Deviation(
         joints_mm=_largest_mm(joints, expected),
-        linear_skin_mm=_largest_mm(vertices, skin(body, motion, frames, correctives=False)),
-        full_skin_mm=_largest_mm(vertices, skin(body, motion, frames, correctives=True)),
+        skin_mm=_largest_mm(vertices, skin(body, motion, frames)),
     )
 
 

@@ -6,18 +6,17 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..body.rig import create_rig
 from ..errors import BodyMismatch
 from ..files.body_file import BodyFile
 from ..files.capture_file import CaptureFile
 from ..files.motion_file import MotionFile
 from .action import bake_action
-from .armature import create_armature
 from .cameras import look_through
 from .capture_stage import create_cameras, create_detections
 from .collections import child_collection
 from .floor import create_floor
 from .materials import KEYPOINT_COLOUR
-from .mesh import create_body_mesh
 from .overlay import create_point_overlay
 from .takes import mark_as_asset
 from .timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
@@ -33,8 +32,6 @@ class BakeSettings:
     """Scene frame of the take's first frame."""
     set_scene: bool = True
     """Set the scene's frame rate, range and camera; otherwise keys are placed by time at the scene's own rate."""
-    preserve_volume: bool = False
-    """Deform by dual quaternions instead of linear blend skinning."""
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
     asset: bool = False
@@ -88,11 +85,8 @@ def bake_take(
     take = child_collection(motion.name, parent or scene.collection)
     rest = body.rest_joints(motion.betas)
     figure = child_collection("Body", take)
-    armature = create_armature(motion.name, body, motion.betas, figure)
-    mesh = create_body_mesh(
-        f"{motion.name} body", body, motion.betas, armature, preserve_volume=settings.preserve_volume
-    )
-    action = bake_action(motion.name, motion, armature, rest[0], timing, settings.keys_per_second)
+    rig = create_rig(motion.name, body, motion.betas, figure)
+    action = bake_action(motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second)
     notes += [action["keys_deviation"]] if "keys_deviation" in action else []
     if settings.asset:
         mark_as_asset(action)
@@ -102,7 +96,7 @@ def bake_take(
     if settings.floor:
         floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take))
     scene.frame_set(settings.frame_start)
-    return BakedTake(take, figure, armature, mesh, action, cameras, overlays, floor, timing, tuple(notes))
+    return BakedTake(take, figure, rig.armature, rig.mesh, action, cameras, overlays, floor, timing, tuple(notes))
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:

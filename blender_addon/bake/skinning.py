@@ -31,14 +31,13 @@ def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tup
     return G, p
 
 
-def skin(body: BodyFile, motion: MotionFile, frames: list[int], *, correctives: bool) -> np.ndarray:
-    """Skin the body linearly, ``v = sum_j w_j (G_j (v_rest - J_j) + p_j)`` (Loper et al. 2015, eqs. 2 and 9).
+def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
+    """Skin the body, ``v = sum_j w_j (G_j (v_rest - J_j) + p_j)``, shape and pose in v_rest (Loper et al. 2015, eq. 9).
 
     Args:
         body: the body.
         motion: its motion.
         frames: N frame indices.
-        correctives: add the pose correctives to the rest shape first.
 
     Returns:
         (N, V, 3) world metres.
@@ -47,7 +46,7 @@ def skin(body: BodyFile, motion: MotionFile, frames: list[int], *, correctives: 
     rotvec = motion.rotvec[frames]
     G, p = pose_joints(rest, rotvec, motion.transl[frames])
     shaped = np.broadcast_to(body.shaped(motion.betas), (len(frames), len(body.v_template), 3))
-    if correctives and body.posedirs is not None:
+    if body.posedirs is not None:
         feature = (matrix_from_rotvec(rotvec[:, 1:]) - np.eye(3)).reshape(len(frames), -1)
         shaped = shaped + np.tensordot(feature, body.posedirs, axes=(1, 2))
     offset = p - (G @ rest[..., None])[..., 0]

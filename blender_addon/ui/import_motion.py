@@ -33,9 +33,6 @@ class MOCAP_OT_import_motion(bpy.types.Operator, ImportHelper):
         description="Take over the motion's frame rate, length and first camera; otherwise keys are placed by time",
         default=True,
     )
-    preserve_volume: bpy.props.BoolProperty(
-        name="Preserve Volume", description="Deform by dual quaternions instead of linear blend skinning", default=False
-    )
     floor: bpy.props.BoolProperty(name="Floor", description="Add a floor of metre tiles", default=True)
 
     @classmethod
@@ -51,7 +48,6 @@ class MOCAP_OT_import_motion(bpy.types.Operator, ImportHelper):
         settings = BakeSettings(
             frame_start=context.scene.frame_start,
             set_scene=self.set_scene,
-            preserve_volume=self.preserve_volume,
             floor=self.floor,
         )
         try:

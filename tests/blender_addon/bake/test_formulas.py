@@ -103,8 +103,8 @@ def test_skin_moves_rigidly_with_the_root(files: Any) -> None:
     rotvec = np.zeros((2, 24, 3))
     rotvec[1, 0] = turn
     moved = replace(still, rotvec=rotvec, transl=np.stack([np.zeros(3), shift]))
-    rest = skin(files.body, still, [0], correctives=True)[0]
+    rest = skin(files.body, still, [0])[0]
     np.testing.assert_allclose(rest, files.body.shaped(still.betas), atol=1e-12)
     pelvis = files.body.rest_joints(still.betas)[0]
     expected = (rest - pelvis) @ matrix_from_rotvec(turn).T + pelvis + shift
-    np.testing.assert_allclose(skin(files.body, moved, [1], correctives=True)[0], expected, atol=1e-12)
+    np.testing.assert_allclose(skin(files.body, moved, [1])[0], expected, atol=1e-12)

@@ -1,35 +1,31 @@
-"""The skinned mesh: the shaped body at rest, bound to the armature by its vertex weights."""
+"""The skinned mesh: the mean body at rest, bound to the armature's deform bones by its vertex weights."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 
+from ..bake.materials import BODY_COLOURS, create_material
 from ..files.body_file import BodyFile
-from ..files.skeleton import JOINTS
-from .coordinates import R_ARMATURE_BODY
-from .materials import BODY_COLOURS, create_material
+from ..files.skeleton import JOINTS, NUM_BETAS
+from .armature import deform_bone
+from .layout import pelvis_centred
 
 _LEAST_WEIGHT = 1e-4
 
 
-def create_body_mesh(
-    name: str, body: BodyFile, betas: np.ndarray, armature: bpy.types.Object, *, preserve_volume: bool
-) -> bpy.types.Object:
+def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:
     """Create the body's mesh as a child of its armature, in the armature's collections.
 
-    Without ``preserve_volume`` Blender's deformation is linear blend skinning; with it, dual quaternions. The
-    body's pose correctives are not baked.
+    Blender's deformation is linear blend skinning; what the model adds to it are shape keys.
 
     Args:
         name: name of the object.
         body: the body.
-        betas: (10,) shape.
-        armature: the armature made for the same shape.
-        preserve_volume: the Armature modifier's option.
+        armature: from ``create_armature``.
     """
     mesh = bpy.data.meshes.new(name)
-    vertices = body.shaped(betas) @ R_ARMATURE_BODY.T
+    vertices, _ = pelvis_centred(body, np.zeros(NUM_BETAS))
     mesh.from_pydata(vertices.tolist(), [], body.faces.tolist())
     mesh.polygons.foreach_set("use_smooth", np.ones(len(body.faces), dtype=bool))
     _add_materials(mesh, body)
@@ -40,9 +36,7 @@ def create_body_mesh(
         collection.objects.link(obj)
     obj.parent = armature
     _add_weights(obj, body.weights)
-    modifier = obj.modifiers.new("Armature", "ARMATURE")
-    modifier.object = armature
-    modifier.use_deform_preserve_volume = preserve_volume
+    obj.modifiers.new("Armature", "ARMATURE").object = armature
     return obj
 
 
@@ -65,6 +59,6 @@ def _add_uv(mesh: bpy.types.Mesh, body: BodyFile) -> None:
 
 def _add_weights(obj: bpy.types.Object, weights: np.ndarray) -> None:
     for j, joint in enumerate(JOINTS):
-        group = obj.vertex_groups.new(name=joint)
+        group = obj.vertex_groups.new(name=deform_bone(joint))
         for vertex in np.flatnonzero(weights[:, j] > _LEAST_WEIGHT).tolist():
             group.add([vertex], float(weights[vertex, j]), "REPLACE")

@@ -1,0 +1,107 @@
+"""The armature: 24 bones with SMPL's joint names to pose, and a hidden one in each that carries the skin.
+
+A pose bone's rest position cannot follow a slider, but its location can. The posed bones are moved to the shaped
+joints by drivers (``shape.py``); the skin must then turn about the shaped joint and yet not be moved. So each carries a
+deform bone that is driven back by the same distance: its deformation is ``G_j (v - J_j(betas)) + p_j`` exactly.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..bake.coordinates import R_ARMATURE_BODY
+from ..files.skeleton import JOINTS, PARENTS
+from .layout import BoneLayout
+
+DEFORM_COLLECTION = "Deform"
+_COLLECTIONS = {
+    "Root": ("pelvis",),
+    "Torso": ("spine1", "spine2", "spine3"),
+    "Head": ("neck", "head"),
+    "Arm Left": ("left_collar", "left_shoulder", "left_elbow", "left_wrist", "left_hand"),
+    "Arm Right": ("right_collar", "right_shoulder", "right_elbow", "right_wrist", "right_hand"),
+    "Leg Left": ("left_hip", "left_knee", "left_ankle", "left_foot"),
+    "Leg Right": ("right_hip", "right_knee", "right_ankle", "right_foot"),
+}
+_PALETTES = {"left": "THEME04", "right": "THEME01"}
+_MIDDLE_PALETTE = "THEME09"
+
+
+def deform_bone(joint: str) -> str:
+    """Return the name of the bone that carries the skin of a joint."""
+    return f"{joint}_deform"
+
+
+def create_armature(name: str, layout: BoneLayout, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Create the armature object at the world's origin.
+
+    Blender must be in object mode; the object becomes the active one.
+
+    Args:
+        name: name of the object.
+        layout: where the bones lie.
+        collection: where the object is linked; it must be part of the current view layer.
+    """
+    data = bpy.data.armatures.new(name)
+    armature = bpy.data.objects.new(name, data)
+    collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        _add_bones(data, layout)
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    data.display_type = "OCTAHEDRAL"
+    armature.show_in_front = True
+    _group_bones(data)
+    for joint in JOINTS:
+        _set_up_control(armature.pose.bones[joint])
+    return armature
+
+
+def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
+    """Return the (24, 3, 3) rotations C from the body's axes to each bone's own axes.
+
+    A rotation about an axis v of the body frame is the pose-bone rotation about C v.
+    """
+    return np.swapaxes(bone_axes(armature), 1, 2) @ R_ARMATURE_BODY
+
+
+def bone_axes(armature: bpy.types.Object) -> np.ndarray:
+    """Return the (24, 3, 3) rest axes of the posed bones in the armature's frame, one a column."""
+    bones = armature.data.bones
+    return np.stack([np.array(bones[joint].matrix_local.to_3x3(), dtype=np.float64) for joint in JOINTS])
+
+
+def _add_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
+    """Called in edit mode."""
+    for j, joint in enumerate(JOINTS):
+        control = _add_bone(data, joint, layout, j)
+        control.use_deform = False
+        if PARENTS[j] >= 0:
+            control.parent = data.edit_bones[JOINTS[PARENTS[j]]]
+        _add_bone(data, deform_bone(joint), layout, j).parent = control
+
+
+def _add_bone(data: bpy.types.Armature, name: str, layout: BoneLayout, joint: int) -> bpy.types.EditBone:
+    bone = data.edit_bones.new(name)
+    bone.head, bone.tail = layout.heads[joint].tolist(), layout.tails[joint].tolist()
+    bone.align_roll(layout.roll_axes[joint].tolist())
+    return bone
+
+
+def _group_bones(data: bpy.types.Armature) -> None:
+    groups = {**_COLLECTIONS, DEFORM_COLLECTION: tuple(deform_bone(joint) for joint in JOINTS)}
+    for name, bones in groups.items():
+        collection = data.collections.new(name)
+        collection.is_visible = name != DEFORM_COLLECTION
+        for bone in bones:
+            collection.assign(data.bones[bone])
+
+
+def _set_up_control(bone: bpy.types.PoseBone) -> None:
+    bone.rotation_mode = "QUATERNION"
+    bone.bone.color.palette = _PALETTES.get(bone.name.split("_")[0], _MIDDLE_PALETTE)
+    bone.lock_location = (bone.parent is not None,) * 3
+    bone.lock_scale = (True, True, True)

@@ -1,0 +1,70 @@
+"""Pose correctives: shape keys driven by the bones' rotations, so that the skin is the model's and not plain blending.
+
+The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). Each element of a joint's rotation
+matrix is one shape key, driven by a simple expression of the pose bone's quaternion, constraints included.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..bake.coordinates import R_ARMATURE_BODY
+from ..files.body_file import BodyFile
+from ..files.skeleton import JOINTS
+from .armature import rotation_from_body_axes
+from .shape import add_offset_key
+
+_FEATURES = (
+    "-2*(y*y+z*z)", "2*(x*y-w*z)", "2*(x*z+w*y)",
+    "2*(x*y+w*z)", "-2*(x*x+z*z)", "2*(y*z-w*x)",
+    "2*(x*z-w*y)", "2*(y*z+w*x)", "-2*(x*x+y*y)",
+)  # fmt: skip
+"""``R - I`` of a unit quaternion, row-major."""
+_LARGEST_FEATURE = 2.0
+_LEAST_M = 5e-5
+"""Keys that never move a vertex this far are left out."""
+
+
+def add_correctives(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> int:
+    """Add the body's pose correctives as driven shape keys and return how many there are.
+
+    Args:
+        armature: from ``create_armature``.
+        mesh: its mesh, with a basis.
+        body: the body; without correctives nothing is added.
+    """
+    if body.posedirs is None:
+        return 0
+    added = 0
+    C = rotation_from_body_axes(armature)
+    for j, joint in enumerate(JOINTS[1:], start=1):
+        block = _in_bone_axes(body.posedirs[:, :, 9 * (j - 1) : 9 * j], C[j])
+        for m, feature in enumerate(_FEATURES):
+            if _LARGEST_FEATURE * np.linalg.norm(block[:, :, m], axis=1).max() < _LEAST_M:
+                continue
+            key = add_offset_key(mesh, f"{joint} {m}", block[:, :, m], _LARGEST_FEATURE)
+            _drive(key, feature, armature, joint)
+            added += 1
+    return added
+
+
+def _in_bone_axes(block: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return (V, 3, 9) directions per element of ``C (R - I) C^T`` from those per element of ``R - I``."""
+    turned = R_ARMATURE_BODY @ block.astype(np.float64)
+    return np.einsum("vkab,ia,jb->vkij", turned.reshape(-1, 3, 3, 3), C, C, optimize=True).reshape(block.shape)
+
+
+def _drive(key: bpy.types.ShapeKey, feature: str, armature: bpy.types.Object, joint: str) -> None:
+    driver = key.driver_add("value").driver
+    driver.type = "SCRIPTED"
+    for axis in "wxyz":
+        if axis not in feature:
+            continue
+        variable = driver.variables.new()
+        variable.name, variable.type = axis, "TRANSFORMS"
+        target = variable.targets[0]
+        target.id, target.bone_target = armature, joint
+        target.transform_type, target.rotation_mode = f"ROT_{axis.upper()}", "QUATERNION"
+        target.transform_space = "LOCAL_SPACE"
+    driver.expression = feature

@@ -1,0 +1,86 @@
+"""Where bones lie: heads at the joints, tails at the next joint or the surface, rolls that flex about local X.
+
+Everything is in the armature's frame (Z up, facing -Y, left = +X) with the pelvis at the origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bake.coordinates import R_ARMATURE_BODY
+from ..files.body_file import BodyFile
+from ..files.skeleton import JOINTS, MAIN_CHILD, PARENTS
+
+_FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+_LEAF_DIRECTION = {"foot": _FORWARD, "head": _UP}
+"""Where bones without a next joint point; hands go on as the forearm does."""
+_ROLL = {"knee": -_FORWARD, "ankle": _UP, "foot": _UP, "wrist": -_UP, "hand": -_UP}
+"""Direction of a bone's local Z, forward where none is named.
+
+A positive turn about local X then bends every limb the way it bends: thigh, arm and trunk forward, shin back, palm in,
+toes up. Left and right mirror each other.
+"""
+_SHORTEST_M = 0.02
+
+
+@dataclass(frozen=True)
+class BoneLayout:
+    """The 24 bones of a shaped body."""
+
+    heads: np.ndarray
+    """(24, 3) metres."""
+    tails: np.ndarray
+    """(24, 3) metres."""
+    roll_axes: np.ndarray
+    """(24, 3) unit vectors that local Z is turned towards."""
+
+
+def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
+    """Lay out the bones of a shaped body.
+
+    Args:
+        body: the body.
+        betas: (10,) shape.
+    """
+    vertices, heads = pelvis_centred(body, betas)
+    roll_axes = np.stack([_ROLL.get(_part(joint), _FORWARD) for joint in JOINTS])
+    return BoneLayout(heads, _tails(heads, vertices, body.weights.argmax(axis=1)), roll_axes)
+
+
+def pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (V, 3) vertices and (24, 3) joints of a shape, the pelvis at the origin."""
+    joints = body.rest_joints(betas)
+    return (body.shaped(betas) - joints[0]) @ R_ARMATURE_BODY.T, (joints - joints[0]) @ R_ARMATURE_BODY.T
+
+
+def shape_directions(body: BodyFile) -> tuple[np.ndarray, np.ndarray]:
+    """Return (V, 3, 10) and (24, 3, 10): how vertices and joints move with each beta while the pelvis stays."""
+    joints = np.tensordot(body.J_regressor, body.shapedirs, axes=(1, 0))
+    vertices = body.shapedirs - joints[:1]
+    return R_ARMATURE_BODY @ vertices, R_ARMATURE_BODY @ (joints - joints[:1])
+
+
+def _tails(heads: np.ndarray, vertices: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    tails = np.empty_like(heads)
+    for j, joint in enumerate(JOINTS):
+        if j in MAIN_CHILD:
+            direction = heads[MAIN_CHILD[j]] - heads[j]
+        else:
+            unit = _LEAF_DIRECTION.get(_part(joint))
+            unit = _unit(heads[j] - heads[PARENTS[j]]) if unit is None else unit
+            reach = (vertices[owner == j] - heads[j]) @ unit
+            direction = unit * max(reach.max(initial=0.0), _SHORTEST_M)
+        short = np.linalg.norm(direction) < 1e-3
+        tails[j] = heads[j] + (_UP * _SHORTEST_M if short else direction)
+    return tails
+
+
+def _part(joint: str) -> str:
+    return joint.split("_")[-1]
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(v)
+    return v / length if length > 1e-6 else _UP

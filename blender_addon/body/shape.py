@@ -1,0 +1,123 @@
+"""The ten shape sliders: shape keys of the mesh whose values also drive the joints.
+
+The drivers are simple expressions, which Blender evaluates itself: they work in files whose Python may not run.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..errors import BodyInvalid
+from ..files.body_file import BodyFile
+from ..files.skeleton import JOINTS, NUM_BETAS, PARENTS
+from .armature import bone_axes, deform_bone
+from .layout import shape_directions
+
+LARGEST_BETA = 5.0
+"""Sliders reach this many standard deviations either way."""
+_LEAST_M = 1e-7
+
+
+def slider_name(index: int) -> str:
+    """Return the name of the shape key of one beta."""
+    return f"Shape {index}"
+
+
+def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) -> None:
+    """Add the basis and ten sliders to a mesh from ``create_mesh`` and set them to a shape."""
+    directions, _ = shape_directions(body)
+    mesh.shape_key_add(name="Basis", from_mix=False)
+    for k in range(NUM_BETAS):
+        add_offset_key(mesh, slider_name(k), directions[:, :, k], LARGEST_BETA)
+    set_betas(mesh, betas)
+
+
+def add_offset_key(mesh: bpy.types.Object, name: str, offsets: np.ndarray, limit: float) -> bpy.types.ShapeKey:
+    """Add a relative shape key that moves each vertex by ``value * offsets``.
+
+    Args:
+        mesh: a mesh object with a basis.
+        name: name of the key.
+        offsets: (V, 3) metres per unit of value.
+        limit: values reach from -limit to limit.
+    """
+    key = mesh.shape_key_add(name=name, from_mix=False)
+    key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
+    rest = np.empty(offsets.size, dtype=np.float32)
+    mesh.data.vertices.foreach_get("co", rest)
+    key.data.foreach_set("co", (rest + offsets.ravel()).astype(np.float32))
+    return key
+
+
+def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
+    """Let the sliders move the joints.
+
+    In its own rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``, and its deform
+    bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is how far a shape moves joint j.
+
+    Args:
+        armature: from ``create_armature``, laid out for ``rest_betas``.
+        mesh: its mesh, with sliders.
+        body: the body.
+        rest_betas: (10,) the shape at which nothing is moved.
+    """
+    _, directions = shape_directions(body)
+    from_parent = directions - np.where(np.array(PARENTS)[:, None, None] >= 0, directions[list(PARENTS)], 0.0)
+    inverse = np.swapaxes(bone_axes(armature), 1, 2)
+    for j, joint in enumerate(JOINTS):
+        _drive_location(armature.pose.bones[joint], inverse[j] @ from_parent[j], rest_betas, mesh.data.shape_keys)
+        deform = armature.pose.bones[deform_bone(joint)]
+        _drive_location(deform, -inverse[j] @ directions[j], rest_betas, mesh.data.shape_keys)
+
+
+def get_betas(mesh: bpy.types.Object) -> np.ndarray:
+    """Return the (10,) shape a body's sliders show.
+
+    Raises:
+        BodyInvalid: the object is no body of ours.
+    """
+    return np.array([key.value for key in _sliders(mesh)])
+
+
+def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
+    """Set the sliders; skin and joints follow.
+
+    Args:
+        mesh: the body's mesh object.
+        betas: (10,) shape; the sliders widen where a value lies beyond their ends.
+
+    Raises:
+        BodyInvalid: the object is no body of ours.
+    """
+    for key, beta in zip(_sliders(mesh), np.asarray(betas, dtype=np.float64).tolist(), strict=True):
+        key.slider_min, key.slider_max = min(key.slider_min, beta), max(key.slider_max, beta)
+        key.value = beta
+
+
+def _sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
+    keys = getattr(mesh.data, "shape_keys", None)
+    names = [slider_name(k) for k in range(NUM_BETAS)]
+    if keys is None or any(name not in keys.key_blocks for name in names):
+        raise BodyInvalid(
+            f"The object lacks the shape keys {names[0]} to {names[-1]}.", where=mesh.name, hint="Choose a body's mesh."
+        )
+    return [keys.key_blocks[name] for name in names]
+
+
+def _drive_location(bone: bpy.types.PoseBone, directions: np.ndarray, rest: np.ndarray, keys: bpy.types.Key) -> None:
+    """Drive a location by ``directions @ (betas - rest)``, directions (3, 10)."""
+    for axis, row in enumerate(directions):
+        used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
+        if not used:
+            continue
+        driver = bone.driver_add("location", axis).driver
+        driver.type = "SCRIPTED"
+        for k in used:
+            variable = driver.variables.new()
+            variable.name, variable.type = f"b{k}", "SINGLE_PROP"
+            target = variable.targets[0]
+            target.id_type, target.id = "KEY", keys
+            target.data_path = f'key_blocks["{slider_name(k)}"].value'
+        # Blender keeps 256 characters; a micrometre is exact enough.
+        driver.expression = f"{-row @ rest:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)

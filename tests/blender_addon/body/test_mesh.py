@@ -1,0 +1,27 @@
+"""The skin carries the body's weights, materials and texture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from blender_addon.bake.scene import BakedTake
+from blender_addon.body.armature import deform_bone
+from blender_addon.files.skeleton import JOINTS
+
+
+def test_mesh_carries_groups_materials_and_texture(take: BakedTake, files: Any) -> None:
+    mesh = take.mesh
+    assert [group.name for group in mesh.vertex_groups] == [deform_bone(joint) for joint in JOINTS]
+    weights = np.zeros_like(files.body.weights)
+    for vertex in mesh.data.vertices:
+        for group in vertex.groups:
+            weights[vertex.index, group.group] = group.weight
+    np.testing.assert_allclose(weights, files.body.weights, atol=1e-6)
+    assert [p.material_index for p in mesh.data.polygons] == files.body.face_material.tolist()
+    assert len(mesh.data.materials) == 2
+    corner = np.array([loop.vertex_index for loop in mesh.data.loops])
+    uv = np.array([item.uv for item in mesh.data.uv_layers[0].data])
+    np.testing.assert_allclose(uv, files.body.uv[corner], atol=1e-6)
+    assert mesh.modifiers[0].object is take.armature and not mesh.modifiers[0].use_deform_preserve_volume

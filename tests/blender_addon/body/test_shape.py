@@ -1,0 +1,103 @@
+"""Sliders move skin and joints together, and the posed skin is the model's."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+
+from assets_procedural.poses import EXTREMES
+from blender_addon.body.correctives import add_correctives
+from blender_addon.body.rig import Rig, create_rig
+from blender_addon.body.shape import get_betas, set_betas, slider_name
+from blender_addon.errors import BodyInvalid
+from blender_addon.files.body_file import BodyFile
+from blender_addon.files.skeleton import JOINTS
+from tests.blender_addon.body.conftest import Compare, distances_mm, evaluated, pose
+
+
+def test_random_shapes_and_poses_are_the_models(rig: Rig, compare: Compare) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        set_betas(rig.mesh, 1.5 * rng.normal(size=10))
+        joints_mm, skin_mm = compare(0.5 * rng.normal(size=(24, 3)))
+        assert joints_mm < 0.05 and skin_mm < 0.1
+
+
+def test_extreme_poses_are_the_models_and_correctives_matter(rig: Rig, compare: Compare) -> None:
+    plain_mm = []
+    correctives = list(rig.mesh.data.shape_keys.key_blocks)[11:]
+    for degrees in EXTREMES.values():
+        rotvec = np.zeros((24, 3))
+        for joint, turn in degrees.items():
+            rotvec[JOINTS.index(joint)] = np.deg2rad(turn)
+        assert max(compare(rotvec)) < 0.1
+        for key in correctives:
+            key.mute = True
+        plain_mm.append(compare(rotvec)[1])
+        for key in correctives:
+            key.mute = False
+    assert min(plain_mm) > 3.0
+
+
+def test_rest_shape_does_not_matter(scene: bpy.types.Scene, body: BodyFile) -> None:
+    """A rig made for one shape and moved to another is the model of the other."""
+    rng = np.random.default_rng(1)
+    rig = create_rig("Body", body, rng.normal(size=10), scene.collection)
+    for _ in range(3):
+        assert max(distances_mm(rig, body, 0.5 * rng.normal(size=(24, 3)))) < 0.1
+        set_betas(rig.mesh, 2.0 * rng.normal(size=10))
+
+
+def test_each_slider_moves_joints_at_rest(rig: Rig, body: BodyFile) -> None:
+    for k in range(10):
+        rig.mesh.data.shape_keys.key_blocks[slider_name(k)].value = 2.0
+        rest = body.rest_joints(2.0 * np.eye(10)[k])
+        rest -= rest[0]
+        np.testing.assert_allclose(evaluated(rig)[0], np.stack([rest[:, 0], -rest[:, 2], rest[:, 1]], -1), atol=1e-5)
+        rig.mesh.data.shape_keys.key_blocks[slider_name(k)].value = 0.0
+
+
+def test_correctives_follow_constraints(rig: Rig, body: BodyFile) -> None:
+    """What bends a bone does not matter: a constraint's turn counts as one by hand."""
+    turn = np.zeros((24, 3))
+    turn[18] = [0, -1.2, 0]
+    pose(rig, turn)
+    _, expected = evaluated(rig)
+    by_hand = rig.armature.pose.bones["left_elbow"].rotation_quaternion.to_euler("XYZ")
+    pose(rig, np.zeros((24, 3)))
+    limit = rig.armature.pose.bones["left_elbow"].constraints.new("LIMIT_ROTATION")
+    limit.owner_space = "LOCAL"
+    for axis, angle in zip("xyz", by_hand, strict=True):
+        setattr(limit, f"use_limit_{axis}", True)
+        setattr(limit, f"min_{axis}", angle)
+        setattr(limit, f"max_{axis}", angle)
+    np.testing.assert_allclose(evaluated(rig)[1], expected, atol=1e-4)
+
+
+def test_no_driver_needs_python(rig: Rig) -> None:
+    for owner in (rig.armature, rig.mesh.data.shape_keys):
+        drivers = [curve.driver for curve in owner.animation_data.drivers]
+        assert drivers and all(driver.is_simple_expression and driver.is_valid for driver in drivers)
+        assert all(len(driver.expression) < 256 for driver in drivers)
+
+
+def test_betas_are_read_back_and_sliders_widen(rig: Rig) -> None:
+    betas = np.array([7.5, -6.0, *np.linspace(-2, 2, 8)])
+    set_betas(rig.mesh, betas)
+    np.testing.assert_allclose(get_betas(rig.mesh), betas, atol=1e-6)
+
+
+def test_another_object_is_refused(rig: Rig, body: BodyFile) -> None:
+    for obj in (rig.armature, bpy.data.objects.new("Plain", bpy.data.meshes.new("Plain"))):
+        with pytest.raises(BodyInvalid, match=re.escape("lacks the shape keys Shape 0 to Shape 9")):
+            get_betas(obj)
+
+
+def test_body_without_correctives_gets_none(rig: Rig, body: BodyFile) -> None:
+    before = len(rig.mesh.data.shape_keys.key_blocks)
+    assert add_correctives(rig.armature, rig.mesh, replace(body, posedirs=None)) == 0
+    assert len(rig.mesh.data.shape_keys.key_blocks) == before > 11
