@@ -1,80 +1,112 @@
-"""Which keypoints a body hides from a camera by itself: sight lines against capsules around its bones."""
+"""Which keypoints a body hides from a camera by itself: sight lines cast at the posed mesh."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.body.body import Body
 from solver_backend.types import SMPL_JOINTS, Cameras
 
-_CAPSULES: tuple[tuple[str, str, float], ...] = (
-    ("pelvis", "spine2", 0.115), ("spine2", "spine3", 0.12), ("spine3", "neck", 0.10), ("neck", "head", 0.055),
-    ("head", "head", 0.065),
-    ("left_shoulder", "left_elbow", 0.045), ("right_shoulder", "right_elbow", 0.045),
-    ("left_elbow", "left_wrist", 0.036), ("right_elbow", "right_wrist", 0.036),
-    ("left_hip", "left_knee", 0.07), ("right_hip", "right_knee", 0.07),
-    ("left_knee", "left_ankle", 0.048), ("right_knee", "right_ankle", 0.048),
-    ("left_ankle", "left_foot", 0.036), ("right_ankle", "right_foot", 0.036),
-)  # fmt: skip
-"""Ends and radius in metres; slimmer than the skin, so that points on the skin are seen."""
-_HEAD_ABOVE_JOINT_M = 0.06
-_CLEARANCE_M = 0.03
-"""The sight line ends this far before the point."""
-_TRUNK = ("pelvis", "spine2", "spine3")
+_CLEARANCE_M = 0.035
+"""A sight line ends this far before the point, which may lie on the skin or a little below."""
+_AROUND: dict[str, tuple[str, ...]] = {
+    "neck": ("neck", "head", "spine3", "left_collar", "right_collar"),
+    "upper_neck": ("neck", "head", "spine3", "left_collar", "right_collar"),
+    "thorax": ("neck", "spine3", "spine2", "left_collar", "right_collar"),
+    "spine": ("spine1", "spine2", "spine3"),
+    "mid_hip": ("pelvis", "spine1", "spine2", "left_hip", "right_hip"),
+    "hip": ("pelvis", "spine1", "hip"),
+    "knee": ("hip", "knee"),
+    "ankle": ("knee", "ankle", "foot"),
+    "big_toe": ("ankle", "foot"),
+    "small_toe": ("ankle", "foot"),
+    "heel": ("ankle", "foot"),
+    "shoulder": ("collar", "shoulder", "spine3"),
+    "elbow": ("shoulder", "elbow"),
+    "wrist": ("elbow", "wrist", "hand"),
+}
+"""Parts, by the joint that moves them, whose flesh a keypoint lies in; they do not hide it. Without side: its own."""
 
 
-def self_occluded(cameras: Cameras, joints: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]) -> np.ndarray:
-    """Return (C, F, K) bool: a part of the body that the keypoint does not belong to stands in its sight line.
+def self_occluded(
+    cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
+) -> np.ndarray:
+    """Return (C, F, K) bool: skin of a part that the keypoint does not belong to stands in its sight line.
 
     Args:
         cameras: C cameras.
-        joints: (F, 24, 3) metres.
+        body: the body model, for its faces and parts.
+        vertices: (F, V, 3) the posed skin, metres.
         points: (F, K, 3) the keypoints' true places.
         keypoints: names of the K keypoints.
     """
-    eye = cameras.centres[:, None, None]
-    way = points[None] - eye
-    length = np.linalg.norm(way, axis=-1, keepdims=True)
-    end = eye + way * (1.0 - _CLEARANCE_M / np.maximum(length, 2 * _CLEARANCE_M))
-    hidden = np.zeros(end.shape[:3], dtype=bool)
-    for first, last, radius in _CAPSULES:
-        a, b = joints[:, SMPL_JOINTS.index(first)], joints[:, SMPL_JOINTS.index(last)]
-        if first == last:
-            up = joints[:, SMPL_JOINTS.index("head")] - joints[:, SMPL_JOINTS.index("neck")]
-            a = b = a + _HEAD_ABOVE_JOINT_M * up / np.linalg.norm(up, axis=-1, keepdims=True)
-        near = segment_distance(eye, end, a[None, :, None], b[None, :, None]) < radius
-        own = np.array([_belongs(name, first, last) for name in keypoints])
-        hidden |= near & ~own
+    return hidden_by(cameras, body.faces, vertices, points, own_faces(body, keypoints))
+
+
+def hidden_by(
+    cameras: Cameras, faces: np.ndarray, vertices: np.ndarray, points: np.ndarray, but: np.ndarray | None = None
+) -> np.ndarray:
+    """Return (C, F, K) bool: a face stands between camera and point.
+
+    Args:
+        cameras: C cameras.
+        faces: (T, 3) corners, counter-clockwise from outside.
+        vertices: (F, V, 3) metres.
+        points: (F, K, 3) metres.
+        but: (K, T) bool, faces that do not hide a point; None if all do.
+    """
+    kept = np.zeros((points.shape[1], len(faces)), dtype=bool) if but is None else but
+    hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
+    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
+        for frame in range(len(points)):
+            skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
+            face, target = stabbed_faces(skin, faces, targets)
+            hidden[view, frame] = np.bincount(target, ~kept[target, face], minlength=len(targets)) > 0
     return hidden
 
 
-def segment_distance(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the least distance between segments p-q and a-b, broadcast over leading axes.
+def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs (face, target) where a face turned to the origin crosses the sight line before the target.
 
-    Reference: Ericson 2004, "Real-Time Collision Detection", 5.1.9.
+    In the plane z = 1 a face covers a target where all three barycentric coordinates are positive; there its inverse
+    depth is their blend of the corners' (perspective-correct interpolation).
+
+    Args:
+        skin: (V, 3) vertices in the camera's frame.
+        faces: (T, 3) corners, counter-clockwise from outside.
+        targets: (K, 3) points in the camera's frame.
     """
-    d1, d2, r = q - p, b - a, p - a
-    aa, ee = _dot(d1, d1), np.maximum(_dot(d2, d2), 1e-12)
-    f, c, bb = _dot(d2, r), _dot(d1, r), _dot(d1, d2)
-    denominator = aa * ee - bb * bb
-    s = np.where(denominator > 1e-12, (bb * f - c * ee) / np.maximum(denominator, 1e-12), -c / aa)
-    s = np.clip(s, 0.0, 1.0)
-    t = (bb * s + f) / ee
-    s = np.where(t < 0, np.clip(-c / aa, 0, 1), np.where(t > 1, np.clip((bb - c) / aa, 0, 1), s))
-    t = np.clip(t, 0.0, 1.0)
-    return np.linalg.norm(r + s[..., None] * d1 - t[..., None] * d2, axis=-1)
+    flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]
+    a, b, c = (flat[faces[:, i]] for i in range(3))
+    turned = np.flatnonzero(_cross(b - a, c - a) < 0)
+    a, b, c = a[turned], b[turned], c[turned]
+    low, high = np.minimum(np.minimum(a, b), c).T[:, None], np.maximum(np.maximum(a, b), c).T[:, None]
+    x, y = goal.T[:, :, None]
+    target, near = np.nonzero((low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1]))
+    a, b, c, p, face = a[near], b[near], c[near], goal[target], turned[near]
+    u, v = _cross(p - a, c - a), _cross(b - a, p - a)
+    area = _cross(b - a, c - a)
+    weights = np.stack([area - u - v, u, v], axis=-1) / area[:, None]
+    with np.errstate(divide="ignore"):
+        depth = 1.0 / (weights / skin[faces[face], 2]).sum(-1)
+    reach = np.linalg.norm(targets[target], axis=-1)
+    before = (depth > 0) & (depth / targets[target, 2] * reach < reach - _CLEARANCE_M)
+    stabs = (weights > -1e-5).all(-1) & before
+    return face[stabs], target[stabs]
 
 
-def _dot(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return (u * v).sum(-1)
+def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
+    """Return (K, T) bool: the face belongs to a part that the keypoint lies in."""
+    part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
+    own = np.zeros((len(keypoints), len(part)), dtype=bool)
+    for k, name in enumerate(keypoints):
+        side, _, rest = name.partition("_")
+        sided = side in ("left", "right")
+        for joint in _AROUND.get(rest if sided else name, ()):
+            full = joint if joint in SMPL_JOINTS else f"{side}_{joint}"
+            own[k] |= part == body.smpl_joints[SMPL_JOINTS.index(full)]
+    return own
 
 
-def _belongs(keypoint: str, first: str, last: str) -> bool:
-    """Say whether a keypoint is part of the capsule: it ends there, or lies within the trunk's or foot's flesh."""
-    if keypoint in (first, last):
-        return True
-    if keypoint in ("neck", "upper_neck", "thorax", "spine", "mid_hip") or keypoint.endswith(("_hip", "_shoulder")):
-        return first in _TRUNK or first == "neck"
-    if keypoint.endswith(("_toe", "_heel")):
-        side = keypoint.split("_")[0]
-        return first in (f"{side}_ankle", f"{side}_knee")
-    return False
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -11,12 +11,14 @@ from solver_backend.cameras.projection import project
 from solver_backend.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.synthetic.benchmark import BenchmarkSettings, Take, benchmark_capture, delayed, running_floor
+from solver_backend.synthetic.benchmark import BenchmarkSettings, Take, benchmark_capture, running_floor
+from solver_backend.synthetic.filming import around, delayed, miscalibrated
 from solver_backend.synthetic.keypoint_detector import DetectorModel
+from solver_backend.synthetic.noise_measurement import measure_noise
 from solver_backend.types import JointSet
 
 EXACT = DetectorModel(
-    view_bias_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
+    view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
 )
 
 
@@ -39,7 +41,7 @@ def test_the_truth_is_the_body_posed_by_its_parameters() -> None:
 
 
 def test_a_detector_without_errors_sees_the_truth_but_for_the_anatomy() -> None:
-    capture = benchmark_capture(walk(), BenchmarkSettings(detector=EXACT))
+    capture = benchmark_capture(walk(), BenchmarkSettings(detector=EXACT, calibration_mm=0.0))
     cameras, keypoints = capture.require_multiview()
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, capture.truth["keypoints3d"],
                  cameras.distortion_model)  # fmt: skip
@@ -91,3 +93,44 @@ def test_the_running_floor_follows_a_ramp_and_ignores_a_jump() -> None:
 def test_three_frames_are_too_few() -> None:
     with pytest.raises(TakeTooShort, match="needs 4 frames, this one has 3"):
         benchmark_capture(walk(3))
+
+
+def test_a_bad_calibration_misplaces_points_but_not_the_room() -> None:
+    path = np.zeros((1, 3)) + [0.0, 0.0, 0.95]
+    cameras, shifts = around(path, 4), []
+    for seed in range(40):
+        given = miscalibrated(cameras, path[0], 10.0, np.random.default_rng(seed))
+        px = [project(c.K, c.distortion, c.R, c.t, path, c.distortion_model)[:, 0] for c in (given, cameras)]
+        turned = (px[0] - px[1]) / np.diagonal(cameras.K, axis1=1, axis2=2)[:, :2]
+        shifts.append(turned * np.linalg.norm(cameras.centres - path, axis=1)[:, None])
+    assert np.std(shifts) == pytest.approx(0.010 * np.sqrt(5 / 8), rel=0.1)
+    directions = cameras.R[:, :2].reshape(-1, 3)
+    room = np.linalg.lstsq(directions, np.stack(shifts).reshape(40, -1).T, rcond=None)[0]
+    assert np.abs(room).max() < 5e-4
+
+
+def test_the_truth_names_every_exchange() -> None:
+    detector = DetectorModel(swaps_per_minute=60.0)
+    truth = benchmark_capture(walk(), BenchmarkSettings(detector=detector)).truth
+    counted = np.zeros(truth["swapped"].shape[:2] + (2,), dtype=bool)
+    for view, limb, start, stop in truth["swaps"]:
+        assert not counted[view, start:stop, limb].any()
+        counted[view, start:stop, limb] = True
+    names = JointSet.BODY_25.keypoints
+    for limb, part in enumerate(("wrist", "ankle")):
+        shown = truth["swapped"][:, :, names.index(f"left_{part}")]
+        assert not (shown & ~counted[..., limb]).any() and shown.sum() > 0.6 * counted[..., limb].sum() > 0
+
+
+def test_the_detector_of_a_benchmark_measures_like_the_recording() -> None:
+    detector = DetectorModel(swaps_per_minute=0.0)
+    capture = benchmark_capture(walk(150), BenchmarkSettings(calibration_mm=22.0, detector=detector))
+    found = measure_noise(capture)
+    assert np.median(found.as_calibrated_mm) == pytest.approx(27.0, abs=8.0)
+    assert np.median(found.bias_mm) == pytest.approx(10.0, abs=3.0)
+    assert np.median(found.jitter_mm) == pytest.approx(8.8, abs=3.0)
+    assert found.error_mm == pytest.approx(15.8, abs=3.0)
+    assert found.constant_share == pytest.approx(0.21, abs=0.12)
+    assert found.drift_s == pytest.approx(0.19, abs=0.08)
+    assert found.outliers == pytest.approx(0.01, abs=0.01)
+    assert found.confidence_rank_correlation == pytest.approx(-0.29, abs=0.1)

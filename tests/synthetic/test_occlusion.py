@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.synthetic.occlusion import segment_distance, self_occluded
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.synthetic.occlusion import own_faces, self_occluded, stabbed_faces
 from solver_backend.types import Cameras, JointSet
 
 NAMES = JointSet.BODY_25.keypoints
@@ -33,8 +32,9 @@ def _hidden_in_t_pose() -> np.ndarray:
         body, keypoint_landmarks(body, JointSet.BODY_25), np.zeros(10), eye[None], np.tile(eye, (1, 21, 1, 1)),
         np.zeros((1, 3)),
     )  # fmt: skip
+    skin = pose_mesh(body, np.zeros(10), eye[None], np.tile(eye, (1, 21, 1, 1)), np.zeros((1, 3)))
     cameras = _cameras((0, 0, 1), (0, 0, -1), (1, 0, 0))
-    return self_occluded(cameras, posed.skeleton.joints, posed.points, NAMES)[:, 0]
+    return self_occluded(cameras, body, skin, posed.points, NAMES)[:, 0]
 
 
 def test_nothing_of_a_t_pose_is_hidden_from_the_front() -> None:
@@ -56,16 +56,28 @@ def test_from_the_left_the_right_side_is_hidden_and_the_left_is_seen() -> None:
     assert not hidden & {f"left_{part}" for part in seen}
 
 
-@given(st.integers(0, 10_000))
-def test_segment_distance_is_the_least_over_a_grid(seed: int) -> None:
-    p, q, a, b = np.random.default_rng(seed).normal(size=(4, 3))
-    s, t = np.meshgrid(np.linspace(0, 1, 201), np.linspace(0, 1, 201))
-    grid = np.linalg.norm(p + s[..., None] * (q - p) - a - t[..., None] * (b - a), axis=-1).min()
-    exact = float(segment_distance(p, q, a, b))
-    assert grid - 0.03 <= exact <= grid + 1e-12
+def test_only_faces_before_the_target_and_across_its_sight_line_are_stabbed() -> None:
+    triangle = np.array([[-1.0, -1.0, 2.0], [0.0, 1.0, 2.0], [1.0, -1.0, 2.0]])
+    skin = np.concatenate([triangle, triangle * 2, triangle + [3.0, 0.0, 0.0], triangle[::-1]])
+    targets = np.array([[0.0, 0.0, 3.0], [0.0, 0.0, 5.0], [0.0, 0.0, 2.02], [0.0, 2.0, 3.0]])
+    face, target = stabbed_faces(skin, np.arange(12).reshape(4, 3), targets)
+    assert set(zip(face.tolist(), target.tolist(), strict=True)) == {(0, 0), (0, 1), (1, 1)}
 
 
-def test_segment_distance_of_a_point_and_of_parallels() -> None:
-    p, q = np.zeros(3), np.array([1.0, 0, 0])
-    assert segment_distance(p, q, np.array([2.0, 1, 0]), np.array([2.0, 1, 0])) == np.sqrt(2)
-    assert segment_distance(p, q, np.array([0.0, 2, 0]), np.array([1.0, 2, 0])) == 2.0
+def test_a_slanted_face_is_as_deep_as_its_plane() -> None:
+    skin = np.array([[-1.0, -1.0, 1.0], [0.0, 9.0, 3.0], [4.0, -4.0, 4.0]])
+    normal = np.cross(skin[1] - skin[0], skin[2] - skin[0])
+    direction = np.array([0.1, 0.2, 1.0])
+    depth, length = (normal @ skin[0]) / (normal @ direction), np.linalg.norm(direction)
+    for beyond, expected in ((0.03, 0), (0.04, 1)):
+        face, _ = stabbed_faces(skin, np.array([[0, 1, 2]]), (direction * (depth + beyond / length))[None])
+        assert len(face) == expected
+
+
+def test_a_keypoint_belongs_to_the_parts_around_it() -> None:
+    body = load_body()
+    own = dict(zip(NAMES, own_faces(body, NAMES), strict=True))
+    centre = body.v_template[body.faces].mean(axis=1)
+    assert (centre[own["left_wrist"], 0] > 0.2).all() and (centre[own["right_wrist"], 0] < -0.2).all()
+    assert own["left_knee"].any() and not (own["left_knee"] & own["right_knee"]).any()
+    assert not own["nose"].any()
