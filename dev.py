@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     demo_parser = verbs.add_parser("demo", help="solve a capture and bake it in Blender")
     demo_parser.add_argument("capture", nargs="?", type=Path, help="folder or file; the embedded capture if left out")
     demo_parser.add_argument("--out", type=Path, help="new or empty folder for the results")
-    demo_parser.add_argument("--method", choices=("bundle", "frame"), default="bundle")
+    demo_parser.add_argument("--method", choices=("global", "sliding", "frame"), default="global")
     demo_parser.add_argument("--backend", choices=("numpy", "torch"), default="numpy")
     demo_parser.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
     demo_parser.add_argument("--joint-set", help="names of the keypoints, where their number fits several sets")

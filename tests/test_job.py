@@ -50,7 +50,7 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
         ({"methd": "frame"}, r"Unknown key methd\..*Known keys: capture, fps, joint_set, out, overwrite"),
         ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, backend, window"),
         ({"settings": {"window": 3}}, r"window = 3 is not valid; a whole number from 4 to 240"),
-        ({"settings": {"refine": "no"}}, r"refine is 'no'; true or false is expected"),
+        ({"settings": {"residual_rotations": "no"}}, r"residual_rotations is 'no'; true or false is expected"),
         ({"settings": {"robust_scale": "wide"}}, r"robust_scale is 'wide'; a number is expected"),
         ({"settings": {"betas": 3}}, r"betas is 3; a list is expected"),
         ({"settings": ["frame"]}, r"settings is \['frame'\]; an object is expected"),

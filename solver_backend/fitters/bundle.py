@@ -8,23 +8,16 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.chain import assemble, window_equations
-from solver_backend.fitters.keyframes import (
-    KEY_DOF,
-    RESIDUAL_DOF,
-    KeyframeLayout,
-    Keyframes,
-    bundle_frames,
-    hemisphere_aligned,
-)
+from solver_backend.fitters.chain import data_equations
+from solver_backend.fitters.keyframes import KEY_DOF, RESIDUAL_DOF, KeyframeLayout, Keyframes, hemisphere_aligned
 from solver_backend.fitters.motion_prior import MotionPrior
-from solver_backend.fitters.subject import Subject, frame_equations
+from solver_backend.fitters.subject import Subject
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
 from solver_backend.progress import Progress, silent
-from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.evidence import PointTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import BlockTridiagonal, DenseBlocks
+from solver_backend.solver.normal_equations import BlockTridiagonal
 
 
 @dataclass(frozen=True)
@@ -35,87 +28,77 @@ class Schedule:
     """Geman-McClure scales in standard deviations."""
     iterations: int
     """Linearisations at most, per scale."""
+    stride: int = 1
+    """Every how many frames the data are looked at."""
+    tolerance: float = 1e-4
+    """A scale is done when the cost falls by less than this share."""
 
 
-def _take(mask: Array, new: Keyframes, old: Keyframes) -> Keyframes:
-    """Return the new state of the one problem where it is better."""
-    return new if bool(mask[0]) else old
+@dataclass(frozen=True)
+class BundleModel:
+    """What the keys are judged by."""
+
+    subject: Subject
+    """The person."""
+    prior: PosePrior
+    """Decoder of the codes."""
+    term: PointTerm
+    """Data of all frames."""
+    motion: MotionPrior | None
+    """What is known of motion; None for the data alone."""
+    residuals: bool = False
+    """Free the residual rotations of each key, held to zero by the prior's own statistics."""
 
 
 def solve_sliding(
-    subject: Subject,
-    prior: PosePrior,
-    term: ReprojectionTerm,
-    layout: KeyframeLayout,
-    start: Keyframes,
-    schedule: Schedule,
-    progress: Progress = silent,
+    model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
 ) -> Keyframes:
     """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
+        model: what the keys are judged by.
+        layout: windows of the take.
         start: 2N + 1 keys; of each window only the first key of the take is trusted, the others are guesses.
+        schedule: robust scales and iterations.
+        progress: called after each window.
     """
-    xp = array_namespace(start.z)
-    solved = [start.select(slice(0, 1))]
+    keys = start
     for w in range(layout.num_windows):
-        frames = layout.slice_of(w)
-        first = solved[-1]
-        guess = start.select(slice(2 * w + 1, 2 * w + 3))
-        keys = hemisphere_aligned(_joined(xp, [first, guess]))
-        keys = _solve_window(subject, prior, term.select(frames), layout.time[frames], keys, schedule)
-        solved += [keys.select(slice(1, 2)), keys.select(slice(2, 3))]
+        window = slice(2 * w, 2 * w + 3)
+        solved, _ = solve_keys(
+            model, layout.window_alone(w), keys.select(window), schedule, np.array([False, True, True])
+        )
+        keys = keys.replaced(window, solved)
         progress("Sliding bundle", w + 1, layout.num_windows)
-    return _joined(xp, solved)
+    return hemisphere_aligned(keys)
 
 
-def _solve_window(
-    subject: Subject, prior: PosePrior, term: Any, time: np.ndarray, keys: Keyframes, schedule: Schedule
-) -> Keyframes:
-    xp = array_namespace(keys.z)
-    window = np.zeros(len(time), dtype=np.int64)
-
-    def retract(state: Keyframes, step: Array) -> Keyframes:
-        free = xp.reshape(step, (2, KEY_DOF))
-        return _joined(xp, [state.select(slice(0, 1)), state.select(slice(1, 3)).retract(free)])
-
-    for scale in schedule.scales:
-
-        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, DenseBlocks]:
-            frames = bundle_frames(prior, state, window, time, residuals=False)
-            equations = frame_equations(subject, frames.poses, term, scale)
-            assert frames.by_keys is not None
-            H, g = window_equations(xp, equations.hessian, equations.gradient, frames.by_keys[..., KEY_DOF:])
-            eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
-            return xp.sum(equations.cost)[None], DenseBlocks((H + 1e-2 * eye)[None], g[None])
-
-        keys = levenberg_marquardt(keys, linearise, retract, _take, LMSettings(schedule.iterations)).state
-    return keys
-
-
-def solve_global(
-    subject: Subject,
-    prior: PosePrior,
-    term: ReprojectionTerm,
+def solve_keys(
+    model: BundleModel,
     layout: KeyframeLayout,
     start: Keyframes,
     schedule: Schedule,
-    motion_prior: MotionPrior,
-    *,
-    residuals: bool,
+    free: np.ndarray | None = None,
     progress: Progress = silent,
     stage: str = "Global bundle",
 ) -> tuple[Keyframes, BlockTridiagonal]:
-    """Solve all keyframes at once: normal equations are a chain of blocks, one step is linear in the take's length.
+    """Solve the free keyframes at once: normal equations are a chain of blocks, a step is linear in the take's length.
 
     Args:
-        residuals: also free the residual rotations of each key, held to zero by the prior's own statistics.
+        model: what the keys are judged by.
+        layout: windows of the frames.
+        start: 2N + 1 keys.
+        schedule: robust scales and iterations.
+        free: (2N + 1,) bool, the keys that move; None for all.
+        progress: called after each robust scale.
+        stage: its name.
 
     Returns:
         The keys and the normal equations at the solution.
     """
     xp = array_namespace(start.z)
-    dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
+    rows, dof = layout.rows(schedule.stride), KEY_DOF + (RESIDUAL_DOF if model.residuals else 0)
+    free = np.ones(layout.num_keys, dtype=bool) if free is None else free
     keys, system = hemisphere_aligned(start), None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
@@ -124,21 +107,22 @@ def solve_global(
     for done, scale in enumerate(schedule.scales):
 
         def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, BlockTridiagonal]:
-            frames = bundle_frames(prior, state, layout.window, layout.time, residuals=residuals)
-            equations = frame_equations(subject, frames.poses, term, scale)
-            chain = assemble(xp, layout, equations.hessian, equations.gradient, frames.by_keys, dof)
-            cost = xp.sum(equations.cost) + motion_prior.add_to(chain, state, residuals=residuals)
-            return cost[None], BlockTridiagonal(chain.diagonal, chain.upper, chain.g)
+            cost, chain = data_equations(
+                model.subject, model.prior, model.term, state, rows, scale, residuals=model.residuals
+            )
+            if model.motion is not None:
+                cost = cost + model.motion.add_to(chain, state, residuals=model.residuals)
+            chain.hold(free)
+            return cost[None], chain.equations()
 
-        result = levenberg_marquardt(keys, linearise, retract, _take, LMSettings(schedule.iterations))
+        settings = LMSettings(schedule.iterations, schedule.tolerance)
+        result = levenberg_marquardt(keys, linearise, retract, _take, settings)
         keys, system = result.state, result.system
         progress(stage, done + 1, len(schedule.scales))
     assert isinstance(system, BlockTridiagonal)
     return keys, system
 
 
-def _joined(xp: Any, parts: list[Keyframes]) -> Keyframes:
-    return Keyframes(
-        xp.concat([p.z for p in parts]), xp.concat([p.quat for p in parts]),
-        xp.concat([p.transl for p in parts]), xp.concat([p.residual for p in parts]),
-    )  # fmt: skip
+def _take(mask: Any, new: Keyframes, old: Keyframes) -> Keyframes:
+    """Return the new state of the one problem where it is better."""
+    return new if bool(mask[0]) else old

@@ -1,26 +1,26 @@
-"""The bundle method: a sliding pass, then all keyframes of the take at once (thesis 6.2.5, 6.3.2 and beyond)."""
+"""The bundle methods: windows one after the other (thesis 6.3.2), or all keyframes of a take at once, from coarse to fine."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from array_api_compat import array_namespace
 
-from solver_backend.fitters.bundle import Schedule, solve_global, solve_sliding
+from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys, solve_sliding
 from solver_backend.fitters.frame import FrameStates
 from solver_backend.fitters.initial import fit_to_points
-from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned, resampled
+from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses, resampled
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject import PosedFrames, Subject
-from solver_backend.fitters.uncertainty import joint_sigma, noise_inflation
+from solver_backend.fitters.uncertainty import joint_covariance, noise_inflation
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.progress import Progress
 from solver_backend.residuals.robust import graduated_scales
-from solver_backend.solver.normal_equations import BlockTridiagonal
 
 SHAPE_FRAMES = 200
 """Frames at most from which shape and bias are estimated anew between passes."""
@@ -37,54 +37,52 @@ class BundleSolution:
     key_times: np.ndarray
     """Frame numbers of the keys."""
     sigma: Array | None
-    """(F, 24) standard deviation of each joint in metres; None without refinement."""
+    """(F, 24) standard deviation of each joint in metres, where the method knows it."""
 
 
-def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> BundleSolution:
-    """Slide over the take, then solve all keys at once with shape, bias and residual rotations in turn."""
+def solve_by_sliding(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> BundleSolution:
+    """Slide a window of two free keys over the take: the published scheme, with Gauss-Newton steps."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
-    schedule = Schedule(scales, settings.iterations)
-    keys = solve_sliding(subject, problem.prior, problem.term, layout, keys, schedule, progress)
-    if not settings.refine:
-        frames = bundle_frames(problem.prior, keys, layout.window, layout.time, residuals=False, jacobian=False)
-        return BundleSolution(subject, frames.poses, layout.key_times, None)
+    model = BundleModel(subject, problem.prior, problem.term, None)
+    keys = solve_sliding(model, layout, keys, Schedule(scales, settings.iterations), progress)
+    return BundleSolution(subject, key_poses(problem.prior, keys, layout, residuals=False), layout.key_times, None)
+
+
+def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> BundleSolution:
+    """Solve all keys at once: first coarse keys on some of the frames, then fine ones, with shape and bias between."""
+    layout = KeyframeLayout.even(problem.num_frames, settings.window)
+    keys = initial_keys(problem, subject, layout)
+    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, settings.window))
+    scale, steps = settings.robust_scale, settings.iterations
+    keys, _ = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, 3, 1e-2))
+    progress("Global bundle", 1, 3)
+
     finer = KeyframeLayout.even(problem.num_frames, settings.refine_window)
     keys, layout = resampled(keys, layout, finer), finer
-    subject, keys, system = _refine(problem, subject, layout, keys, settings, progress)
-    residuals = settings.residual_rotations
-    frames = bundle_frames(problem.prior, keys, layout.window, layout.time, residuals=residuals)
+    model = replace(model, motion=motion_prior(problem, settings.refine_window))
+    for number, share in enumerate((2.0, 1.0)):
+        subject = _with_shape(problem, model.subject, layout, keys, settings, residuals=model.residuals)
+        model = replace(model, subject=subject, residuals=settings.residual_rotations)
+        schedule = Schedule((share * scale,), steps, tolerance=1e-3)
+        keys, system = solve_keys(model, layout, keys, schedule)
+        progress("Global bundle", number + 2, 3)
+
+    frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(
-        subject, frames, problem.term, settings.robust_scale, max(1, settings.refine_window // 2)
+        model.subject, frames, problem.term, settings.robust_scale, max(1, settings.refine_window // 2)
     )
-    sigma = joint_sigma(subject, frames, layout, system, inflation)
-    return BundleSolution(subject, frames.poses, layout.key_times, sigma)
+    covariance = joint_covariance(model, layout, keys, frames, system, inflation)
+    xp = array_namespace(covariance)
+    sigma = xp.sqrt(xp.linalg.trace(covariance) / 3)
+    return BundleSolution(model.subject, frames, layout.key_times, sigma)
 
 
-def _refine(
-    problem: Problem, subject: Subject, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings,
-    progress: Progress,
-) -> tuple[Subject, Keyframes, BlockTridiagonal]:  # fmt: skip
-    """Solve all keys three times: on the manifold with a wide scale, then off it, with shape and bias between."""
-    spacing = 0.5 * settings.refine_window
-    prior = MotionPrior(spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing)
-    scale, off = settings.robust_scale, settings.residual_rotations
-
-    def together(subject: Subject, keys: Keyframes, number: int) -> tuple[Keyframes, BlockTridiagonal]:
-        schedule = Schedule((2 * scale if number == 0 else scale,), settings.iterations)
-        solved = solve_global(
-            subject, problem.prior, problem.term, layout, keys, schedule, prior, residuals=off and number > 0
-        )
-        progress("Global bundle", number + 1, 3)
-        return solved
-
-    keys, _ = together(subject, keys, 0)
-    subject = _with_shape(problem, subject, layout, keys, settings, residuals=False)
-    keys, _ = together(subject, keys, 1)
-    subject = _with_shape(problem, subject, layout, keys, settings, residuals=off)
-    keys, system = together(subject, keys, 2)
-    return subject, keys, system
+def motion_prior(problem: Problem, window: int) -> MotionPrior:
+    """Return what is known of motion between keys half a window apart."""
+    spacing = 0.5 * window
+    return MotionPrior(spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing)
 
 
 def _with_shape(
@@ -94,11 +92,9 @@ def _with_shape(
     """Return the subject with shape and bias estimated from frames spread over the take."""
     count = min(problem.num_frames, SHAPE_FRAMES)
     sample = np.unique(np.linspace(0, problem.num_frames - 1, count).astype(int))
-    frames = bundle_frames(
-        problem.prior, keys, layout.window[sample], layout.time[sample], residuals=residuals, jacobian=False
-    )
+    frames = key_poses(problem.prior, keys, layout, sample, residuals=residuals)
     term, free = problem.term.select(sample), settings.betas is None
-    return refit_shape(subject, frames.poses, term, settings.robust_scale, ShapePrior(), free_betas=free)
+    return refit_shape(subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=free)
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.latent import CODES, DecodedPoses, decode_poses
+from solver_backend.fitters.latent import CODES, DecodedPoses, decode_poses, decoded_only
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.interpolation import sider2, sider2_with_jacobian
-from solver_backend.geometry.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
+from solver_backend.geometry.rotations import matrix_from_quat, quat_from_rotvec, quat_left_tangent, quat_multiply
 from solver_backend.priors.base import PosePrior
 
 KEY_DOF = 36
@@ -25,20 +25,13 @@ class KeyframeLayout:
     """N windows over F frames; window w uses the keys 2w, 2w + 1, 2w + 2, its neighbours share the end keys."""
 
     bounds: np.ndarray
-    """(N + 1,) frames at which windows meet; the first is 0, the last F - 1."""
-    window: np.ndarray
-    """(F,) window of each frame (a frame on a bound belongs to the earlier window)."""
-    time: np.ndarray
-    """(F,) position of each frame in its window, 0..1."""
+    """(N + 1,) frame numbers at which windows meet, rising; the first and the last are the take's or stretch's own."""
 
     @classmethod
-    def even(cls, num_frames: int, window: int) -> KeyframeLayout:
-        """Cut a take of F >= 2 frames into windows of nearly ``window`` frames."""
+    def even(cls, num_frames: int, window: int, first: int = 0) -> KeyframeLayout:
+        """Cut F >= 2 frames from ``first`` on into windows of nearly ``window`` frames."""
         count = max(1, round((num_frames - 1) / window))
-        bounds = np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64)
-        frame = np.arange(num_frames)
-        index = np.clip(np.searchsorted(bounds, frame, side="left") - 1, 0, count - 1)
-        return cls(bounds, index, (frame - bounds[index]) / np.diff(bounds)[index])
+        return cls(first + np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64))
 
     @property
     def num_windows(self) -> int:
@@ -58,10 +51,52 @@ class KeyframeLayout:
         times[1::2] = 0.5 * (self.bounds[:-1] + self.bounds[1:])
         return times
 
-    def slice_of(self, window: int) -> slice:
-        """Return the frames of a window (the first frame of a take belongs to the first window)."""
-        first = 0 if window == 0 else int(self.bounds[window]) + 1
-        return slice(first, int(self.bounds[window + 1]) + 1)
+    @property
+    def frames(self) -> np.ndarray:
+        """(F,) numbers of the frames from the first bound to the last."""
+        return np.arange(self.bounds[0], self.bounds[-1] + 1)
+
+    def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return window and position in it, 0..1, of frame numbers; a bound belongs to the earlier window."""
+        window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
+        return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
+
+    def rows(self, stride: int = 1) -> WindowRows:
+        """Return every ``stride``-th frame of each window, each frame standing for the ones left out."""
+        first, last = self.bounds[:-1] + 1, self.bounds[1:]
+        first[0] -= 1
+        width = int((last - first).max()) // stride + 1
+        frames = first[:, None] + stride * np.arange(width)
+        inside = frames <= last[:, None]
+        frames = np.where(inside, frames, last[:, None])
+        time = (frames - self.bounds[:-1, None]) / np.diff(self.bounds)[:, None]
+        return WindowRows(frames, time, float(stride) * inside)
+
+    def window_alone(self, window: int) -> KeyframeLayout:
+        """Return the layout of one window."""
+        return KeyframeLayout(self.bounds[window : window + 2])
+
+
+@dataclass(frozen=True)
+class WindowRows:
+    """Frames laid out window by window: N rows of n frames, the shorter rows padded with frames of no weight."""
+
+    frames: np.ndarray
+    """(N, n) frame numbers."""
+    time: np.ndarray
+    """(N, n) positions in the window, 0..1."""
+    weight: np.ndarray
+    """(N, n) how many frames each one stands for; 0 in the padding."""
+
+    def blocks(self, num_frames: int) -> list[slice]:
+        """Return ranges of windows of about ``num_frames`` frames each."""
+        count, width = self.frames.shape
+        size = max(1, num_frames // width)
+        return [slice(w, min(w + size, count)) for w in range(0, count, size)]
+
+    def select(self, windows: slice) -> WindowRows:
+        """Return the rows of these windows."""
+        return WindowRows(self.frames[windows], self.time[windows], self.weight[windows])
 
 
 @dataclass(frozen=True)
@@ -80,6 +115,16 @@ class Keyframes:
     def select(self, keys: np.ndarray | slice) -> Keyframes:
         """Return the keys at these indices."""
         return Keyframes(self.z[keys], self.quat[keys], self.transl[keys], self.residual[keys])
+
+    def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
+        """Return the keys with those of a range taken from ``new``."""
+        xp = array_namespace(self.z)
+
+        def spliced(name: str) -> Array:
+            old = getattr(self, name)
+            return xp.concat([old[: keys.start], getattr(new, name), old[keys.stop :]])
+
+        return Keyframes(*(spliced(name) for name in ("z", "quat", "transl", "residual")))
 
     def retract(self, step: Array) -> Keyframes:
         """Move by (K, 36) or (K, 99) tangent steps."""
@@ -104,9 +149,7 @@ def hemisphere_aligned(keys: Keyframes) -> Keyframes:
 
 def resampled(keys: Keyframes, layout: KeyframeLayout, finer: KeyframeLayout) -> Keyframes:
     """Return keys at another layout's times, on the curves through the given keys."""
-    times = finer.key_times
-    window = np.clip(np.searchsorted(layout.bounds, times, side="left") - 1, 0, layout.num_windows - 1)
-    position = (times - layout.bounds[window]) / np.diff(layout.bounds)[window]
+    window, position = layout.positions(finer.key_times)
     xp = array_namespace(keys.z)
     triple = [xp.asarray(2 * window + i) for i in range(3)]
     t = constant(position, keys.z)
@@ -125,6 +168,14 @@ def lagrange(time: Array) -> tuple[Array, Array, Array]:
     With three keys the cubic of thesis eq. 6.10 has one degree too many; its minimal-curvature member is the parabola.
     """
     return (1 - time) * (1 - 2 * time), 4 * time * (1 - time), time * (2 * time - 1)
+
+
+def key_poses(
+    prior: PosePrior, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, residuals: bool
+) -> PosedFrames:
+    """Return the poses of these frame numbers, or of all frames of the layout."""
+    window, time = layout.positions(layout.frames if frames is None else frames)
+    return bundle_frames(prior, keys, window, time, residuals=residuals, jacobian=False).poses
 
 
 @dataclass(frozen=True)
@@ -161,10 +212,11 @@ def bundle_frames(
     weights = lagrange(t)
     transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
     residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
+    if not jacobian:
+        local = decoded_only(prior, z, residual if residuals else None)
+        return BundleFrames(PosedFrames(matrix_from_quat(quat), local, transl), None, residual)
     decoded = decode_poses(prior, z, residual if residuals else None)
     poses = PosedFrames(matrix_from_quat(quat), decoded.local, transl)
-    if not jacobian:
-        return BundleFrames(poses, None, residual)
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
     chain = xp.zeros((len(time), FRAME_DOF, 3 * dof), dtype=t.dtype, device=getattr(t, "device", None))
     for k, key in enumerate(triple):
@@ -188,19 +240,6 @@ def _fill_residual(chain: Array, decoded: DecodedPoses, weight: Array, first: in
 
 
 def _root_jacobian(quat: Array, by_key: Array, key: Array) -> Array:
-    """Return (F, 3, 3): world tangent of the interpolated rotation by the world tangent of one key.
-
-    ``dq_k = 1/2 (0, d) q_k`` and ``d_f = 2 vec(dq_f conj(q_f))``.
-    """
+    """Return (F, 3, 3): the frame's turn by the key's, both left: ``4 G(q_f)ᵀ (dq_f/dq_k) G(q_k)``."""
     xp = array_namespace(quat)
-    by_tangent = 0.5 * _right_multiplication(xp, key)[..., :, 1:]
-    conjugate = quat * constant(np.array([1.0, -1.0, -1.0, -1.0]), quat)
-    back = 2.0 * _right_multiplication(xp, conjugate)[..., 1:, :]
-    return xp.matmul(back, xp.matmul(by_key, by_tangent))
-
-
-def _right_multiplication(xp, q: Array) -> Array:
-    """Return the (..., 4, 4) matrix M(q) with ``p q = M(q) p`` (wxyz)."""
-    w, x, y, z = (q[..., i] for i in range(4))
-    rows = [[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]]
-    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+    return 4.0 * xp.matmul(xp.matrix_transpose(quat_left_tangent(quat)), xp.matmul(by_key, quat_left_tangent(key)))

@@ -7,7 +7,7 @@ from typing import Any
 
 from solver_backend.errors import JobInvalid
 
-METHODS = ("bundle", "frame")
+METHODS = ("global", "sliding", "frame")
 BACKENDS = ("numpy", "torch")
 
 
@@ -15,8 +15,9 @@ BACKENDS = ("numpy", "torch")
 class SolveSettings:
     """What to solve with."""
 
-    method: str = "bundle"
-    """'bundle': latent keyframes over windows of frames (thesis 6.2.5); 'frame': every frame on its own (eq. 6.5)."""
+    method: str = "global"
+    """'global': all latent keyframes of the take at once; 'sliding': window after window on the prior's manifold, as
+    published (thesis 6.3.2); 'frame': every frame on its own (eq. 6.5)."""
     backend: str = "numpy"
     """'numpy' works everywhere; 'torch' uses torch's threads (results agree to 1e-6 m)."""
     window: int = 20
@@ -27,8 +28,6 @@ class SolveSettings:
     """Geman-McClure scale in standard deviations of the detector's noise."""
     refine_window: int = 10
     """Frames a window of the refinement: fast limbs need a key every few hundredths of a second."""
-    refine: bool = True
-    """After the sliding pass, solve all keyframes of the take at once, with shape and detector bias."""
     residual_rotations: bool = True
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     betas: tuple[float, ...] | None = None
@@ -47,7 +46,6 @@ class SolveSettings:
                 isinstance(self.iterations, int) and 1 <= self.iterations <= 200,
                 "a whole number from 1 to 200",
             ),
-            "refine": (isinstance(self.refine, bool), "true or false"),
             "residual_rotations": (isinstance(self.residual_rotations, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),

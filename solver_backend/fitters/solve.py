@@ -13,7 +13,7 @@ from solver_backend import __version__
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
-from solver_backend.fitters.bundle_method import BundleSolution, solve_by_bundle
+from solver_backend.fitters.bundle_method import BundleSolution, solve_by_bundle, solve_by_sliding
 from solver_backend.fitters.frame_method import solve_by_frame
 from solver_backend.fitters.initial import Observations, observe
 from solver_backend.fitters.problem import Problem, learn_subject
@@ -41,7 +41,7 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         BackendMissing: torch was asked for and is not installed.
     """
     cameras, keypoints = capture.require_multiview()
-    if settings.method == "bundle" and keypoints.num_frames < 4:
+    if settings.method != "frame" and keypoints.num_frames < 4:
         raise TakeTooShort(
             f"The bundle needs 4 frames, the take has {keypoints.num_frames}.", where=capture.name,
             hint="Use the method 'frame' for single images.",
@@ -67,7 +67,8 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         frames = solve_by_frame(problem, subject, settings, progress)
         solution = BundleSolution(subject, frames, np.arange(0), None)
     else:
-        solution = solve_by_bundle(problem, subject, settings, progress)
+        run = solve_by_sliding if settings.method == "sliding" else solve_by_bundle
+        solution = run(problem, subject, settings, progress)
     return build_motion(
         capture,
         solution.subject,

@@ -82,10 +82,10 @@ def _with_rest_pose(frames: PosedFrames, cost: Array, gradient: Array, hessian: 
     """Add the weak pull towards rest to the joints' part of the equations."""
     xp = array_namespace(gradient)
     rest_cost, pull, diagonal = rest_pose_term(frames.local)
-    root, transl = xp.zeros_like(gradient[:, :3]), xp.zeros_like(gradient[:, 66:])
-    whole = xp.concat([root[0], diagonal, transl[0]])
-    eye = xp.eye(FRAME_DOF, dtype=gradient.dtype, device=getattr(gradient, "device", None))
-    return FrameEquations(cost + rest_cost, gradient + xp.concat([root, pull, transl], axis=-1), hessian + whole * eye)
+    gradient[:, 3:66] += pull
+    flat = xp.reshape(hessian, (hessian.shape[0], -1))
+    flat[:, 3 * (FRAME_DOF + 1) : 66 * (FRAME_DOF + 1) : FRAME_DOF + 1] += diagonal
+    return FrameEquations(cost + rest_cost, gradient, xp.reshape(flat, hessian.shape))
 
 
 def shape_equations(

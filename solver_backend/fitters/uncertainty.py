@@ -7,48 +7,59 @@ from array_api_compat import array_namespace
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.fitters.keyframes import BundleFrames, KeyframeLayout
-from solver_backend.fitters.subject import Subject, pose
-from solver_backend.geometry.arrays import Array
+from solver_backend.fitters.between import key_tangents
+from solver_backend.fitters.bundle import BundleModel
+from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, lagrange
+from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.parallel import map_blocks
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.normal_equations import BlockTridiagonal
 from solver_backend.types import JointSet
 
 
-def joint_sigma(
-    subject: Subject, frames: BundleFrames, layout: KeyframeLayout, system: BlockTridiagonal, inflation: float
-) -> Array:
-    """Return (F, 24) standard deviations of the joints in metres: ``sqrt(tr(J B S Bᵀ Jᵀ) / 3)``.
+def joint_covariance(
+    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
+    inflation: float,
+) -> Array:  # fmt: skip
+    """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``J B S Bᵀ Jᵀ``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys, J the joints by
     the pose. Shape and detector bias are taken as known.
 
     Args:
-        subject: the person.
-        frames: frames at the solution, with derivatives.
+        model: what the keys were judged by.
         layout: windows of the keys.
+        keys: the solution.
+        frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
     """
-    assert frames.by_keys is not None
-    xp = array_namespace(frames.by_keys)
+    xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
     dof = diagonal.shape[-1] // 2
-    poses = frames.poses
-    posed = pose_landmarks(
-        subject.body, keypoint_landmarks(subject.body, JointSet.SMPL_24), subject.betas,
-        poses.root, poses.local, poses.transl, jacobian=True,
-    )  # fmt: skip
-    eye = xp.eye(3, dtype=posed.points.dtype, device=getattr(posed.points, "device", None))
-    J = xp.concat([posed.by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
-    sigmas = []
-    for w in range(layout.num_windows):
-        index = layout.slice_of(w)
+    tangents = key_tangents(model.prior, keys, residuals=model.residuals)
+    landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
+    window, time = layout.positions(layout.frames)
+    shares = lagrange(constant(time, keys.z))
+
+    def block(w: int) -> Array:
+        index = np.flatnonzero(window == w)
+        poses = select_frames(frames, index)
+        posed = pose_landmarks(
+            model.subject.body, landmarks, model.subject.betas, poses.root, poses.local, poses.transl, jacobian=True
+        )
+        eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
+        J = xp.concat([posed.by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
+        J = xp.reshape(J, (len(index), -1, J.shape[-1]))
         S = _window_covariance(xp, diagonal, upper, w, dof)
-        by_keys = xp.matmul(xp.reshape(J[index], (-1, 72, J.shape[-1])), frames.by_keys[index])
-        variance = xp.sum(xp.matmul(by_keys, S) * by_keys, axis=-1)
-        sigmas.append(xp.sqrt(inflation * xp.mean(xp.reshape(variance, (-1, 24, 3)), axis=-1)))
-    return xp.concat(sigmas)
+        by_keys = xp.concat(
+            [s[index][:, None, None] * xp.matmul(J, tangents[2 * w + k]) for k, s in enumerate(shares)], axis=-1
+        )
+        by_keys = xp.reshape(by_keys, (len(index), -1, 3, 3 * dof))
+        return inflation * xp.matmul(xp.matmul(by_keys, S), xp.matrix_transpose(by_keys))
+
+    return xp.concat(map_blocks(block, range(layout.num_windows), keys.z))
 
 
 def _window_covariance(xp, diagonal: Array, upper: Array, w: int, dof: int) -> Array:
@@ -60,7 +71,7 @@ def _window_covariance(xp, diagonal: Array, upper: Array, w: int, dof: int) -> A
 
 
 def noise_inflation(
-    subject: Subject, frames: BundleFrames, term: ReprojectionTerm, scale: float, num_frames: int
+    subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, num_frames: int
 ) -> float:
     """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
 
@@ -70,7 +81,7 @@ def noise_inflation(
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".
     """
-    points = pose(subject, frames.poses).points
+    points = pose(subject, frames).points
     xp = array_namespace(points)
     error, inlier = term.residuals(points, scale)
     pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)

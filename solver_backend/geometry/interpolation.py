@@ -28,6 +28,13 @@ class Combination:
     mixing: Array
     """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
+    def pull_back(self, keys: Array, cotangent: Array) -> Array:
+        """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys (..., n, d)."""
+        xp = array_namespace(keys)
+        along = xp.matmul(keys, cotangent[..., None])[..., 0]
+        mixed = xp.sum(self.mixing * along[..., None, :, None], axis=-2)
+        return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, keys)
+
 
 def slerp(a: Array, b: Array, t: Array | float) -> Array:
     """Return the point at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), which is followed beyond its ends.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 from array_api_compat import array_namespace
 
@@ -38,6 +39,16 @@ class PosePrior(ABC):
     @abstractmethod
     def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
         """Return ``decode(z)`` and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
+
+    def decode_with_pullback(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+        """Return ``decode(z)`` and ``v -> J_zᵀ v``, from (N, 21, 3) cotangents of the left tangents to (N, d)."""
+        rotations, jacobian = self.decode_with_jacobian(z)
+        xp = array_namespace(z)
+
+        def pull(cotangent: Array) -> Array:
+            return xp.sum(jacobian * cotangent[..., None], axis=(1, 2))
+
+        return rotations, pull
 
     @abstractmethod
     def energy(self, rotations: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
@@ -16,6 +18,18 @@ _BLOCK = 64
 def decoded_rotations(decoder: DenseStack, z: Array) -> Array:
     """Return (N, 21, 3, 3) rotations of (N, d) codes."""
     return matrix_from_6d(array_namespace(z).reshape(decoder(z), (z.shape[0], NUM_BODY_JOINTS, 6)))
+
+
+def decoded_rotations_with_pullback(decoder: DenseStack, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+    """Return rotations (N, 21, 3, 3) and the map of cotangents of their left tangents (N, 21, 3) to the code's (N, d)."""
+    xp = array_namespace(z)
+    flat, pull_flat = decoder.with_pullback(z)
+    R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
+
+    def pull(cotangent: Array) -> Array:
+        return pull_flat(xp.reshape(xp.sum(by_6d * cotangent[..., None], axis=-2), flat.shape))
+
+    return R, pull
 
 
 def decoded_rotations_with_jacobian(decoder: DenseStack, z: Array) -> tuple[Array, Array]:

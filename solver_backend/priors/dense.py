@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +72,26 @@ class DenseStack:
                 x, slope = activate(x, self.activation)
                 jacobian = jacobian * slope[:, None, :]
         return x, jacobian
+
+    def with_pullback(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
+        """Return the output (N, out) and the map of its cotangents (N, out) to those of the input (N, in).
+
+        Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
+        """
+        xp = array_namespace(x)
+        slopes: list[Array | None] = []
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x, slope = xp.matmul(x, weight.T) + bias, None
+            if self._is_active(number):
+                x, slope = activate(x, self.activation)
+            slopes.append(slope)
+
+        def pull(cotangent: Array) -> Array:
+            for weight, slope in zip(reversed(self.weights), reversed(slopes), strict=True):
+                cotangent = xp.matmul(cotangent if slope is None else cotangent * slope, weight)
+            return cotangent
+
+        return x, pull
 
 
 def activate(x: Array, activation: str) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,11 @@ from array_api_compat import array_namespace
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import log_so3, matrix_to_6d
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
-from solver_backend.priors.decoder import decoded_rotations, decoded_rotations_with_jacobian
+from solver_backend.priors.decoder import (
+    decoded_rotations,
+    decoded_rotations_with_jacobian,
+    decoded_rotations_with_pullback,
+)
 from solver_backend.priors.dense import DenseStack
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
@@ -96,6 +101,15 @@ class SPoser(PosePrior):
         """
         check_codes(z, LATENT_DIM)
         return decoded_rotations_with_jacobian(self._stacks(z)[1], z)
+
+    def decode_with_pullback(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+        """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode, at the cost of one more forward pass.
+
+        Raises:
+            PoseInvalid: NaN or another code length.
+        """
+        check_codes(z, LATENT_DIM)
+        return decoded_rotations_with_pullback(self._stacks(z)[1], z)
 
     def energy(self, rotations: Array) -> Array:
         """Return the mean squared rotation between poses and their reconstructions by ``residual_sigma``: (N,)."""

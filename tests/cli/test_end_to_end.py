@@ -35,7 +35,7 @@ def test_a_capture_becomes_a_motion_and_a_report(tmp_path, capsys):
 
     solved = result_of(["solve", str(copy), "--out", str(motion), "--report", str(report)], capsys)
     assert (solved["frames"], solved["unseen_frames"]) == (FRAMES, 0)
-    assert read_motion(motion).provenance["settings"]["method"] == "bundle"
+    assert read_motion(motion).provenance["settings"]["method"] == "global"
     page = report.read_text(encoding="utf-8")
     assert "Against the truth" in page
     assert page.endswith("</html>\n")

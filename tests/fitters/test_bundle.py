@@ -5,11 +5,12 @@ import pytest
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.bundle import Schedule, solve_global, solve_sliding
-from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned
+from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys, solve_sliding
+from solver_backend.fitters.chain import data_equations
+from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned, key_poses
 from solver_backend.fitters.latent import CODES
 from solver_backend.fitters.motion_prior import MotionPrior
-from solver_backend.fitters.subject import Subject, pose
+from solver_backend.fitters.subject import PosedFrames, Subject, frame_equations, pose
 from solver_backend.geometry.arrays import constant
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.synthetic.demo import tripods
@@ -40,8 +41,7 @@ class Scene:
         landmarks = keypoint_landmarks(self.body, JointSet.SMPL_24)
         self.subject = Subject(self.body, landmarks, constant(np.zeros(10), like), constant(np.zeros((24, 3)), like))
         exact = Subject(self.body, landmarks, np.zeros(10), np.zeros((24, 3)))
-        frames = bundle_frames(self.prior, self.truth, self.layout.window, self.layout.time, residuals=False)
-        self.points = pose(exact, frames.poses).points
+        self.points = pose(exact, key_poses(self.prior, self.truth, self.layout, residuals=False)).points
         cameras = tripods(np.array([0.0, 0.0, 0.95]))
         px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, self.points, cameras.distortion_model)
         px = px + NOISE_PX * rng.normal(size=px.shape)
@@ -55,9 +55,14 @@ class Scene:
         start = self.truth.retract(off)
         self.start = Keyframes(*(constant(getattr(start, n), like) for n in ("z", "quat", "transl", "residual")))
 
+    def model(self, motion: MotionPrior | None = None, *, residuals: bool = False) -> BundleModel:
+        return BundleModel(self.subject, self.prior, self.term, motion, residuals)
+
+    def poses(self, keys: Keyframes) -> PosedFrames:
+        return key_poses(self.prior, keys, self.layout, residuals=True)
+
     def error_mm(self, keys) -> float:
-        frames = bundle_frames(self.prior, keys, self.layout.window, self.layout.time, residuals=True)
-        solved = np.asarray(pose(self.subject, frames.poses).points)
+        solved = np.asarray(pose(self.subject, self.poses(keys)).points)
         return 1000 * float(np.linalg.norm(solved - self.points, axis=-1).mean())
 
 
@@ -68,17 +73,15 @@ def prior_of_motion() -> MotionPrior:
 def test_sliding_recovers_the_keys():
     scene = Scene()
     before = scene.error_mm(scene.start)
-    solved = solve_sliding(scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE)
+    solved = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
     assert before > 25
     assert scene.error_mm(solved) < 3.0
 
 
 def test_global_is_no_worse_than_sliding():
     scene = Scene()
-    sliding = solve_sliding(scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE)
-    together, _ = solve_global(
-        scene.subject, scene.prior, scene.term, scene.layout, sliding, SCHEDULE, prior_of_motion(), residuals=False
-    )
+    sliding = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
+    together, _ = solve_keys(scene.model(prior_of_motion(), residuals=False), scene.layout, sliding, SCHEDULE)
     assert scene.error_mm(together) < 1.05 * scene.error_mm(sliding)
 
 
@@ -88,17 +91,13 @@ def test_residual_rotations_reach_poses_off_the_manifold():
     bent = Keyframes(
         scene.truth.z, scene.truth.quat, scene.truth.transl, 0.15 * rng.normal(size=(21, 3)) * np.ones((7, 1, 1))
     )
-    frames = bundle_frames(scene.prior, bent, scene.layout.window, scene.layout.time, residuals=True)
-    scene.points = pose(scene.subject, frames.poses).points
+    scene.points = pose(scene.subject, scene.poses(bent)).points
     px = project(*(getattr(scene.cameras, n) for n in ("K", "distortion", "R", "t")), scene.points)
     keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), px)
-    errors = []
+    errors, keys = [], scene.start
     for residuals in (False, True):
-        keys, _ = solve_global(
-            scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE, prior_of_motion(),
-            residuals=residuals,
-        )  # fmt: skip
+        keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=residuals), scene.layout, keys, SCHEDULE)
         errors.append(scene.error_mm(keys))
     assert errors[1] < 0.4 * errors[0]
 
@@ -109,11 +108,9 @@ def test_a_second_without_any_view_is_bridged():
     blind[:, 21:40] = 0
     keypoints = Keypoints2D(scene.keypoints.xy, blind, JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
-    keys, _ = solve_global(
-        scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE, prior_of_motion(), residuals=True
-    )
-    frames = bundle_frames(scene.prior, keys, scene.layout.window, scene.layout.time, residuals=True)
-    points = pose(scene.subject, frames.poses).points
+    keys, _ = solve_keys(scene.model(prior_of_motion()), scene.layout, scene.start, SCHEDULE)
+    keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE)
+    points = pose(scene.subject, scene.poses(keys)).points
     assert np.isfinite(points).all()
     speed = np.linalg.norm(np.diff(points, axis=0), axis=-1) * 60
     assert speed.max() < 6.0
@@ -125,10 +122,50 @@ def test_torch_equals_numpy():
     results = []
     for like in (np.zeros(1), torch.zeros(1, dtype=torch.float64)):
         scene = Scene(like)
-        keys = solve_sliding(scene.subject, scene.prior, scene.term, scene.layout, scene.start, SCHEDULE)
-        keys, _ = solve_global(
-            scene.subject, scene.prior, scene.term, scene.layout, keys, SCHEDULE, prior_of_motion(), residuals=True
-        )
-        frames = bundle_frames(scene.prior, keys, scene.layout.window, scene.layout.time, residuals=True)
-        results.append(np.asarray(pose(scene.subject, frames.poses).points))
+        keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
+        keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE)
+        results.append(np.asarray(pose(scene.subject, scene.poses(keys)).points))
     np.testing.assert_allclose(results[1], results[0], atol=1e-6)
+
+
+def test_held_keys_stay_and_the_others_move():
+    scene = Scene()
+    free = np.ones(scene.layout.num_keys, dtype=bool)
+    free[[0, 3]] = False
+    keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, scene.start, SCHEDULE, free)
+    for name in ("z", "quat", "transl", "residual"):
+        before, after = getattr(hemisphere_aligned(scene.start), name), getattr(keys, name)
+        np.testing.assert_allclose(after[~free], before[~free], atol=1e-12)
+    assert (np.linalg.norm(keys.transl - scene.start.transl, axis=1)[free] > 1e-4).all()
+
+
+@pytest.mark.parametrize("residuals", [False, True])
+def test_gradient_by_keys_equals_central_differences(residuals):
+    scene = Scene()
+    rng = np.random.default_rng(5)
+    bend = 0.1 * rng.normal(size=(7, 21, 3)) if residuals else np.zeros((7, 21, 3))
+    keys = Keyframes(scene.start.z, scene.start.quat, scene.start.transl, bend)
+    rows, dof, step = scene.layout.rows(), 99 if residuals else 36, 1e-6
+
+    def cost(state):
+        return data_equations(scene.subject, scene.prior, scene.term, state, rows, 3.0, residuals=residuals)
+
+    gradient = cost(keys)[1].g.reshape(-1, dof)[: scene.layout.num_keys]
+    for _ in range(4):
+        direction = rng.normal(size=gradient.shape)
+        numeric = (cost(keys.retract(step * direction))[0] - cost(keys.retract(-step * direction))[0]) / (2 * step)
+        np.testing.assert_allclose((gradient * direction).sum(), numeric, rtol=1e-5)
+
+
+def test_the_matrix_by_keys_is_close_to_the_exact_gauss_newton_matrix():
+    scene = Scene()
+    layout = scene.layout
+    _, chain = data_equations(scene.subject, scene.prior, scene.term, scene.truth, layout.rows(), 3.0, residuals=False)
+    window, time = layout.positions(layout.frames)
+    between = bundle_frames(scene.prior, scene.truth, window, time, residuals=False)
+    equations = frame_equations(scene.subject, between.poses, scene.term, 3.0)
+    first = window == 0
+    B = between.by_keys[first]
+    exact = np.einsum("fia,fij,fjb->ab", B, equations.hessian[first], B)[36:72, 36:72]
+    found = chain.diagonal[0][36:72, 36:72] - 1e-2 * np.eye(36)
+    assert np.linalg.norm(found - exact) < 0.1 * np.linalg.norm(exact)

@@ -27,13 +27,23 @@ def tangent_between(R: np.ndarray, R0: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("num_frames", "window"), [(4, 20), (27, 9), (100, 20), (101, 7), (21, 20)])
 def test_layout_covers_every_frame_once(num_frames, window):
     layout = KeyframeLayout.even(num_frames, window)
-    covered = np.concatenate([np.arange(num_frames)[layout.slice_of(w)] for w in range(layout.num_windows)])
-    np.testing.assert_array_equal(covered, np.arange(num_frames))
-    assert layout.time.min() >= 0 and layout.time.max() <= 1
-    frames = layout.bounds[layout.window] + layout.time * np.diff(layout.bounds)[layout.window]
-    np.testing.assert_allclose(frames, np.arange(num_frames), atol=1e-9)
+    index, time = layout.positions(layout.frames)
+    np.testing.assert_array_equal(layout.frames, np.arange(num_frames))
+    assert time.min() >= 0 and time.max() <= 1
+    np.testing.assert_allclose(layout.bounds[index] + time * np.diff(layout.bounds)[index], layout.frames, atol=1e-9)
+    rows = layout.rows()
+    np.testing.assert_array_equal(np.sort(rows.frames[rows.weight > 0]), np.arange(num_frames))
     for w in range(layout.num_windows):
-        assert (layout.window[layout.slice_of(w)] == w).all()
+        inside = rows.weight[w] > 0
+        np.testing.assert_array_equal(index[rows.frames[w, inside]], w)
+        np.testing.assert_allclose(rows.time[w, inside], time[rows.frames[w, inside]])
+
+
+@pytest.mark.parametrize("stride", [2, 3, 7])
+def test_rows_with_a_stride_stand_for_the_frames_left_out(stride):
+    rows = KeyframeLayout.even(101, 20).rows(stride)
+    assert 101 - 5 * stride <= rows.weight.sum() <= 101 + 5 * stride
+    assert (np.diff(rows.frames, axis=1)[rows.weight[:, 1:] > 0] == stride).all()
 
 
 def test_frames_pass_through_their_keys():
@@ -53,7 +63,8 @@ def test_derivative_by_keys_equals_central_differences(residuals):
     layout = KeyframeLayout.even(FRAMES, WINDOW)
     keys, prior = random_keys(layout.num_keys), ToyPrior()
     dof = 99 if residuals else 36
-    base = bundle_frames(prior, keys, layout.window, layout.time, residuals=residuals)
+    window, time = layout.positions(layout.frames)
+    base = bundle_frames(prior, keys, window, time, residuals=residuals)
     step = 1e-5
     rng = np.random.default_rng(4)
     for _ in range(6):
@@ -61,13 +72,13 @@ def test_derivative_by_keys_equals_central_differences(residuals):
 
         def tangents(sign, direction=direction):
             moved = keys.retract(sign * step * direction)
-            poses = bundle_frames(prior, moved, layout.window, layout.time, residuals=residuals).poses
+            poses = bundle_frames(prior, moved, window, time, residuals=residuals).poses
             root = tangent_between(poses.root, base.poses.root)
             local = tangent_between(poses.local, base.poses.local).reshape(FRAMES, -1)
             return np.concatenate([root, local, poses.transl - base.poses.transl], axis=1)
 
         numeric = (tangents(1) - tangents(-1)) / (2 * step)
-        stacked = np.stack([direction[2 * layout.window + k] for k in range(3)], axis=1).reshape(FRAMES, -1)
+        stacked = np.stack([direction[2 * window + k] for k in range(3)], axis=1).reshape(FRAMES, -1)
         analytic = np.einsum("fij,fj->fi", base.by_keys, stacked)
         np.testing.assert_allclose(analytic, numeric, atol=1e-6 * np.abs(numeric).max())
 

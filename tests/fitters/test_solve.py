@@ -55,7 +55,7 @@ def test_the_same_input_gives_the_same_bytes(capture):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
-@pytest.mark.parametrize("method", ["bundle", "frame"])
+@pytest.mark.parametrize("method", ["global", "sliding", "frame"])
 def test_torch_equals_numpy(capture, method):
     pytest.importorskip("torch")
     short = cut(capture, 200, 241)
@@ -112,8 +112,8 @@ def test_fewer_than_two_views(capture):
 def test_settings_name_what_is_wrong():
     with pytest.raises(JobInvalid, match=r"window = 2 is not valid; a whole number from 4 to 240"):
         SolveSettings(window=2)
-    with pytest.raises(JobInvalid, match=r"refine = 'no' is not valid; true or false"):
-        SolveSettings(refine="no")  # type: ignore[arg-type]
+    with pytest.raises(JobInvalid, match=r"residual_rotations = 'no' is not valid; true or false"):
+        SolveSettings(residual_rotations="no")  # type: ignore[arg-type]
     with pytest.raises(JobInvalid, match=r"Unknown setting windows.*Known settings: method, backend, window"):
         SolveSettings.from_dict({"windows": 20})
 

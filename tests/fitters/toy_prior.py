@@ -5,11 +5,13 @@ from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
+from solver_backend.priors.base import PosePrior
 
 
-class ToyPrior:
+class ToyPrior(PosePrior):
     """``R_j = exp(A_j z)``."""
 
+    name = "toy"
     latent_dim = 32
     residual_sigma = np.full((21, 3), 0.1)
 
@@ -25,3 +27,8 @@ class ToyPrior:
         A = constant(self.A, z)
         vector = xp.matmul(A, z[:, None, :, None])[..., 0]
         return exp_so3(vector), xp.matmul(left_jacobian_so3(vector), xp.broadcast_to(A, (z.shape[0], *A.shape)))
+
+    def encode(self, rotations):
+        raise NotImplementedError
+
+    energy = sample = encode

@@ -62,7 +62,7 @@ def solved(faults: bool = True, truth: bool = False, views: int = 4) -> tuple[Ca
         reprojection_px=np.where(confidence > 0, error, np.nan).astype(np.float32),
         provenance={
             "solver": "0.1.0", "solve_s": 4.5, "sigma_px": [2.0] * 17,
-            "settings": {"method": "bundle", "robust_scale": 3.0}, "worst": float("nan"),
+            "settings": {"method": "global", "robust_scale": 3.0}, "worst": float("nan"),
         },
     )  # fmt: skip
     return capture, motion

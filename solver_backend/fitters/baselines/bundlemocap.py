@@ -68,9 +68,10 @@ def _slide(capture: Capture, length: int, optimiser: str, name: str, *, keys: in
     layout = KeyframeLayout.even(problem.num_frames, length)
     minimise = {"gradient": gradient_descent, "lbfgs": lbfgs}[optimiser]
     key, parts, iterations, evaluations = _first_key(problem, subject), [], 0, 0
+    positions, time = layout.positions(layout.frames)
     for w in range(layout.num_windows):
-        index = layout.slice_of(w)
-        window = Window(subject, problem.prior, problem.term.select(index), SCALE_PX, layout.time[index], key)
+        index = np.flatnonzero(positions == w)
+        window = Window(subject, problem.prior, problem.term.select(index), SCALE_PX, time[index], key)
         start: KeyState = (key[0].repeat(keys, axis=0), key[1].repeat(keys, axis=0), key[2].repeat(keys, axis=0))
         objective, interpolate = (window.by_sider2, window.sider2) if keys == 2 else (window.by_slerp, window.slerp)
         found = minimise(KEYS, objective, start, MinimiseSettings(max_iterations=MAX_ITERATIONS))
