@@ -1,4 +1,4 @@
-"""The bundle methods: windows one after the other (thesis 6.3.2), or all keyframes of a take at once, from coarse to fine."""
+"""The bundle methods: window after window (thesis 6.3.2), or all keyframes of a take at once from coarse to fine."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     keys = initial_keys(problem, subject, layout)
     model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, settings.window))
     scale, steps = settings.robust_scale, settings.iterations
-    keys, _ = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, 3, 1e-2))
+    keys, system = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, 3, 1e-2))
     progress("Global bundle", 1, 3)
 
     finer = KeyframeLayout.even(problem.num_frames, settings.refine_window)

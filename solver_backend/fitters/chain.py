@@ -95,9 +95,8 @@ def data_equations(
 
     blocks = rows.blocks(BLOCK_FRAMES)
     parts = map_blocks(block, blocks, keys.z)
-    gradient = xp.zeros(
-        (keys.z.shape[0], parts[0][2].shape[1]), dtype=keys.z.dtype, device=getattr(keys.z, "device", None)
-    )
+    like = {"dtype": keys.z.dtype, "device": getattr(keys.z, "device", None)}
+    gradient = xp.zeros((keys.z.shape[0], parts[0][2].shape[1]), **like)
     for windows, (_, _, by_keys) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
     cost = sum(part[0] for part in parts)

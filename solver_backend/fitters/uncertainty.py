@@ -53,10 +53,8 @@ def joint_covariance(
         J = xp.concat([posed.by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
         J = xp.reshape(J, (len(index), -1, J.shape[-1]))
         S = _window_covariance(xp, diagonal, upper, w, dof)
-        by_keys = xp.concat(
-            [s[index][:, None, None] * xp.matmul(J, tangents[2 * w + k]) for k, s in enumerate(shares)], axis=-1
-        )
-        by_keys = xp.reshape(by_keys, (len(index), -1, 3, 3 * dof))
+        parts = [s[index][:, None, None] * xp.matmul(J, tangents[2 * w + k]) for k, s in enumerate(shares)]
+        by_keys = xp.reshape(xp.concat(parts, axis=-1), (len(index), -1, 3, 3 * dof))
         return inflation * xp.matmul(xp.matmul(by_keys, S), xp.matrix_transpose(by_keys))
 
     return xp.concat(map_blocks(block, range(layout.num_windows), keys.z))

@@ -21,7 +21,7 @@ def decoded_rotations(decoder: DenseStack, z: Array) -> Array:
 
 
 def decoded_rotations_with_pullback(decoder: DenseStack, z: Array) -> tuple[Array, Callable[[Array], Array]]:
-    """Return rotations (N, 21, 3, 3) and the map of cotangents of their left tangents (N, 21, 3) to the code's (N, d)."""
+    """Return rotations (N, 21, 3, 3) and the map of their left tangents' cotangents (N, 21, 3) to the code's (N, d)."""
     xp = array_namespace(z)
     flat, pull_flat = decoder.with_pullback(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))

@@ -207,3 +207,11 @@ def test_windows_join_continuously_but_with_a_corner():
     assert np.linalg.norm(jump) > 0.1
     inner = (first(0.5 + h) - first(0.5)) / h - (first(0.5) - first(0.5 - h)) / h
     assert np.linalg.norm(inner) < 1e-3
+
+
+def test_pullback_is_the_transposed_jacobian():
+    keys, t = keys_apart(0.7), np.linspace(0.1, 0.9, 6)
+    cotangent = np.random.default_rng(1).normal(size=(6, 5))
+    _, jacobian = ip.sider_n_with_jacobian(keys, t)
+    pulled = ip.sider_combination(keys, t).pull_back(keys, cotangent)
+    np.testing.assert_allclose(pulled, np.einsum("bkij,bi->bkj", jacobian, cotangent), atol=1e-12)

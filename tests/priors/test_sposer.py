@@ -59,6 +59,14 @@ def test_jacobian_against_central_differences(prior: SPoser) -> None:
     assert np.abs(J - numeric).max() < 1e-6 * np.abs(numeric).max()
 
 
+def test_pullback_is_the_transposed_jacobian(prior: SPoser) -> None:
+    z, cotangent = codes(9, seed=2), np.random.default_rng(3).normal(size=(9, 21, 3))
+    R, J = prior.decode_with_jacobian(z)
+    rotations, pull = prior.decode_with_pullback(z)
+    np.testing.assert_allclose(rotations, R, atol=1e-12)
+    np.testing.assert_allclose(pull(cotangent), np.einsum("njad,nja->nd", J, cotangent), atol=1e-10)
+
+
 def test_numpy_against_torch(prior: SPoser) -> None:
     z, R = codes(70, seed=2), poses(70, seed=3)
     R_np, J_np = prior.decode_with_jacobian(z)
