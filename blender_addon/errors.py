@@ -88,6 +88,18 @@ class BackendMissing(AddonError):
     code = "backend_missing"
 
 
+class PythonUnsuitable(AddonError):
+    """The Python chosen for the solver does not start, is too old or lacks NumPy."""
+
+    code = "python_unsuitable"
+
+
+class TakeMissing(AddonError):
+    """What was to be reviewed or solved again has no solved motion."""
+
+    code = "take_missing"
+
+
 class BlenderMissing(AddonError):
     """The command was started by a Python without Blender's module."""
 

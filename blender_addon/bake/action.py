@@ -10,6 +10,7 @@ import numpy as np
 from ..body.armature import rotation_from_body_axes
 from ..files.motion_file import MotionFile
 from ..files.skeleton import JOINTS
+from .confidence_lane import write_confidence
 from .coordinates import QUAT_BODY_ARMATURE
 from .curves import create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
@@ -43,15 +44,18 @@ def bake_action(
         types = key_type_values(motion.keyframes, motion.num_frames)
         for path, joint, part in _columns():
             write_curves(target, path, joint, times, channels[:, part], types)
+        write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
     else:
         count = 1 + round(keys_per_second * motion.num_frames / motion.fps)
         curves, deviation = thin_channels(channels, armature, motion.keyframes, count)
         slopes = curves.slopes * motion.fps / timing.scene_fps
         for path, joint, part in _columns():
             write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
+        write_confidence(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
     action["fps"] = motion.fps
+    action["frames"], action["frame_start"] = motion.num_frames, timing.start
     action["body"] = motion.body
     action["provenance"] = motion.provenance
     action.use_fake_user = True

@@ -19,6 +19,21 @@ def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
     return np.concatenate([np.cos(half), np.sinc(half / np.pi) / 2 * rotvec], axis=-1)
 
 
+def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
+    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi]; the inverse of ``quat_from_rotvec``.
+
+    Args:
+        quat: (..., 4) unit quaternions wxyz, of either sign.
+
+    Returns:
+        (..., 3) radians.
+    """
+    quat = np.where(quat[..., :1] < 0, -quat, quat)
+    length = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(length, quat[..., :1])
+    return np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0) * quat[..., 1:]
+
+
 def quat_multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the Hamilton product a b: (..., 4) wxyz, first b, then a."""
     aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]

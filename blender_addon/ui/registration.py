@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import bpy
 
-from .import_motion import MOCAP_OT_import_motion, draw_import_menu
-from .panels import VIEW3D_PT_mocap
+from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve
+from .sidebar import cameras as cameras_panel
+from .sidebar import capture as capture_panels
+from .sidebar import review as review_panels
+from .sidebar import solve as solve_panels
 
 
 @dataclass(frozen=True)
@@ -23,14 +26,45 @@ def _class(cls: type) -> Entry:
     return Entry(lambda: bpy.utils.register_class(cls), lambda: bpy.utils.unregister_class(cls))
 
 
-def _menu(menu: type, draw: Callable[..., None]) -> Entry:
-    return Entry(lambda: menu.append(draw), lambda: menu.remove(draw))
+def _draw(owner: type, draw: Callable[..., None]) -> Entry:
+    return Entry(lambda: owner.append(draw), lambda: owner.remove(draw))
+
+
+def _handler(handlers: list[Callable[..., None]], function: Callable[..., None]) -> Entry:
+    return Entry(lambda: handlers.append(function), lambda: handlers.remove(function))
+
+
+def _pointer(owner: type, name: str, cls: type) -> Entry:
+    return Entry(lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name))
 
 
 TABLE: tuple[Entry, ...] = (
-    _class(MOCAP_OT_import_motion),
-    _class(VIEW3D_PT_mocap),
-    _menu(bpy.types.TOPBAR_MT_file_import, draw_import_menu),
+    *map(_class, settings.CLASSES),
+    _pointer(bpy.types.Scene, "mocap", settings.MocapSettings),
+    _class(preferences.MOCAP_OT_test_python),
+    _class(preferences.MocapPreferences),
+    Entry(lambda: None, following.current.abandon),
+    _class(following.MOCAP_OT_cancel),
+    _class(import_motion.MOCAP_OT_import_motion),
+    _class(import_capture.MOCAP_OT_import_capture),
+    _class(import_capture.MOCAP_OT_demo_capture),
+    _class(import_capture.MOCAP_FH_capture),
+    _class(solve.MOCAP_OT_solve),
+    _class(solve.MOCAP_OT_resolve_range),
+    _class(solve.MOCAP_OT_show_log),
+    *map(_class, review.CLASSES),
+    _class(capture_panels.VIEW3D_PT_mocap_capture),
+    _class(capture_panels.VIEW3D_PT_mocap_notes),
+    _class(capture_panels.VIEW3D_PT_mocap_reading),
+    _class(cameras_panel.VIEW3D_PT_mocap_cameras),
+    _class(solve_panels.VIEW3D_PT_mocap_solve),
+    _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
+    _class(review_panels.VIEW3D_PT_mocap_review),
+    _class(review_panels.VIEW3D_PT_mocap_resolve),
+    _handler(bpy.app.handlers.frame_change_post, bone_colours.on_frame_change),
+    _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
+    _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
+    _draw(bpy.types.STATUSBAR_HT_header, following.draw_status),
 )
 """In the order of registration."""
 

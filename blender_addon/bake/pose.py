@@ -1,0 +1,47 @@
+"""A pose in Blender back to the solver's parameters: the inverse of ``action``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..files.skeleton import JOINTS
+from ..body.armature import rotation_from_body_axes
+from .coordinates import QUAT_BODY_ARMATURE
+from .rotations import quat_multiply, rotvec_from_quat
+
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """One frame of an SMPL-type body."""
+
+    rotvec: np.ndarray
+    """(24, 3) axis-angle in radians: the root maps body to world, the others child to parent."""
+    transl: np.ndarray
+    """(3,) metres: the pelvis is at ``J_0(betas) + transl``."""
+
+
+def read_pose(armature: bpy.types.Object, rest_pelvis: np.ndarray) -> BodyPose:
+    """Return the pose an armature of ours stands in now, constraints and hand edits included.
+
+    Args:
+        armature: from ``create_armature``.
+        rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
+    """
+    locals_ = [
+        armature.convert_space(
+            pose_bone=(bone := armature.pose.bones[joint]), matrix=bone.matrix, from_space="POSE", to_space="LOCAL"
+        )
+        for joint in JOINTS
+    ]
+    quat = np.array([m.to_quaternion() for m in locals_], dtype=np.float64)
+    R_body_bone = np.swapaxes(rotation_from_body_axes(armature), 1, 2)
+    quat[:, 1:] = (R_body_bone @ quat[:, 1:, None])[..., 0]
+    quat[0] = quat_multiply(_CONJUGATE * QUAT_BODY_ARMATURE, quat[0])
+    rest = np.array(armature.data.bones[JOINTS[0]].matrix_local, dtype=np.float64)
+    pelvis = rest[:3, :3] @ np.array(locals_[0].translation, dtype=np.float64) + rest[:3, 3]
+    return BodyPose(rotvec_from_quat(quat), pelvis - rest_pelvis)

@@ -1,0 +1,1 @@
+"""Where to look and what to do about it: confidence, doubtful stretches, pinned poses."""

@@ -1,0 +1,71 @@
+"""Solving a stretch again: frames of the scene to frames of the capture, poses to parameters."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..bake.pose import read_pose
+from ..bake.solved_takes import BETAS
+from ..bake.timing import scene_frame_rate
+from ..errors import TakeMissing
+from ..files.body_file import default_body_path, read_body
+from ..solving.job_file import Pin, Resolve
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a take in scene frames."""
+
+    action: bpy.types.Action
+    """The take."""
+    first: int
+    last: int
+    pins: tuple[tuple[int, str], ...] = ()
+    """Scene frame and ``pinned_values`` of each pinned pose."""
+
+
+def resolve_of(stretch: Stretch, scene: bpy.types.Scene) -> Resolve:
+    """Return the part of a job that solves a stretch again; pins outside it are left out.
+
+    Raises:
+        TakeMissing: the take's motion file is gone, or the stretch lies outside the take.
+    """
+    motion = Path(stretch.action["motion_file"])
+    if not motion.is_file():
+        raise TakeMissing(
+            "The motion file of this take is gone.", where=str(motion), hint="Solve the whole capture again."
+        )
+    count = int(stretch.action["frames"])
+    first, last = (capture_frame(stretch.action, scene, frame) for frame in (stretch.first, stretch.last))
+    if last < 0 or first > count - 1 or first > last:
+        raise TakeMissing(
+            f"The frames {stretch.first} to {stretch.last} lie outside the take or are in the wrong order.",
+            where=stretch.action.name,
+            hint="Set First and Last inside the take.",
+        )
+    first, last = max(first, 0), min(last, count - 1)
+    pins = [(capture_frame(stretch.action, scene, frame), values) for frame, values in stretch.pins]
+    kept = tuple(Pin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
+    return Resolve(motion, first, last, kept)
+
+
+def capture_frame(action: bpy.types.Action, scene: bpy.types.Scene, frame: float) -> int:
+    """Return the capture's frame, from 0, that lies nearest to a scene frame."""
+    return round((frame - action["frame_start"]) * action["fps"] / scene_frame_rate(scene))
+
+
+def pinned_values(armature: bpy.types.Object) -> str:
+    """Return the pose an armature stands in now as the job file wants it, as JSON text."""
+    rest = read_body(default_body_path()).rest_joints(np.array(armature[BETAS]))
+    pose = read_pose(armature, rest[0])
+    values = {
+        "global_orient": pose.rotvec[0].tolist(),
+        "body_pose": pose.rotvec[1:].ravel().tolist(),
+        "transl": pose.transl.tolist(),
+    }
+    return json.dumps({key: [round(v, 6) for v in numbers] for key, numbers in values.items()})

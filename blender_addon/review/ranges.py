@@ -1,0 +1,34 @@
+"""Stretches of a take that deserve a look."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
+    """Return [first, last] of each stretch whose confidence is below a bound, in order.
+
+    Args:
+        confidence: (F,) in 0..1.
+        below: the bound.
+        bridge: stretches with at most so many good frames between them become one.
+    """
+    frames = np.flatnonzero(np.asarray(confidence) < below)
+    if not len(frames):
+        return []
+    breaks = np.flatnonzero(np.diff(frames) > bridge + 1)
+    firsts, lasts = frames[np.r_[0, breaks + 1]], frames[np.r_[breaks, len(frames) - 1]]
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
+
+
+def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
+    """Return the first stretch that begins after a frame, or the last that begins before it; past the end, around.
+
+    Returns:
+        A stretch, None if there is none at all.
+    """
+    if not ranges:
+        return None
+    if backwards:
+        return next((r for r in reversed(ranges) if r[0] < frame), ranges[-1])
+    return next((r for r in ranges if r[0] > frame), ranges[0])

@@ -1,0 +1,131 @@
+"""The solver's process: started, listened to without waiting, and ended."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, Any
+
+from ..errors import BackendMissing
+
+_GRACE_S = 5.0
+_NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+
+
+class SolverProcess:
+    """One run of the solver, which writes JSON lines and ends when its standard input does.
+
+    Two threads read what the process writes; nothing here ever waits for it. Should this program die, however it
+    dies, the system closes the pipe and the solver ends too.
+
+    Args:
+        command: program and arguments.
+        environment: environment of the process.
+        folder: working folder.
+
+    Raises:
+        BackendMissing: the program cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> None:
+        self._lines: SimpleQueue[str | dict[str, Any]] = SimpleQueue()
+        self._cancelled_at: float | None = None
+        pipe = subprocess.PIPE
+        try:
+            self._process = subprocess.Popen(
+                list(command), env=dict(environment), cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe,
+                encoding="utf-8", errors="replace", creationflags=_NO_WINDOW,
+            )  # fmt: skip
+        except OSError as error:
+            raise BackendMissing(
+                f"The solver cannot be started: {error.strerror or error}.",
+                where=str(command[0]),
+                hint="Choose another Python in the add-on's preferences, or none to use Blender's own.",
+            ) from error
+        streams = (self._process.stdout, self._process.stderr)
+        self._readers = [threading.Thread(target=self._read, args=(s,), daemon=True) for s in streams]
+        for reader in self._readers:
+            reader.start()
+
+    @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid
+
+    @property
+    def cancelling(self) -> bool:
+        """Whether it was told to end."""
+        return self._cancelled_at is not None
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code once the process has ended and everything it wrote was read, None before."""
+        if self._process.poll() is None or any(reader.is_alive() for reader in self._readers):
+            return None
+        return self._process.returncode
+
+    def received(self, most: int = 200) -> list[str | dict[str, Any]]:
+        """Return what arrived since the last call, without waiting: events as dicts, log lines as text.
+
+        A process that was told to end and does not is killed here after five seconds.
+
+        Args:
+            most: number of items at most, so that one call stays short.
+        """
+        if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > _GRACE_S:
+            self.kill()
+        items: list[str | dict[str, Any]] = []
+        while len(items) < most:
+            try:
+                items.append(self._lines.get_nowait())
+            except Empty:
+                break
+        return items
+
+    def cancel(self) -> None:
+        """Tell the process to end; it tidies up first."""
+        if self._cancelled_at is None:
+            self._cancelled_at = time.monotonic()
+            self._close_input()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._close_input()
+        if self._process.poll() is None:
+            self._process.kill()
+
+    def wait(self) -> int:
+        """Wait for the end and return the exit code; for programs without an event loop."""
+        code = self._process.wait()
+        for reader in self._readers:
+            reader.join()
+        return code
+
+    def _close_input(self) -> None:
+        try:
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        except OSError:
+            return  # it ended by itself just now
+
+    def _read(self, stream: IO[str]) -> None:
+        with stream:
+            for line in stream:
+                self._lines.put(_event(line))
+
+
+def _event(line: str) -> str | dict[str, Any]:
+    """Return the event a line holds, or the line itself as a piece of the log."""
+    text = line.rstrip("\r\n")
+    if not text.startswith("{"):
+        return text
+    try:
+        event = json.loads(text)
+    except ValueError:
+        return text
+    return event if isinstance(event, dict) and "event" in event else text

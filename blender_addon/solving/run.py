@@ -1,0 +1,130 @@
+"""One run of the solver as its user follows it: stage, share done, time left, log, and how it ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..backend_environment import backend_command, environment_for_child
+from .child import SolverProcess
+
+_LOG_LINES = 2000
+
+
+@dataclass
+class Run:
+    """What is known about one run; ``poll`` brings it up to date."""
+
+    verb: str
+    """Verb of the solver's command line."""
+    process: SolverProcess
+    stage: str = "Starting"
+    done: int = 0
+    total: int = 0
+    eta_s: float | None = None
+    """Seconds left of the stage as told last."""
+    log: list[str] = field(default_factory=list)
+    result: dict[str, Any] | None = None
+    """The result event, once it is there."""
+    error: dict[str, Any] | None = None
+    """The error event: code, message, where, hint."""
+    started: float = field(default_factory=time.monotonic)
+    finished: bool = False
+
+    @property
+    def share(self) -> float:
+        """Share of the stage that is done, 0..1."""
+        return min(1.0, self.done / self.total) if self.total > 0 else 0.0
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self.started
+
+    @property
+    def headline(self) -> str:
+        """Stage and time left, for people."""
+        if self.process.cancelling:
+            return "Cancelling"
+        left = "" if self.eta_s is None or self.eta_s < 1 else f", {_duration(self.eta_s)} left"
+        return f"{self.stage}{left}"
+
+    def poll(self) -> bool:
+        """Take in what arrived and return whether anything changed; never waits."""
+        code = self.process.exit_code  # read first: whatever came before the end is then in the queue
+        items = self.process.received()
+        for item in items:
+            self._take(item)
+        if code is None or self.finished or items:
+            return bool(items)
+        self.finished = True
+        if self.result is None and self.error is None:
+            self.error = _silent_end(code, cancelled=self.process.cancelling)
+        return True
+
+    def cancel(self) -> None:
+        """Tell the solver to end."""
+        self.process.cancel()
+
+    def _take(self, item: str | dict[str, Any]) -> None:
+        if isinstance(item, str):
+            self.log = [*self.log[1 - _LOG_LINES :], item]
+            return
+        kind = item["event"]
+        if kind == "progress":
+            if item["stage"] != self.stage:
+                self.log.append(f"{self.elapsed_s:7.1f} s  {item['stage']}")
+            self.stage, self.done, self.total = item["stage"], item["done"], item["total"]
+            self.eta_s = item.get("eta_s")
+        elif kind == "result":
+            self.result = item
+            self.log.append(f"{self.elapsed_s:7.1f} s  Done")
+        elif kind == "error":
+            self.error = item
+            self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(item)}")
+
+
+def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
+    """Start the solver.
+
+    Args:
+        verb: verb of its command line.
+        arguments: what follows the verb.
+        python: interpreter to use; None for Blender's own.
+        folder: working folder.
+
+    Raises:
+        BackendMissing: solver or interpreter are not there.
+    """
+    command = [*backend_command(python), verb, *arguments, "--json", "--parent-pipe", "--verbose"]
+    run = Run(verb, SolverProcess(command, environment_for_child(python), folder))
+    run.log.append(f"> {' '.join(command)}")
+    return run
+
+
+def sentence(error: dict[str, Any]) -> str:
+    """Return an error event as one line: what happened, where, what to try."""
+    where = f"({error['where']})" if error.get("where") else ""
+    return " ".join(part for part in (error.get("message", ""), where, error.get("hint", "")) if part)
+
+
+def _silent_end(code: int, *, cancelled: bool) -> dict[str, Any]:
+    """Return the error event of a process that ended without a word."""
+    if cancelled:
+        return {"event": "error", "code": "cancelled", "message": "The work was cancelled.", "where": "", "hint": ""}
+    how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
+    return {
+        "event": "error",
+        "code": "solver_died",
+        "message": f"The solver ended without a result: {how}.",
+        "where": "",
+        "hint": "The log holds what it said last; your scene and earlier takes are untouched.",
+    }
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    return f"{whole} s" if whole < 90 else f"{whole // 60} min {whole % 60:02d} s"

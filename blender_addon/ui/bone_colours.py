@@ -1,0 +1,42 @@
+"""Bones painted by confidence, repainted on every frame."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..bake.confidence_lane import current_confidence
+from ..review.confidence import colours
+
+_ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
+
+
+def colour_bones(scene: bpy.types.Scene) -> None:
+    """Paint the bones of the scene's body by their joints' confidence, or take the paint off."""
+    review = scene.mocap.review
+    armature = review.armature
+    if armature is None or armature.type != "ARMATURE":
+        return
+    confidence = current_confidence(armature)
+    if not confidence:
+        return
+    if not review.colours:
+        for name in confidence:
+            armature.pose.bones[name].color.palette = "DEFAULT"
+        return
+    painted = colours(np.array(list(confidence.values())))
+    for name, colour in zip(confidence, painted, strict=True):
+        target = armature.pose.bones[name].color
+        if target.palette != "CUSTOM":
+            target.palette = "CUSTOM"
+        target.custom.normal = colour
+        target.custom.select = colour + _SELECT_BLEND * (1 - colour)
+        target.custom.active = colour + _ACTIVE_BLEND * (1 - colour)
+
+
+@persistent
+def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
+    """Repaint for the new frame; nothing is done where colours are off."""
+    if scene.mocap.review.colours and not bpy.app.is_job_running("RENDER"):
+        colour_bones(scene)

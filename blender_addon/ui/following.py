@@ -1,0 +1,155 @@
+"""Following a run of the solver from a modal operator: Blender stays free, the run is polled by a timer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..errors import AddonError
+from ..solving.run import Run, sentence, start
+from .preferences import chosen_python
+
+_INTERVAL_S = 0.1
+_AREAS = frozenset({"VIEW_3D", "STATUSBAR"})
+
+
+class Current:
+    """The run that is under way and the one before; there is at most one of each in a Blender."""
+
+    def __init__(self) -> None:
+        self.run: Run | None = None
+        self.last: Run | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run is under way."""
+        return self.run is not None
+
+    def finish(self) -> None:
+        """Keep the run as the last one."""
+        self.run, self.last = None, self.run
+
+    def abandon(self) -> None:
+        """End the run at once and forget everything; for leaving a file or switching the add-on off."""
+        if self.run is not None:
+            self.run.process.kill()
+        self.run = self.last = None
+
+
+current = Current()
+
+
+class FollowsRun:
+    """Mixin of modal operators that start the solver; ``received`` takes its result.
+
+    Escape is not taken: the run is cancelled by the panel's button alone.
+    """
+
+    _timer: bpy.types.Timer | None = None
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """One run at a time."""
+        if current.busy:
+            cls.poll_message_set("The solver is at work; wait or cancel first")
+            return False
+        return True
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Take the result into the scene and return the operator's answer."""
+        raise NotImplementedError
+
+    def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
+        """Start the solver and follow it; without a window, wait for it.
+
+        Raises:
+            AddonError: it cannot be started.
+        """
+        current.run = start(verb, arguments, chosen_python(context), folder)
+        if bpy.app.background:
+            current.run.process.wait()
+            while not current.run.finished:
+                current.run.poll()
+            return self._ended(context)
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(_INTERVAL_S, window=context.window)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Poll on each tick; every other event passes through."""
+        run = current.run
+        if run is None:  # abandoned
+            self._stop_timer(context)
+            return {"CANCELLED"}
+        if event.type == "TIMER":
+            run.poll()
+            _redraw(context)
+        if not run.finished:
+            return {"PASS_THROUGH"}
+        self._stop_timer(context)
+        return self._ended(context)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """End the run when Blender closes the window or opens another file."""
+        self._stop_timer(context)
+        current.abandon()
+
+    def _ended(self, context: bpy.types.Context) -> set[str]:
+        run = current.run
+        assert run is not None
+        current.finish()
+        _redraw(context)
+        if run.result is None:
+            error = run.error or {}
+            self.report({"INFO" if error.get("code") == "cancelled" else "ERROR"}, sentence(error))
+            return {"CANCELLED"}
+        try:
+            return self.received(context, run.result)
+        except AddonError as error:
+            run.error = error.as_event()
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+
+    def _stop_timer(self, context: bpy.types.Context) -> None:
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+
+
+class MOCAP_OT_cancel(bpy.types.Operator):
+    """Ends the run under way."""
+
+    bl_idname = "mocap.cancel"
+    bl_label = "Cancel"
+    bl_description = "End the run under way; nothing is left half-written and earlier takes stay"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only while there is a run."""
+        return current.busy
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Tell the solver to end; its operator notices."""
+        if current.run is not None:
+            current.run.cancel()
+        return {"FINISHED"}
+
+
+def _redraw(context: bpy.types.Context) -> None:
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in _AREAS:
+                area.tag_redraw()
+
+
+def draw_status(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    """Draw the run's progress in the status bar."""
+    if current.run is not None:
+        row = self.layout.row()
+        row.ui_units_x = 14
+        row.progress(factor=current.run.share, text=current.run.headline)
+        row.operator(MOCAP_OT_cancel.bl_idname, text="", icon="X")

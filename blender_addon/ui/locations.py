@@ -1,0 +1,52 @@
+"""Where a scene's captures and takes are written."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import bpy
+
+from ..errors import OutputNotWritable
+
+_PACKAGE = __package__.rpartition(".")[0]
+_BESIDE = "mocap"
+
+
+def files_folder(scene: bpy.types.Scene) -> Path:
+    """Return the folder of captures and takes, made if need be.
+
+    That is what the scene says; else ``mocap`` beside the .blend file; else, in a file that was never saved, a folder
+    of the user's that outlives the session.
+
+    Raises:
+        OutputNotWritable: the folder cannot be made or written to.
+    """
+    folder = _wanted(scene)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputNotWritable(
+            f"The folder for takes cannot be written to: {error.strerror or error}.",
+            where=str(folder),
+            hint="Choose another one under 'Files' in the Solve panel.",
+        ) from error
+    return folder
+
+
+def is_beside_file(scene: bpy.types.Scene) -> bool:
+    """Return whether takes land where the user expects them: in a chosen folder or beside the saved file."""
+    return bool(scene.mocap.folder or bpy.data.filepath)
+
+
+def _wanted(scene: bpy.types.Scene) -> Path:
+    if scene.mocap.folder:
+        return Path(bpy.path.abspath(scene.mocap.folder))
+    if bpy.data.filepath:
+        return Path(bpy.data.filepath).parent / _BESIDE
+    try:
+        return Path(bpy.utils.extension_path_user(_PACKAGE, path=_BESIDE))
+    except ValueError:  # run from the source tree: not an installed extension
+        return Path(bpy.utils.user_resource("DATAFILES", path=_BESIDE))

@@ -1,0 +1,1 @@
+"""The sidebar tab: Capture, Cameras, Solve, Review, Export, in the order of the work."""
