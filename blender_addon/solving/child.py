@@ -67,6 +67,7 @@ class SolverProcess:
         """Exit code once the process has ended and everything it wrote was read, None before."""
         if self._process.poll() is None or any(reader.is_alive() for reader in self._readers):
             return None
+        self._close_input()
         return self._process.returncode
 
     def received(self, most: int = 200) -> list[str | dict[str, Any]]:
@@ -104,6 +105,7 @@ class SolverProcess:
         code = self._process.wait()
         for reader in self._readers:
             reader.join()
+        self._close_input()
         return code
 
     def _close_input(self) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 PRESETS: dict[str, dict[str, Any]] = {
-    "FAST": {"method": "bundle", "refine": False, "iterations": 5},
+    "FAST": {"refine": False},
     "BALANCED": {},
-    "BEST": {"method": "bundle", "refine": True, "refine_window": 5, "iterations": 16},
+    "BEST": {"window": 10, "iterations": 16},
 }
 """What each preset changes in the solver's own defaults."""

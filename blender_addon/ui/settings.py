@@ -12,7 +12,7 @@ AUTO = "AUTO"
 _PRESET_ITEMS = (
     ("FAST", "Fast", "A first look: keyframes window by window, without the refinement over the whole take"),
     ("BALANCED", "Balanced", "The whole take at once, with shape and detector bias"),
-    ("BEST", "Best", "Denser keyframes and more iterations, for fast limbs and final takes"),
+    ("BEST", "Best", "Shorter windows and more iterations: for takes that Balanced leaves doubtful; slower"),
     ("CUSTOM", "Custom", "The settings below"),
 )
 _METHOD_ITEMS = (
