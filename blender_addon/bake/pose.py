@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..files.skeleton import JOINTS
 from ..body.armature import rotation_from_body_axes
+from ..files.skeleton import JOINTS
 from .coordinates import QUAT_BODY_ARMATURE
 from .rotations import quat_multiply, rotvec_from_quat
 
@@ -32,16 +32,14 @@ def read_pose(armature: bpy.types.Object, rest_pelvis: np.ndarray) -> BodyPose:
         armature: from ``create_armature``.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
     """
-    locals_ = [
-        armature.convert_space(
-            pose_bone=(bone := armature.pose.bones[joint]), matrix=bone.matrix, from_space="POSE", to_space="LOCAL"
-        )
-        for joint in JOINTS
+    bones = [armature.pose.bones[joint] for joint in JOINTS]
+    turned = [
+        armature.convert_space(pose_bone=bone, matrix=bone.matrix, from_space="POSE", to_space="LOCAL")
+        for bone in bones
     ]
-    quat = np.array([m.to_quaternion() for m in locals_], dtype=np.float64)
+    quat = np.array([matrix.to_quaternion() for matrix in turned], dtype=np.float64)
     R_body_bone = np.swapaxes(rotation_from_body_axes(armature), 1, 2)
     quat[:, 1:] = (R_body_bone @ quat[:, 1:, None])[..., 0]
     quat[0] = quat_multiply(_CONJUGATE * QUAT_BODY_ARMATURE, quat[0])
-    rest = np.array(armature.data.bones[JOINTS[0]].matrix_local, dtype=np.float64)
-    pelvis = rest[:3, :3] @ np.array(locals_[0].translation, dtype=np.float64) + rest[:3, 3]
+    pelvis = np.array(bones[0].matrix.translation, dtype=np.float64)
     return BodyPose(rotvec_from_quat(quat), pelvis - rest_pelvis)

@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..body.shape import set_betas
 from ..files.body_file import BodyFile
 from ..files.motion_file import MotionFile
 from .action import bake_action
@@ -15,8 +16,7 @@ from .scene import BakeSettings, bake_take, require_body
 from .timing import TakeTiming, scene_frame_rate
 
 BETAS = "betas"
-"""Custom property of armatures and actions: the shape the bones stand in."""
-_SAME_SHAPE = 1e-3
+"""Custom property of an action: the shape it was solved with."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ def add_take(
     parent: bpy.types.Collection | None,
     frame_start: int,
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
-    """Add a solved motion as a new action, to the armature that is there or with a new body.
+    """Add a solved motion as a new action, to the body that is there or with a new one.
 
     Args:
         scene: the scene; its frame rate stays.
         name: name of the take.
         motion: the motion.
         body: the body it was solved for.
-        armature: the body of earlier takes, None if there is none; used if it has the motion's shape.
+        armature: the body of earlier takes, whose sliders go to the motion's shape; None if there is none.
         parent: collection a new body goes into, None for the scene's.
         frame_start: scene frame of the first frame.
 
@@ -62,31 +62,37 @@ def add_take(
         BodyMismatch: the motion belongs to another body.
     """
     require_body(motion, body)
-    if armature is not None and has_shape(armature, motion.betas):
+    if armature is None:
+        settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
+        body_name = name if parent is None else parent.name
+        take = bake_take(scene, replace(motion, name=body_name), body, None, settings, parent)
+        armature, action = take.armature, take.action
+        action.name = name
+    else:
         timing = TakeTiming(frame_start, scene_frame_rate(scene))
         action = bake_action(name, motion, armature, body.rest_joints(motion.betas)[0], timing)
-        action[BETAS] = motion.betas.tolist()
-        scene.frame_set(scene.frame_current)
-        return armature, action
-    settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
-    take = bake_take(scene, replace(motion, name=name), body, None, settings, parent)
-    take.armature[BETAS] = take.action[BETAS] = motion.betas.tolist()
-    return take.armature, take.action
-
-
-def has_shape(armature: bpy.types.Object, betas: np.ndarray) -> bool:
-    """Return whether an armature stands in a shape."""
-    return BETAS in armature and bool(np.abs(np.array(armature[BETAS]) - betas).max() < _SAME_SHAPE)
-
-
-def takes_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
-    """Return the solved actions that fit an armature's shape, by name."""
-    return [action for action in bpy.data.actions if BETAS in action and has_shape(armature, np.array(action[BETAS]))]
+    action[BETAS] = motion.betas.tolist()
+    show_take(armature, action)
+    scene.frame_set(scene.frame_current)
+    return armature, action
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Make an action the armature's current one, with its slot where there are slots."""
+    """Let a body play a take: its action, with its slot where there are slots, in its shape."""
     animation = armature.animation_data or armature.animation_data_create()
     animation.action = action
     if hasattr(action, "slots") and len(action.slots):
         animation.action_slot = action.slots[0]
+    mesh = body_mesh(armature)
+    if mesh is not None and BETAS in action:
+        set_betas(mesh, np.array(action[BETAS]))
+
+
+def takes_of(capture_file: str) -> list[bpy.types.Action]:
+    """Return the solved actions of a capture, by name."""
+    return [action for action in bpy.data.actions if action.get("capture_file") == capture_file]
+
+
+def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the skin of a body, None if it was deleted."""
+    return next((child for child in armature.children if child.type == "MESH" and child.data.shape_keys), None)

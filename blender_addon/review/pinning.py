@@ -10,8 +10,9 @@ import bpy
 import numpy as np
 
 from ..bake.pose import read_pose
-from ..bake.solved_takes import BETAS
+from ..bake.solved_takes import BETAS, body_mesh
 from ..bake.timing import scene_frame_rate
+from ..body.shape import get_betas
 from ..errors import TakeMissing
 from ..files.body_file import default_body_path, read_body
 from ..solving.job_file import Pin, Resolve
@@ -61,7 +62,9 @@ def capture_frame(action: bpy.types.Action, scene: bpy.types.Scene, frame: float
 
 def pinned_values(armature: bpy.types.Object) -> str:
     """Return the pose an armature stands in now as the job file wants it, as JSON text."""
-    rest = read_body(default_body_path()).rest_joints(np.array(armature[BETAS]))
+    mesh = body_mesh(armature)
+    betas = get_betas(mesh) if mesh is not None else np.array(armature.animation_data.action[BETAS])
+    rest = read_body(default_body_path()).rest_joints(betas)
     pose = read_pose(armature, rest[0])
     values = {
         "global_orient": pose.rotvec[0].tolist(),

@@ -11,6 +11,7 @@ from . import bone_colours, following, import_capture, import_motion, preference
 from .sidebar import cameras as cameras_panel
 from .sidebar import capture as capture_panels
 from .sidebar import review as review_panels
+from .sidebar import shape as shape_panel
 from .sidebar import solve as solve_panels
 
 
@@ -61,6 +62,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
     _class(review_panels.VIEW3D_PT_mocap_review),
     _class(review_panels.VIEW3D_PT_mocap_resolve),
+    _class(shape_panel.VIEW3D_PT_mocap_shape),
     _handler(bpy.app.handlers.frame_change_post, bone_colours.on_frame_change),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),

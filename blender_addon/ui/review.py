@@ -101,7 +101,7 @@ class MOCAP_OT_show_take(_NeedsTake, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Play it."""
         armature = context.scene.mocap.review.armature
-        action = next((a for a in takes_of(armature) if a.name == self.name), None)
+        action = next((a for a in takes_of(context.scene.mocap.capture.file) if a.name == self.name), None)
         if action is None:
             self.report({"ERROR"}, f"There is no take '{self.name}' for this body")
             return {"CANCELLED"}

@@ -134,8 +134,7 @@ class MocapSolve(bpy.types.PropertyGroup):
     backend: bpy.props.EnumProperty(name="Arrays", description="What computes", items=_BACKEND_ITEMS)
     keep_shape: bpy.props.BoolProperty(
         name="Keep Shape",
-        description="Solve with the shape of the body that is there, so that takes share one armature; "
-        "without it the shape is estimated anew and a take of another shape gets a body of its own",
+        description="Solve with the shape the body's sliders show; without it the shape is estimated anew",
         default=True,
     )
     report: bpy.props.BoolProperty(name="Report", description="Write a page about the solve", default=True)

@@ -8,7 +8,8 @@ from typing import Any
 
 import bpy
 
-from ..bake.solved_takes import BETAS, Provenance, add_take
+from ..bake.solved_takes import Provenance, add_take, body_mesh
+from ..body.shape import get_betas
 from ..errors import AddonError, TakeMissing
 from ..files.body_file import default_body_path, read_body
 from ..files.motion_file import read_motion
@@ -111,9 +112,9 @@ def prepare_job(scene: bpy.types.Scene, stretch: Stretch | None) -> tuple[Job, P
     folder = capture.parent if _writable(capture.parent) else files_folder(scene) / capture.parent.name
     take = next_take(folder)
     values = settings.solve.values()
-    armature = settings.review.armature
-    if settings.solve.keep_shape and armature is not None and BETAS in armature:
-        values["betas"] = [round(float(v), 6) for v in armature[BETAS]]
+    mesh = body_mesh(settings.review.armature) if settings.review.armature is not None else None
+    if mesh is not None and (settings.solve.keep_shape or stretch is not None):
+        values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
     job = Job(capture=capture, out=take.motion, report=take.report if settings.solve.report else None, settings=values)
     if stretch is not None:
         job = replace(job, resolve=resolve_of(stretch, scene))

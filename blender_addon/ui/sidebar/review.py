@@ -37,7 +37,7 @@ class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
         """Draw takes, confidence and the report."""
         layout, review = self.layout, context.scene.mocap.review
         take = current_take(context.scene)
-        _draw_takes(layout, review, take)
+        _draw_takes(layout, context.scene.mocap.capture.file, take)
         if take is None:
             return
         _draw_worst(layout, review)
@@ -80,8 +80,8 @@ class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
         button.operator(MOCAP_OT_resolve_range.bl_idname, icon="FILE_REFRESH")
 
 
-def _draw_takes(layout: bpy.types.UILayout, review: MocapReview, take: bpy.types.Action | None) -> None:
-    takes = takes_of(review.armature)
+def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:
+    takes = takes_of(capture_file)
     if len(takes) < 2 and take is not None:
         layout.label(text=take.name, icon="ACTION", translate=False)
         return
