@@ -1,4 +1,4 @@
-"""Left and right exchanged by the detector in one view for a while: found from the other views and from time, undone."""
+"""Left and right limbs exchanged by the detector in one view for a while: told by other views and by time, undone."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LIMBS: dict[str, tuple[str, ...]] = {
 """Keypoints that a detector exchanges together."""
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure penalty of a distance."""
-VIEWS_WEIGHT = 0.5
+VIEWS_WEIGHT = 0.3
 """Weight of a frame's distances to the other views: detectors err alike in neighbouring frames."""
-STEP_PX_SHARE = 0.006
+STEP_PX_SHARE = 0.004
 """A keypoint's usual way from frame to frame at 60 fps as a share of the image width."""
 SWITCH_COST = 6.0
 """Cost of an exchange that begins or ends."""
@@ -205,9 +205,7 @@ def _again(
     changed = np.zeros(keypoints.num_frames, bool)
     for swap in swaps:
         changed[swap.first : swap.last + 1] = True
-    part = triangulate(
-        cameras, keypoints.xy[:, changed], keypoints.confidence[:, changed], triangulation.sigma_px
-    )
+    part = triangulate(cameras, keypoints.xy[:, changed], keypoints.confidence[:, changed], triangulation.sigma_px)
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
     points[changed], covariance[changed] = part.points, part.covariance

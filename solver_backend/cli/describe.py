@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.report.faults import fault_texts, faults_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
@@ -36,11 +37,13 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
         "reprojection_median_px": round(float(np.median(error)), 3) if error.size else None,
         "unseen_frames": int(np.count_nonzero(flags & FLAG_UNSEEN)),
         "unsure_frames": int(np.count_nonzero(flags & FLAG_UNSURE)),
+        "findings": [fault.as_dict() for fault in faults_of(motion)],
     }  # fmt: skip
     lines = [
         f"Solved {data['frames']} frames at {motion.fps:g} fps in {solve_s:.1f} s",
         f"  residual    {data['reprojection_median_px']} px (median)",
         f"  to look at  {data['unsure_frames']} frames far from the detections, {data['unseen_frames']} bridged",
+        *(f"  found       {fault.what}" for fault in fault_texts(faults_of(motion), motion.fps)),
     ]
     return "\n".join(lines), data
 

@@ -57,9 +57,13 @@ class Observations:
 
 def observe(cameras: Cameras, keypoints: Keypoints2D) -> Observations:
     """Triangulate all keypoints and measure the detector's noise from what the views disagree on."""
-    triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
-    points = np.isfinite(triangulation.points).all(-1).sum(-1)
-    return Observations(triangulation, triangulation.sigma_px, points >= min(6, keypoints.xy.shape[2] // 2))
+    return observations_of(triangulate(cameras, keypoints.xy, keypoints.confidence))
+
+
+def observations_of(triangulation: Triangulation) -> Observations:
+    """Return what was measured, told from the triangulated keypoints."""
+    points = np.isfinite(triangulation.points).all(-1)
+    return Observations(triangulation, triangulation.sigma_px, points.sum(-1) >= min(6, points.shape[1] // 2))
 
 
 def sample_frames(observations: Observations, count: int) -> np.ndarray:

@@ -14,6 +14,7 @@ from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.fitters.bundle_method import BundleSolution, solve_by_bundle, solve_by_sliding
+from solver_backend.fitters.capture_check import check_capture
 from solver_backend.fitters.frame_method import solve_by_frame
 from solver_backend.fitters.initial import Observations, observe
 from solver_backend.fitters.problem import Problem, learn_subject
@@ -49,6 +50,9 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
     progress("Triangulating", 0, 1)
     observations = observe(cameras, keypoints)
     progress("Triangulating", 1, 1)
+    checked = check_capture(capture, observations, progress)
+    capture, observations = checked.capture, checked.observations
+    cameras, keypoints = capture.require_multiview()
     if not observations.seen.any():
         raise NoDetections(
             "In no frame do two cameras agree on enough keypoints to place a body.", where=capture.name,
@@ -77,7 +81,10 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         key_times=solution.key_times,
         sigma=solution.sigma,
         scale=settings.robust_scale,
-        provenance=_provenance(capture, settings, body, observations),
+        provenance={
+            **_provenance(capture, settings, body, observations),
+            "findings": [fault.as_dict() for fault in checked.faults],
+        },
     )
 
 

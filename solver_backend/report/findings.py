@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.metrics import foot_skating_cm_per_frame
+from solver_backend.report.faults import fault_texts, faults_of, frames_text
 from solver_backend.report.statistics import Residuals, detected_share, stretches
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
 
 BELOW_FLOOR_M = 0.05
 """Depth of a foot joint under the floor beyond which the floor is doubted."""
 LONGEST_LIST = 6
-"""Stretches or keypoints named one by one; the rest is counted."""
+"""Keypoints named one by one; the rest is counted."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,10 @@ class Finding:
 def findings_of(capture: Capture, motion: Motion, residuals: Residuals | None) -> list[Finding]:
     """Return everything that deserves a look, the worst first; an empty list says that all is well."""
     found = [Finding(problem, "Reported by the reader of the capture.", "bad") for problem in capture.problems]
+    found += [
+        Finding(fault.what, fault.advice, "bad" if fault.bad else "look")
+        for fault in fault_texts(faults_of(motion), motion.fps)
+    ]
     found += _flagged(motion)
     if residuals is not None:
         found += [*_cameras(capture, residuals), *_keypoints(capture, residuals)]
@@ -50,14 +55,6 @@ def _flagged(motion: Motion) -> Iterator[Finding]:
         runs = list(stretches((motion.flags & bit) > 0))
         if runs:
             yield Finding(f"{what}: {frames_text(runs, motion.fps)}.", advice, level)
-
-
-def frames_text(runs: list[tuple[int, int]], fps: float) -> str:
-    """Return stretches of frames as text, the longest ones by name."""
-    longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
-    named = [f"frame {a}" if a == b else f"frames {a}-{b} ({(b - a + 1) / fps:.2f} s)" for a, b in longest]
-    more = f" and {len(runs) - len(longest)} shorter ones" if len(runs) > len(longest) else ""
-    return ", ".join(named) + more
 
 
 def _cameras(capture: Capture, residuals: Residuals) -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
+from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.joint_sets import (
     NUM_BETAS,
     NUM_BODY_JOINTS,
@@ -14,5 +15,5 @@ from solver_backend.types.motion import FLAG_UNSEEN, FLAG_UNSURE, Motion
 
 __all__ = [
     "FLAG_UNSEEN", "FLAG_UNSURE", "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
-    "Cameras", "Capture", "JointSet", "Keypoints2D", "MarkerCloud", "Motion",
+    "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "Motion", "Remedy",
 ]  # fmt: skip

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.report.findings import findings_of, frames_text, listed
+from solver_backend.report.faults import frames_text
+from solver_backend.report.findings import findings_of, listed
 from solver_backend.report.statistics import residuals_of
 from tests.report.solved import GAP, OFF, solved
 
