@@ -11,7 +11,7 @@ from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, FaultKind, Motion, Remedy
 from tests.fitters.faulty import swapped
 
-QUICK = SolveSettings(iterations=4, refine=False)
+QUICK = SolveSettings(iterations=4)
 
 
 @pytest.fixture(scope="module")
