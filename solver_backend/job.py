@@ -9,12 +9,23 @@ from typing import Any
 
 from solver_backend.errors import JobInvalid
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.stretch import Stretch
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
 VERSION = 1
 """Of the schema; a job of another version is refused."""
 MOTION_SUFFIX = ".npz"
+
+
+@dataclass(frozen=True)
+class Resolve:
+    """What is solved again."""
+
+    motion: Path
+    """Motion file of the earlier solve."""
+    stretch: Stretch
+    """Its frames, and the poses they must pass through."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +52,8 @@ class Job:
     """Axis of the calibration's world that points up, where it is not Z."""
     settings: SolveSettings = field(default_factory=SolveSettings)
     """How to solve."""
+    resolve: Resolve | None = None
+    """Solve only a stretch of an earlier motion again; None for the whole take."""
 
     def __post_init__(self) -> None:
         if self.out.suffix.lower() != MOTION_SUFFIX:
@@ -49,10 +62,12 @@ class Job:
                 where=f"out = {self.out}",
                 hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
             )
-        places = [p.resolve() for p in (self.capture, self.out, self.report) if p is not None]
+        earlier = None if self.resolve is None else self.resolve.motion
+        places = [p.resolve() for p in (self.capture, self.out, self.report, earlier) if p is not None]
         if len(set(places)) < len(places):
             raise JobInvalid(
-                "The capture, the motion and the report must be three different files.", where=str(self.out)
+                "The capture, the motion, the report and an earlier motion must be different files.",
+                where=str(self.out),
             )
 
     @classmethod
@@ -95,6 +110,7 @@ class Job:
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),
             settings=_settings(_typed(values, "settings", dict) or {}),
+            resolve=_resolve(_typed(values, "resolve", dict), folder),
         )
 
     @classmethod
@@ -119,6 +135,8 @@ class Job:
         paths = {"capture": str(self.capture), "out": str(self.out), "report": self.report and str(self.report)}
         plain = {"version": VERSION, **paths, "overwrite": self.overwrite, "fps": self.fps, "trim": self.trim}
         plain |= {"unit": self.unit, "up_axis": self.up_axis}
+        if self.resolve is not None:
+            plain["resolve"] = {"motion": str(self.resolve.motion), **self.resolve.stretch.as_dict()}
         return {**plain, "joint_set": self.joint_set and self.joint_set.value, "settings": asdict(self.settings)}
 
 
@@ -152,6 +170,15 @@ def _settings(values: Mapping[str, Any]) -> SolveSettings:
         kind = (int, float) if isinstance(item.default, float) else type(item.default)
         _typed(values, item.name, list if item.default is None else kind)
     return SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
+
+
+def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
+    if values is None:
+        return None
+    motion = _typed(values, "motion", str)
+    if motion is None:
+        raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
+    return Resolve(folder / motion, Stretch.from_dict({k: v for k, v in values.items() if k != "motion"}))
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type | tuple[type, ...]) -> Any:

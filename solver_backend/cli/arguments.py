@@ -56,8 +56,10 @@ def _parser() -> argparse.ArgumentParser:
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="file or folder of the capture")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write")
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
-    solve.add_argument("--method", help="bundle (default) or frame")
+    solve.add_argument("--method", help="global (default), sliding or frame")
     solve.add_argument("--backend", help="numpy (default) or torch")
+    solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
+    solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
     solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
 
     info = verbs.add_parser(

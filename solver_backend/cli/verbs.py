@@ -12,8 +12,9 @@ from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.outcome import Outcome
 from solver_backend.errors import CommandLineInvalid
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.stretch import Stretch
 from solver_backend.io.files import check_output
-from solver_backend.job import Job, joint_set_named, positive_fps
+from solver_backend.job import Job, Resolve, joint_set_named, positive_fps
 from solver_backend.progress import Progress
 from solver_backend.types import Capture
 
@@ -25,12 +26,17 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
         if path is not None:
             check_output(path, overwrite=job.overwrite)
     capture = _load(job.capture, job.reading(), progress)
+    from solver_backend.fitters.solve import resolve as resolve_stretch
     from solver_backend.fitters.solve import solve as solve_capture
-    from solver_backend.io.motion_file import write_motion
+    from solver_backend.io.motion_file import read_motion, write_motion
     from solver_backend.report.page import write_report
 
     start = time.monotonic()
-    motion = solve_capture(capture, job.settings, progress)
+    if job.resolve is None:
+        motion = solve_capture(capture, job.settings, progress)
+    else:
+        earlier = read_motion(job.resolve.motion)
+        motion = resolve_stretch(capture, earlier, job.resolve.stretch, job.settings, progress)
     solve_s = time.monotonic() - start
     timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
     write_motion(job.out, timed, overwrite=job.overwrite)
@@ -92,6 +98,8 @@ def _job(args: argparse.Namespace) -> Job:
         "up_axis",
         "method",
         "backend",
+        "resolve",
+        "frames",
     )
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:
@@ -110,7 +118,18 @@ def _job(args: argparse.Namespace) -> Job:
         overwrite=bool(args.overwrite),
         **_reading(args),
         settings=SolveSettings.from_dict(chosen),
+        resolve=_resolve(args),
     )
+
+
+def _resolve(args: argparse.Namespace) -> Resolve | None:
+    if args.resolve is None and args.frames is None:
+        return None
+    if args.resolve is None or args.frames is None:
+        raise CommandLineInvalid(
+            "--resolve and --frames belong together.", hint="--resolve MOTION.npz --frames FIRST LAST"
+        )
+    return Resolve(args.resolve, Stretch(*args.frames))
 
 
 def _read(args: argparse.Namespace, progress: Progress) -> Capture:

@@ -35,6 +35,18 @@ class Schedule:
 
 
 @dataclass(frozen=True)
+class KeySolution:
+    """Keys that no step makes better."""
+
+    keys: Keyframes
+    """2N + 1 keys."""
+    system: BlockTridiagonal
+    """The normal equations there."""
+    cost: float
+    """Of data and priors at the last robust scale."""
+
+
+@dataclass(frozen=True)
 class BundleModel:
     """What the keys are judged by."""
 
@@ -65,10 +77,9 @@ def solve_sliding(
     keys = start
     for w in range(layout.num_windows):
         window = slice(2 * w, 2 * w + 3)
-        solved, _ = solve_keys(
-            model, layout.window_alone(w), keys.select(window), schedule, np.array([False, True, True])
-        )
-        keys = keys.replaced(window, solved)
+        free = np.array([False, True, True])
+        solved = solve_keys(model, layout.window_alone(w), keys.select(window), schedule, free)
+        keys = keys.replaced(window, solved.keys)
         progress("Sliding bundle", w + 1, layout.num_windows)
     return hemisphere_aligned(keys)
 
@@ -81,7 +92,7 @@ def solve_keys(
     free: np.ndarray | None = None,
     progress: Progress = silent,
     stage: str = "Global bundle",
-) -> tuple[Keyframes, BlockTridiagonal]:
+) -> KeySolution:
     """Solve the free keyframes at once: normal equations are a chain of blocks, a step is linear in the take's length.
 
     Args:
@@ -92,14 +103,11 @@ def solve_keys(
         free: (2N + 1,) bool, the keys that move; None for all.
         progress: called after each robust scale.
         stage: its name.
-
-    Returns:
-        The keys and the normal equations at the solution.
     """
     xp = array_namespace(start.z)
     rows, dof = layout.rows(schedule.stride), KEY_DOF + (RESIDUAL_DOF if model.residuals else 0)
     free = np.ones(layout.num_keys, dtype=bool) if free is None else free
-    keys, system = hemisphere_aligned(start), None
+    keys, solution = hemisphere_aligned(start), None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
         return state.retract(xp.reshape(step, (-1, dof))[: layout.num_keys])
@@ -117,10 +125,12 @@ def solve_keys(
 
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)
-        keys, system = result.state, result.system
+        keys = result.state
+        assert isinstance(result.system, BlockTridiagonal)
+        solution = KeySolution(keys, result.system, float(result.cost[0]))
         progress(stage, done + 1, len(schedule.scales))
-    assert isinstance(system, BlockTridiagonal)
-    return keys, system
+    assert solution is not None
+    return solution
 
 
 def _take(mask: Any, new: Keyframes, old: Keyframes) -> Keyframes:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys, solve_sliding
 from solver_backend.fitters.frame import FrameStates
@@ -16,7 +15,7 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject import PosedFrames, Subject
-from solver_backend.fitters.uncertainty import joint_covariance, noise_inflation
+from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma, noise_inflation
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.progress import Progress
@@ -56,27 +55,26 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     keys = initial_keys(problem, subject, layout)
     model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, settings.window))
     scale, steps = settings.robust_scale, settings.iterations
-    keys, system = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, 3, 1e-2))
+    solution = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, 3, 1e-2))
     progress("Global bundle", 1, 3)
 
     finer = KeyframeLayout.even(problem.num_frames, settings.refine_window)
-    keys, layout = resampled(keys, layout, finer), finer
+    keys, layout = resampled(solution.keys, layout, finer), finer
     model = replace(model, motion=motion_prior(problem, settings.refine_window))
     for number, share in enumerate((2.0, 1.0)):
         subject = _with_shape(problem, model.subject, layout, keys, settings, residuals=model.residuals)
         model = replace(model, subject=subject, residuals=settings.residual_rotations)
         schedule = Schedule((share * scale,), steps, tolerance=1e-3)
-        keys, system = solve_keys(model, layout, keys, schedule)
+        solution = solve_keys(model, layout, keys, schedule)
+        keys = solution.keys
         progress("Global bundle", number + 2, 3)
 
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(
         model.subject, frames, problem.term, settings.robust_scale, max(1, settings.refine_window // 2)
     )
-    covariance = joint_covariance(model, layout, keys, frames, system, inflation)
-    xp = array_namespace(covariance)
-    sigma = xp.sqrt(xp.linalg.trace(covariance) / 3)
-    return BundleSolution(model.subject, frames, layout.key_times, sigma)
+    covariance = joint_covariance(model, layout, keys, frames, solution.system, inflation)
+    return BundleSolution(model.subject, frames, layout.key_times, joint_sigma(covariance))
 
 
 def motion_prior(problem: Problem, window: int) -> MotionPrior:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from solver_backend.body.body import Body
 from solver_backend.fitters.frame import fit_frames
@@ -11,9 +10,11 @@ from solver_backend.fitters.initial import Observations, fit_to_points, sample_f
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import fit_shape
 from solver_backend.fitters.subject import Subject
+from solver_backend.priors.sposer import SPoser
 from solver_backend.progress import Progress
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import graduated_scales
+from solver_backend.types import Capture, Fault
 
 SAMPLE_FRAMES = 32
 """Frames from which shape and detector bias are learned."""
@@ -24,11 +25,21 @@ class Problem:
     """A capture made ready for a solver."""
 
     body: Body
-    prior: Any
+    """The body model."""
+    prior: SPoser
+    """Decoder of poses."""
     observations: Observations
+    """Triangulated points and the detector's noise."""
     term: ReprojectionTerm
+    """Data of all frames."""
     fps: float
+    """Frames per second."""
     num_frames: int
+    """F."""
+    capture: Capture
+    """What is solved: the recording with the faults of its views put right."""
+    faults: tuple[Fault, ...] = ()
+    """Those faults."""
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from solver_backend import __version__
-from solver_backend.body.body import Body, load_body
+from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.fitters.bundle_method import BundleSolution, solve_by_bundle, solve_by_sliding
 from solver_backend.fitters.capture_check import check_capture
 from solver_backend.fitters.frame_method import solve_by_frame
-from solver_backend.fitters.initial import Observations, observe
+from solver_backend.fitters.initial import observe
 from solver_backend.fitters.problem import Problem, learn_subject
 from solver_backend.fitters.result import build_motion
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.stretch import Stretch
+from solver_backend.fitters.stretch_method import solve_stretch
 from solver_backend.fitters.subject import Subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, load_sposer
@@ -41,6 +43,47 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
         BackendMissing: torch was asked for and is not installed.
     """
+    problem, subject = prepare(capture, settings, progress)
+    subject = learn_subject(problem, subject, settings, progress)
+    if settings.method == "frame":
+        frames = solve_by_frame(problem, subject, settings, progress)
+        solution = BundleSolution(subject, frames, np.arange(0), None)
+    else:
+        run = solve_by_sliding if settings.method == "sliding" else solve_by_bundle
+        solution = run(problem, subject, settings, progress)
+    return build_motion(
+        problem.capture,
+        solution.subject,
+        solution.frames,
+        problem.observations,
+        key_times=solution.key_times,
+        sigma=solution.sigma,
+        scale=settings.robust_scale,
+        provenance=_provenance(capture, settings, problem),
+    )
+
+
+def resolve(
+    capture: Capture, motion: Motion, stretch: Stretch, settings: SolveSettings = SolveSettings(),
+    progress: Progress = silent,
+) -> Motion:  # fmt: skip
+    """Solve a stretch of an earlier motion again, through poses that a person pinned; see ``solve_stretch``.
+
+    Raises:
+        JobInvalid: the stretch is none of this take.
+        MotionInvalid: the motion belongs to another take or body.
+        TooFewViews, NoDetections, BackendMissing: as in ``solve``.
+    """
+    problem, subject = prepare(capture, settings, progress)
+    return solve_stretch(problem, subject, motion, stretch, settings, progress)
+
+
+def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> tuple[Problem, Subject]:
+    """Return the capture made ready for a solver, and the average person.
+
+    Raises:
+        TooFewViews, NoDetections, TakeTooShort, BackendMissing: as in ``solve``.
+    """
     cameras, keypoints = capture.require_multiview()
     if settings.method != "frame" and keypoints.num_frames < 4:
         raise TakeTooShort(
@@ -61,31 +104,12 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
     body, prior = load_body(), load_sposer()
     like = _origin(settings.backend)
     term = ReprojectionTerm.of(cameras, keypoints, observations.sigma_px, like)
-    problem = Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames)
+    problem = Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames, capture, checked.faults)
     subject = Subject(
         body, keypoint_landmarks(body, keypoints.joint_set), constant(settings.betas or np.zeros(10), like),
         constant(np.zeros((keypoints.joint_set.num_keypoints, 3)), like),
     )  # fmt: skip
-    subject = learn_subject(problem, subject, settings, progress)
-    if settings.method == "frame":
-        frames = solve_by_frame(problem, subject, settings, progress)
-        solution = BundleSolution(subject, frames, np.arange(0), None)
-    else:
-        run = solve_by_sliding if settings.method == "sliding" else solve_by_bundle
-        solution = run(problem, subject, settings, progress)
-    return build_motion(
-        capture,
-        solution.subject,
-        solution.frames,
-        observations,
-        key_times=solution.key_times,
-        sigma=solution.sigma,
-        scale=settings.robust_scale,
-        provenance={
-            **_provenance(capture, settings, body, observations),
-            "findings": [fault.as_dict() for fault in checked.faults],
-        },
-    )
+    return problem, subject
 
 
 def _origin(backend: str) -> Array:
@@ -102,14 +126,15 @@ def _origin(backend: str) -> Array:
     return torch.zeros(1, dtype=torch.float64)
 
 
-def _provenance(capture: Capture, settings: SolveSettings, body: Body, observations: Observations) -> dict[str, Any]:
+def _provenance(capture: Capture, settings: SolveSettings, problem: Problem) -> dict[str, Any]:
     weights = Path(DEFAULT_WEIGHTS)
     return {
         "solver": __version__,
         "settings": asdict(settings),
-        "body": body.id,
+        "body": problem.body.id,
         "prior": {"file": weights.name, "sha256": hashlib.sha256(weights.read_bytes()).hexdigest()},
         "capture": capture.name,
         "sources": list(capture.sources),
-        "sigma_px": [round(float(s), 3) for s in observations.sigma_px],
+        "findings": [fault.as_dict() for fault in problem.faults],
+        "sigma_px": [round(float(s), 3) for s in problem.observations.sigma_px],
     }

@@ -60,6 +60,12 @@ def joint_covariance(
     return xp.concat(map_blocks(block, range(layout.num_windows), keys.z))
 
 
+def joint_sigma(covariance: Array) -> Array:
+    """Return (F, 24) standard deviations in metres, the root mean square over the axes of (F, 24, 3, 3)."""
+    xp = array_namespace(covariance)
+    return xp.sqrt(xp.linalg.trace(covariance) / 3)
+
+
 def _window_covariance(xp, diagonal: Array, upper: Array, w: int, dof: int) -> Array:
     """Return the (3 D, 3 D) covariance of a window's keys: block w and the first key of block w + 1."""
     across = upper[w][:, :dof]

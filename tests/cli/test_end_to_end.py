@@ -44,4 +44,9 @@ def test_a_capture_becomes_a_motion_and_a_report(tmp_path, capsys):
     assert compared["joints_mpjpe_mm"] < 25.0
     assert compared["mpjpe_ratio"] < 1.0
     assert compared["accel_ratio"] < 1.0
+    again = tmp_path / "again.npz"
+    stretch = ["--resolve", str(motion), "--frames", "10", "30", "--out", str(again)]
+    assert result_of(["solve", str(copy), *stretch], capsys)["frames"] == FRAMES
+    assert read_motion(again).provenance["resolved"] == [{"first": 10, "last": 30, "pins": []}]
+    again.unlink()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["copy.npz", "motion.npz", "report.html", "take.npz"]

@@ -81,7 +81,7 @@ def test_sliding_recovers_the_keys():
 def test_global_is_no_worse_than_sliding():
     scene = Scene()
     sliding = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
-    together, _ = solve_keys(scene.model(prior_of_motion(), residuals=False), scene.layout, sliding, SCHEDULE)
+    together = solve_keys(scene.model(prior_of_motion(), residuals=False), scene.layout, sliding, SCHEDULE).keys
     assert scene.error_mm(together) < 1.05 * scene.error_mm(sliding)
 
 
@@ -97,7 +97,7 @@ def test_residual_rotations_reach_poses_off_the_manifold():
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), px)
     errors, keys = [], scene.start
     for residuals in (False, True):
-        keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=residuals), scene.layout, keys, SCHEDULE)
+        keys = solve_keys(scene.model(prior_of_motion(), residuals=residuals), scene.layout, keys, SCHEDULE).keys
         errors.append(scene.error_mm(keys))
     assert errors[1] < 0.4 * errors[0]
 
@@ -108,8 +108,8 @@ def test_a_second_without_any_view_is_bridged():
     blind[:, 21:40] = 0
     keypoints = Keypoints2D(scene.keypoints.xy, blind, JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
-    keys, _ = solve_keys(scene.model(prior_of_motion()), scene.layout, scene.start, SCHEDULE)
-    keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE)
+    keys = solve_keys(scene.model(prior_of_motion()), scene.layout, scene.start, SCHEDULE).keys
+    keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
     points = pose(scene.subject, scene.poses(keys)).points
     assert np.isfinite(points).all()
     speed = np.linalg.norm(np.diff(points, axis=0), axis=-1) * 60
@@ -123,7 +123,7 @@ def test_torch_equals_numpy():
     for like in (np.zeros(1), torch.zeros(1, dtype=torch.float64)):
         scene = Scene(like)
         keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
-        keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE)
+        keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
         results.append(np.asarray(pose(scene.subject, scene.poses(keys)).points))
     np.testing.assert_allclose(results[1], results[0], atol=1e-6)
 
@@ -132,7 +132,7 @@ def test_held_keys_stay_and_the_others_move():
     scene = Scene()
     free = np.ones(scene.layout.num_keys, dtype=bool)
     free[[0, 3]] = False
-    keys, _ = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, scene.start, SCHEDULE, free)
+    keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, scene.start, SCHEDULE, free).keys
     for name in ("z", "quat", "transl", "residual"):
         before, after = getattr(hemisphere_aligned(scene.start), name), getattr(keys, name)
         np.testing.assert_allclose(after[~free], before[~free], atol=1e-12)

@@ -38,10 +38,10 @@ def prepare(capture: Capture, sigma_px: float | None = None) -> tuple[Problem, S
     body, prior, like = load_body(), load_sposer(), np.zeros(1)
     count = keypoints.joint_set.num_keypoints
     measured = ReprojectionTerm.of(cameras, keypoints, observations.sigma_px, like)
-    problem = Problem(body, prior, observations, measured, keypoints.fps, keypoints.num_frames)
+    problem = Problem(body, prior, observations, measured, keypoints.fps, keypoints.num_frames, capture)
     subject = Subject(body, keypoint_landmarks(body, keypoints.joint_set), np.zeros(10), np.zeros((count, 3)))
     subject = learn_subject(problem, subject, SolveSettings(), silent)
     if sigma_px is None:
         return problem, subject
     term = ReprojectionTerm.of(cameras, keypoints, np.full(count, sigma_px), like)
-    return Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames), subject
+    return Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames, capture), subject

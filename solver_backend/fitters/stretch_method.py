@@ -1,0 +1,190 @@
+"""Solve a stretch of an earlier motion again: only its own keys move, joined to what stays."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.errors import MotionInvalid
+from solver_backend.fitters.bundle import BundleModel, KeySolution, Schedule, solve_keys
+from solver_backend.fitters.bundle_method import initial_keys, motion_prior
+from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.result import build_motion
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.shape import ShapePrior, refit_shape
+from solver_backend.fitters.stretch import Stretch
+from solver_backend.fitters.subject import PosedFrames, Subject, select_frames
+from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma, noise_inflation
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
+from solver_backend.progress import Progress
+from solver_backend.types import Motion
+
+SAMPLE_FRAMES = 200
+"""Frames of the earlier motion from which the detector's bias is read."""
+
+
+def solve_stretch(
+    problem: Problem, subject: Subject, motion: Motion, stretch: Stretch, settings: SolveSettings,
+    progress: Progress,
+) -> Motion:  # fmt: skip
+    """Return the motion with a stretch solved again; all other frames stay as they are, bit for bit.
+
+    Keys stand at the stretch's ends and at the pins, whose poses are held, and evenly between. A window on either side
+    of the stretch is held too, so that speed and direction carry on. Of two starts, the motion as it is and single
+    frames fitted anew, the one that ends lower is kept.
+
+    Args:
+        problem: the capture made ready.
+        subject: the person; shape and bias are taken from the motion.
+        motion: the earlier solve.
+        stretch: what to solve again.
+        settings: as of the earlier solve.
+        progress: called as stages advance.
+
+    Raises:
+        JobInvalid: the stretch is none of this take.
+        MotionInvalid: the motion belongs to another take or body.
+    """
+    _check_same_take(problem, subject, motion)
+    stretch.check(motion.num_frames)
+    progress("Solving the stretch", 0, 3)
+    before = _poses(motion, subject.betas)
+    subject = _with_bias(problem, replace(subject, betas=constant(motion.betas, subject.betas)), before, settings)
+    layout, free = _layout(stretch, motion.num_frames, settings.refine_window)
+    held = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, stretch)
+    model = BundleModel(
+        subject, problem.prior, problem.term, motion_prior(problem, settings.refine_window), settings.residual_rotations
+    )
+    anew = initial_keys(problem, subject, layout)
+    starts = [held, hemisphere_aligned(_mixed(free, anew, held))]
+    scale = settings.robust_scale
+    found: list[KeySolution] = []
+    for start in starts:
+        schedule = Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3)
+        found.append(solve_keys(model, layout, start, schedule, free))
+        progress("Solving the stretch", len(found), 3)
+    best = min(found, key=lambda solution: solution.cost)
+    frames = key_poses(problem.prior, best.keys, layout, residuals=model.residuals)
+    inflation = noise_inflation(
+        subject, frames, problem.term.select(layout.frames), scale, max(1, settings.refine_window // 2)
+    )
+    sigma = joint_sigma(joint_covariance(model, layout, best.keys, frames, best.system, inflation))
+    progress("Solving the stretch", 3, 3)
+    return _spliced(problem, subject, motion, before, layout, free, frames, sigma, stretch, settings)
+
+
+def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:
+    if motion.num_frames != problem.num_frames or abs(motion.fps - problem.fps) > 1e-3:
+        raise MotionInvalid(
+            f"The motion has {motion.num_frames} frames at {motion.fps:g} fps, the capture {problem.num_frames} at "
+            f"{problem.fps:g}.", where="resolve", hint="Choose the motion that was solved from this capture.",
+        )  # fmt: skip
+    if motion.body != subject.body.id:
+        raise MotionInvalid(
+            f"The motion is of the body {motion.body}, not {subject.body.id}.", where="resolve",
+            hint="Solve with the body that the motion was solved with.",
+        )  # fmt: skip
+
+
+def _layout(stretch: Stretch, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
+    """Return windows from a window before the stretch to one after it, and which keys move."""
+    stops = sorted({stretch.first, stretch.last, *(pin.frame for pin in stretch.pins)})
+    parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
+    low, high = max(0, stretch.first - window), min(num_frames - 1, stretch.last + window)
+    bounds = np.unique(np.concatenate([[low], *parts, [high]]))
+    layout = KeyframeLayout(bounds)
+    times = layout.key_times
+    free = (times > stretch.first) & (times < stretch.last)
+    free |= (times == 0) & (stretch.first == 0) | (times == num_frames - 1) & (stretch.last == num_frames - 1)
+    return layout, free & ~np.isin(times, [pin.frame for pin in stretch.pins])
+
+
+def _poses(motion: Motion, like: Array) -> PosedFrames:
+    """Return the motion's poses."""
+    local = motion.body_pose[:, :63].reshape(-1, 21, 3)
+    return PosedFrames(
+        exp_so3(constant(motion.global_orient, like)), exp_so3(constant(local, like)), constant(motion.transl, like)
+    )
+
+
+def _with_bias(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> Subject:
+    count = min(problem.num_frames, SAMPLE_FRAMES)
+    sample = np.unique(np.linspace(0, problem.num_frames - 1, count).astype(int))
+    frames, term = select_frames(before, sample), problem.term.select(sample)
+    return refit_shape(subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=False)
+
+
+def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
+    """Return keys that have exactly these poses at their times (half-way along the turn between two frames)."""
+    early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
+
+    def midway(R: Array) -> Array:
+        return R[early] @ exp_so3(0.5 * log_so3(R[early].swapaxes(-1, -2) @ R[late]))
+
+    root, local = midway(poses.root), midway(poses.local)
+    z = problem.prior.encode(local)
+    residual = log_so3(local @ problem.prior.decode(z).swapaxes(-1, -2))
+    transl = 0.5 * (poses.transl[early] + poses.transl[late])
+    return hemisphere_aligned(Keyframes(z, quat_from_matrix(root), transl, residual))
+
+
+def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, stretch: Stretch) -> Keyframes:
+    """Return the keys with the pinned poses in their places."""
+    for pin in stretch.pins:
+        index = int(np.flatnonzero(layout.key_times == pin.frame)[0])
+        vectors = (pin.global_orient[None], pin.body_pose[:63].reshape(1, 21, 3))
+        root, local = (exp_so3(constant(vector, keys.z)) for vector in vectors)
+        pose = PosedFrames(root, local, constant(pin.transl[None], keys.z))
+        keys = keys.replaced(slice(index, index + 1), _keys_at(problem, pose, np.zeros(1)))
+    return hemisphere_aligned(keys)
+
+
+def _mixed(free: np.ndarray, anew: Keyframes, held: Keyframes) -> Keyframes:
+    """Return the keys that move from ``anew`` and the others from ``held``."""
+    order = np.where(free, np.arange(len(free)), len(free) + np.arange(len(free)))
+    joined = anew.replaced(slice(len(free), len(free)), held)
+    return joined.select(order)
+
+
+def _spliced(
+    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, layout: KeyframeLayout,
+    free: np.ndarray, frames: PosedFrames, sigma: Array, stretch: Stretch, settings: SolveSettings,
+) -> Motion:  # fmt: skip
+    """Return the earlier motion with the frames of the stretch replaced."""
+    moved = layout.frames[(layout.frames >= stretch.first) & (layout.frames <= stretch.last)]
+    ends = {int(t) for t, f in zip(layout.key_times, free, strict=True) if not f and t in (stretch.first, stretch.last)}
+    pinned = {pin.frame for pin in stretch.pins}
+    moved = np.array([f for f in moved if f not in ends or f in pinned])
+    part = moved - layout.bounds[0]
+    whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
+    for name in ("root", "local", "transl"):
+        getattr(whole, name)[moved] = getattr(frames, name)[part]
+    key_times = layout.key_times[(layout.key_times >= stretch.first) & (layout.key_times <= stretch.last)]
+    again = build_motion(
+        problem.capture, subject, whole, problem.observations, key_times=key_times, sigma=None,
+        scale=settings.robust_scale, provenance=motion.provenance,
+    )  # fmt: skip
+    values: dict[str, Any] = {}
+    for field in fields(Motion):
+        old, new = getattr(motion, field.name), getattr(again, field.name)
+        axis = 1 if field.name == "reprojection_px" else 0
+        if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name != "betas":
+            values[field.name] = old.copy()
+            index = (slice(None), moved) if axis else moved
+            values[field.name][index] = new[index]
+    if motion.joint_sigma is not None:
+        values["joint_sigma"] = motion.joint_sigma.copy()
+        values["joint_sigma"][moved] = np.asarray(sigma)[part]
+    entry = {"first": stretch.first, "last": stretch.last, "pins": sorted(pinned)}
+    provenance = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
+    provenance["statistics"] = again.provenance["statistics"]
+    return replace(motion, **values, provenance=provenance)
+
+
+def _copied(values: Array) -> Array:
+    return values.copy() if isinstance(values, np.ndarray) else values.clone()
