@@ -76,6 +76,24 @@ class OutputNotWritable(AddonError):
     code = "output_not_writable"
 
 
+class NothingToExport(AddonError):
+    """There is no armature, motion or frame to export, or the format asks for more than the armature has."""
+
+    code = "nothing_to_export"
+
+
+class ExporterMissing(AddonError):
+    """This Blender was built without a format, or its exporter is switched off."""
+
+    code = "exporter_missing"
+
+
+class ExportFailed(AddonError):
+    """Blender's exporter refused, or wrote nothing."""
+
+    code = "export_failed"
+
+
 class RenderFailed(AddonError):
     """Blender rendered nothing: no graphics driver, or a video format is missing."""
 

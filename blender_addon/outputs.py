@@ -11,17 +11,18 @@ from .errors import OutputExists, OutputNotWritable
 
 
 @contextmanager
-def atomic_outputs(folder: Path, names: tuple[str, ...]) -> Iterator[dict[str, Path]]:
+def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
     """Yield a temporary path for each name; they become the files when the block ends well and vanish otherwise.
 
-    Existing files are never replaced. Missing folders are made, and removed again if nothing was written.
+    Existing files are replaced only with ``overwrite``. Missing folders are made, and removed again if nothing was
+    written.
 
     Raises:
-        OutputExists: one of the files is there.
+        OutputExists: one of the files is there, and ``overwrite`` is off.
         OutputNotWritable: the folder cannot be made or written to.
     """
     existing = [name for name in names if (folder / name).exists()]
-    if existing:
+    if existing and not overwrite:
         raise OutputExists(
             f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten.",
             where=str(folder),

@@ -54,6 +54,7 @@ def bake_action(
         write_confidence(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
+    armature["betas"], armature["body"] = motion.betas.tolist(), motion.body
     action["fps"] = motion.fps
     action["frames"], action["frame_start"] = motion.num_frames, timing.start
     action["body"] = motion.body

@@ -61,6 +61,27 @@ def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
+def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
+    """Return the axis-angles (..., 3), of at most pi, of rotations (..., 3, 3).
+
+    The quaternion is the longest column of ``4 q q^T``, which is safe at every angle (Shepperd 1978).
+    """
+    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    outer = np.empty((*R.shape[:-2], 4, 4))
+    outer[..., range(4), range(4)] = np.stack(
+        [1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1
+    )
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        outer[..., 0, 1 + a] = outer[..., 1 + a, 0] = R[..., c, b] - R[..., b, c]
+        outer[..., 1 + a, 1 + b] = outer[..., 1 + b, 1 + a] = R[..., a, b] + R[..., b, a]
+    longest = outer[..., range(4), range(4)].argmax(-1)[..., None, None]
+    quat = np.take_along_axis(outer, longest, axis=-1)[..., 0]
+    quat = quat * np.where(quat[..., :1] < 0, -1.0, 1.0) / np.linalg.norm(quat, axis=-1, keepdims=True)
+    sine = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, quat[..., :1])
+    return np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0) * quat[..., 1:]
+
+
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
     """Flip signs so that neighbours in time are less than 180° of quaternion arc apart.
 

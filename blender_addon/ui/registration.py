@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..export import operators as export_operators
 from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve
 from .sidebar import cameras as cameras_panel
 from .sidebar import capture as capture_panels
@@ -54,6 +55,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve.MOCAP_OT_resolve_range),
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
+    _class(export_operators.MOCAP_OT_export_take),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
@@ -66,6 +68,7 @@ TABLE: tuple[Entry, ...] = (
     _handler(bpy.app.handlers.frame_change_post, bone_colours.on_frame_change),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
+    _draw(bpy.types.TOPBAR_MT_file_export, export_operators.draw_export_menu),
     _draw(bpy.types.STATUSBAR_HT_header, following.draw_status),
 )
 """In the order of registration."""

@@ -1,0 +1,41 @@
+"""Alembic by Blender's exporter: the skinned vertices of every frame; metres, Y up as Alembic has it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..errors import NothingToExport
+from ..progress import Progress
+from .blender_exporters import run_exporter
+from .take import ExportTake, chosen
+
+
+def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
+    """Write the meshes as they move; Alembic holds no bones.
+
+    Raises:
+        NothingToExport: the armature deforms no mesh.
+    """
+    if not take.meshes:
+        raise NothingToExport(
+            "The armature deforms no mesh.", where=take.name, hint="Alembic holds vertices: choose a format with bones."
+        )
+    progress("exporting Alembic", 0, 1)
+    with chosen(take):
+        run_exporter(
+            bpy.ops.wm.alembic_export,
+            path,
+            {
+                "selected": True,
+                "start": take.frame_start,
+                "end": take.frame_end,
+                "global_scale": 1.0,
+                "uvs": True,
+                "normals": True,
+                "face_sets": True,
+                "as_background_job": False,
+            },
+        )
+    progress("exporting Alembic", 1, 1)

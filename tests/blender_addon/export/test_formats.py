@@ -1,0 +1,138 @@
+"""Exporting without surprises: nothing overwritten, nothing half-written, the user's scene as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.bake.deviation import evaluated_joints
+from blender_addon.bake.rotations import matrix_from_rotvec, rotvec_from_matrix
+from blender_addon.bake.scene import BakedTake, bake_take
+from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
+from blender_addon.export import formats
+from blender_addon.export.blender_exporters import run_exporter
+from blender_addon.export.bvh import euler_zxy
+from blender_addon.export.formats import FORMATS, export_take
+from blender_addon.export.take import take_of
+
+
+def test_what_is_there_is_overwritten_only_on_request(scene: Any, take: BakedTake, tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_text("mine")
+    with pytest.raises(OutputExists, match=r"walk\.csv is already there"):
+        export_take(take_of(scene, take.armature), "csv", path)
+    assert path.read_text() == "mine"
+    export_take(take_of(scene, take.armature), "csv", path, overwrite=True)
+    assert path.read_text().startswith("frame,time_s") and [p.name for p in tmp_path.iterdir()] == ["walk.csv"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_failed_export_leaves_what_was_there(
+    scene: Any, take: BakedTake, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"walk{FORMATS[name].suffix}"
+    path.write_bytes(b"mine")
+
+    def full_disk(part: Path, *_: object) -> None:
+        part.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(FORMATS, name, formats.Format(FORMATS[name].suffix, FORMATS[name].label, "", full_disk))
+    with pytest.raises(OutputNotWritable, match=r"No space left on device.*enough free space"):
+        export_take(take_of(scene, take.armature), name, path, overwrite=True)
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [(path.name, b"mine")]
+
+
+@pytest.mark.parametrize("name", ["fbx", "gltf", "usd", "alembic"])
+def test_the_users_scene_stays_as_it_was(scene: Any, take: BakedTake, files: Any, tmp_path: Path, name: str) -> None:
+    other = bake_take(scene, files.motion, files.body).armature
+    scene.frame_start, scene.frame_end = 3, 17
+    scene.frame_set(12)
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj is other)
+    bpy.context.view_layer.objects.active = other
+    take.mesh.hide_set(True)
+    before = state(scene), evaluated_joints(scene, take.armature, 12)
+    try:
+        export_take(take_of(scene, take.mesh), name, tmp_path / f"walk{FORMATS[name].suffix}")
+    except ExporterMissing as missing:
+        pytest.skip(str(missing))
+    assert state(scene) == before[0]
+    np.testing.assert_array_equal(evaluated_joints(scene, take.armature, 12), before[1])
+
+
+def state(scene: Any) -> tuple[Any, ...]:
+    objects = bpy.context.view_layer.objects
+    return (
+        [(obj.name, obj.select_get(), obj.hide_get(), obj.hide_viewport) for obj in objects], objects.active,
+        scene.frame_start, scene.frame_end, scene.frame_current, scene.render.fps, scene.render.fps_base,
+        len(bpy.data.scenes), len(bpy.data.actions), len(bpy.data.objects), bpy.data.filepath,
+    )  # fmt: skip
+
+
+def test_a_range_of_frames(scene: Any, take: BakedTake, tmp_path: Path) -> None:
+    export_take(take_of(scene, take.armature, (11, 20)), "csv", tmp_path / "part.csv")
+    table = np.genfromtxt(tmp_path / "part.csv", delimiter=",", skip_header=1)
+    assert table[:, 0].tolist() == list(range(11, 21)) and table[0, 1] == 0
+    np.testing.assert_allclose(table[0, 2:].reshape(24, 3), evaluated_joints(scene, take.armature, 11), atol=1e-6)
+
+
+def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path: Path) -> None:
+    with pytest.raises(NothingToExport, match="No armature is chosen"):
+        take_of(scene, None)
+    with pytest.raises(NothingToExport, match="No armature is chosen"):
+        take_of(scene, take.cameras[0])
+    with pytest.raises(NothingToExport, match="The frames 9 to 3 are none"):
+        take_of(scene, take.armature, (9, 3))
+    with pytest.raises(NothingToExport, match=r"A file of FBX ends in \.fbx.*Try walk\.fbx"):
+        export_take(take_of(scene, take.armature), "fbx", tmp_path / "walk.obj")
+    with pytest.raises(NothingToExport, match="There is no format 'obj'.*Known formats: bvh"):
+        export_take(take_of(scene, take.armature), "obj", tmp_path / "walk.obj")
+    del take.armature["betas"]
+    with pytest.raises(NothingToExport, match="does not say which body and shape"):
+        export_take(take_of(scene, take.armature), "amass", tmp_path / "walk.npz")
+    bpy.data.objects.remove(take.mesh)
+    with pytest.raises(NothingToExport, match="deforms no mesh"):
+        export_take(take_of(scene, take.armature), "alembic", tmp_path / "walk.abc")
+    take.armature.data.bones["left_knee"].name = "knee.L"
+    with pytest.raises(NothingToExport, match="lacks the bones left_knee"):
+        export_take(take_of(scene, take.armature), "trc", tmp_path / "walk.trc")
+    take.armature.animation_data_clear()
+    with pytest.raises(NothingToExport, match="has no current action"):
+        take_of(scene, take.armature)
+    bpy.context.view_layer.layer_collection.children[take.collection.name].exclude = True
+    with pytest.raises(NothingToExport, match="Switch its collection on"):
+        export_take(take_of(scene, take.armature, (1, 2)), "fbx", tmp_path / "walk.fbx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_blenders_refusals_are_named(scene: Any, tmp_path: Path) -> None:
+    with pytest.raises(ExporterMissing, match="cannot write XYZ"):
+        run_exporter(bpy.ops.export_scene.no_such_format, tmp_path / "a.xyz", {})
+    with pytest.raises(ExportFailed, match="exporter failed"):
+        run_exporter(bpy.ops.export_anim.bvh, tmp_path / "a.bvh", {})
+
+
+def test_euler_angles_are_the_rotation_and_continuous_past_the_pole() -> None:
+    at = np.linspace(0, 4 * np.pi, 400)
+    rotvec = np.stack([at, 0.3 * np.sin(at), 0.2 * np.cos(at)], axis=-1)[:, None]
+    R = matrix_from_rotvec(rotvec)
+    z, x, y = np.moveaxis(euler_zxy(R), -1, 0)
+    turn = lambda axis, angle: matrix_from_rotvec(angle[..., None] * np.eye(3)[axis])  # noqa: E731
+    np.testing.assert_allclose(turn(2, z) @ turn(0, x) @ turn(1, y), R, atol=1e-12)
+    assert np.abs(np.diff(x, axis=0)).max() < 0.1
+
+
+def test_axis_angles_of_matrices_at_all_angles() -> None:
+    rng = np.random.default_rng(0)
+    axis = rng.normal(size=(200, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = np.concatenate([[0.0, 1e-9, 1e-4, np.pi - 1e-9], rng.uniform(0, np.pi, 196)])[:, None]
+    found = rotvec_from_matrix(matrix_from_rotvec(axis * angle))
+    np.testing.assert_allclose(found[:3], (axis * angle)[:3], atol=1e-12)
+    np.testing.assert_allclose(found[4:], (axis * angle)[4:], atol=1e-7)
+    np.testing.assert_allclose(matrix_from_rotvec(found), matrix_from_rotvec(axis * angle), atol=1e-12)
