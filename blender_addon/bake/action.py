@@ -42,19 +42,20 @@ def bake_action(
     channels = pose_channels(motion, armature, rest_pelvis)
     if keys_per_second is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
-        for path, joint, part in _columns():
+        for path, joint, part in pose_columns():
             write_curves(target, path, joint, times, channels[:, part], types)
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
     else:
         count = 1 + round(keys_per_second * motion.num_frames / motion.fps)
         curves, deviation = thin_channels(channels, armature, motion.keyframes, count)
         slopes = curves.slopes * motion.fps / timing.scene_fps
-        for path, joint, part in _columns():
+        for path, joint, part in pose_columns():
             write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
         write_confidence(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
-    armature["betas"], armature["body"] = motion.betas.tolist(), motion.body
+    armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
+    armature["body"] = motion.body
     action["fps"] = motion.fps
     action["frames"], action["frame_start"] = motion.num_frames, timing.start
     action["body"] = motion.body
@@ -70,7 +71,7 @@ def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: n
     return np.concatenate([location, quaternions.reshape(motion.num_frames, -1)], axis=1)
 
 
-def _columns() -> Iterator[tuple[str, str, slice]]:
+def pose_columns() -> Iterator[tuple[str, str, slice]]:
     """Yield data path, bone and columns of each property in ``pose_channels``."""
     yield f'pose.bones["{JOINTS[0]}"].location', JOINTS[0], slice(0, 3)
     for j, joint in enumerate(JOINTS):

@@ -61,10 +61,10 @@ def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
-    """Return the axis-angles (..., 3), of at most pi, of rotations (..., 3, 3).
+def quat_from_matrix(R: np.ndarray) -> np.ndarray:
+    """Return the unit quaternions (..., 4) wxyz, w >= 0, of rotations (..., 3, 3).
 
-    The quaternion is the longest column of ``4 q q^T``, which is safe at every angle (Shepperd 1978).
+    Each is the longest column of ``4 q q^T``, which is safe at every angle (Shepperd 1978).
     """
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     outer = np.empty((*R.shape[:-2], 4, 4))
@@ -76,7 +76,12 @@ def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
         outer[..., 1 + a, 1 + b] = outer[..., 1 + b, 1 + a] = R[..., a, b] + R[..., b, a]
     longest = outer[..., range(4), range(4)].argmax(-1)[..., None, None]
     quat = np.take_along_axis(outer, longest, axis=-1)[..., 0]
-    quat = quat * np.where(quat[..., :1] < 0, -1.0, 1.0) / np.linalg.norm(quat, axis=-1, keepdims=True)
+    return quat * np.where(quat[..., :1] < 0, -1.0, 1.0) / np.linalg.norm(quat, axis=-1, keepdims=True)
+
+
+def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
+    """Return the axis-angles (..., 3), of at most pi, of rotations (..., 3, 3)."""
+    quat = quat_from_matrix(R)
     sine = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, quat[..., :1])
     return np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0) * quat[..., 1:]

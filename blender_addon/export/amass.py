@@ -8,9 +8,12 @@ import numpy as np
 
 from ..bake.coordinates import R_ARMATURE_BODY
 from ..bake.rotations import rotvec_from_matrix
+from ..body.shape import get_betas
 from ..errors import NothingToExport
+from ..files.body_file import default_body_path, read_body
 from ..files.skeleton import NUM_JOINTS, PARENTS
 from ..progress import Progress
+from .plain_take import is_body
 from .pose_samples import PoseSamples, sample_joints
 from .take import ExportTake
 
@@ -25,14 +28,9 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     SMPL's hand joints 22 and 23, which AMASS does not know, go into ``hand_pose``; the joints into ``joints``.
 
     Raises:
-        NothingToExport: the armature does not say which shape it has.
+        NothingToExport: it is not known which shape the body has.
     """
-    if "betas" not in take.armature:
-        raise NothingToExport(
-            "The armature does not say which body and shape it has.",
-            where=take.name,
-            hint="AMASS describes a body's shape: export an armature that this add-on baked.",
-        )
+    betas, rest_pelvis = _shape(take)
     pose = sample_joints(take, progress)
     rotvec = local_rotvec(pose)
     poses = np.zeros((pose.num_frames, POSE_WIDTH))
@@ -40,8 +38,8 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     np.savez_compressed(
         path,
         poses=poses,
-        trans=pose.heads[:, 0] - pose.rest_heads[0] @ R_ARMATURE_BODY,
-        betas=np.array(take.armature["betas"], np.float64),
+        trans=pose.heads[:, 0] - rest_pelvis,
+        betas=betas,
         gender=np.array("neutral"),
         mocap_framerate=np.array(pose.fps),
         surface_model_type=np.array("smplh"),
@@ -49,6 +47,28 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
         joints=pose.heads,
         body=np.array(take.armature["body"]),
     )
+
+
+def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (10,) betas that the body shows, and the (3,) pelvis of that shape at rest in the body's frame."""
+    if "betas" not in take.armature:
+        raise NothingToExport(
+            "The armature does not say which body and shape it has.",
+            where=take.name,
+            hint="AMASS describes a body's shape: export an armature that this add-on baked.",
+        )
+    solved, rest_pelvis = np.array(take.armature["betas"]), np.array(take.armature["rest_pelvis"])
+    betas = get_betas(take.meshes[0]) if is_body(take) else solved
+    if np.allclose(betas, solved, atol=1e-4):
+        return solved, rest_pelvis
+    body = read_body(default_body_path())
+    if body.id != take.armature["body"]:
+        raise NothingToExport(
+            "The body's shape was changed after the solve, and its body file is not at hand.",
+            where=take.name,
+            hint="Set the shape sliders back to the solved shape.",
+        )
+    return betas, body.rest_joints(betas)[0]
 
 
 def local_rotvec(pose: PoseSamples) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..progress import Progress
 from .axes import R_YUP_ZUP
+from .plain_take import plain_take
 from .pose_samples import PoseSamples, sample_pose
 from .take import ExportTake
 
@@ -20,7 +21,8 @@ _ROTATIONS = "Zrotation Xrotation Yrotation"
 
 def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take's deforming bones."""
-    pose = sample_pose(take, progress)
+    with plain_take(take, progress) as plain:
+        pose = sample_pose(plain, progress)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write("\n".join(["HIERARCHY", *_hierarchy(pose, pose.parents.index(-1), 0), "MOTION", ""]))
         stream.write(f"Frames: {pose.num_frames}\nFrame Time: {1 / pose.fps:.9f}\n")

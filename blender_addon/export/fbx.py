@@ -8,13 +8,14 @@ import bpy
 
 from ..progress import Progress
 from .blender_exporters import run_exporter
+from .plain_take import plain_take
 from .take import ExportTake, chosen
 
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the armature, its meshes and the motion."""
     progress("exporting FBX", 0, 1)
-    with chosen(take):
+    with plain_take(take, progress) as plain, chosen(plain):
         run_exporter(
             bpy.ops.export_scene.fbx,
             path,

@@ -8,13 +8,14 @@ import bpy
 
 from ..progress import Progress
 from .blender_exporters import run_exporter
+from .plain_take import plain_take
 from .take import ExportTake, chosen
 
 
 def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the armature, its meshes and the motion."""
     progress("exporting glTF", 0, 1)
-    with chosen(take) as scene:
+    with plain_take(take, progress) as plain, chosen(plain) as scene:
         # The exporter takes fps * fps_base for the frame rate, which is fps / fps_base.
         scene.render.fps_base = 1 / scene.render.fps_base
         run_exporter(

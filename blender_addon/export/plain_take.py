@@ -1,0 +1,92 @@
+"""A take as other programs can read it: a body of 24 bones without drivers, with a key on every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ..bake.action import pose_columns
+from ..bake.curves import create_action, key_type_values, write_curves
+from ..bake.rotations import quat_from_matrix, sign_continuous
+from ..body.armature import bone_axes, deform_bone
+from ..body.plain import plain_copy
+from ..body.rig import Rig
+from ..files.skeleton import JOINTS, PARENTS
+from ..progress import Progress
+from .pose_samples import PoseSamples, sample_joints
+from .take import ExportTake
+
+
+@contextmanager
+def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
+    """Yield a temporary plain copy of a take of ours, under its own names; any other take as it is.
+
+    The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
+    movement included.
+    """
+    if not is_body(take):
+        yield take
+        return
+    pose = sample_joints(take, progress)
+    active = bpy.context.view_layer.objects.active
+    collection = bpy.data.collections.new("Export")
+    take.scene.collection.children.link(collection)
+    copy, action, originals = None, None, (take.armature, take.meshes[0])
+    names = [obj.name for obj in originals]
+    try:
+        copy = plain_copy(Rig(*originals), collection)
+        copy.armature.matrix_world.identity()
+        action = _bake(copy.armature, pose, take)
+        _swap_names(originals, (copy.armature, copy.mesh), names)
+        yield replace(take, armature=copy.armature, meshes=(copy.mesh,))
+    finally:
+        if copy is not None:
+            _remove(copy, action)
+        for obj, name in zip(originals, names, strict=True):
+            obj.name = name
+        bpy.data.collections.remove(collection)
+        bpy.context.view_layer.objects.active = active
+
+
+def is_body(take: ExportTake) -> bool:
+    """Return whether the take is a body of this add-on, skin included."""
+    bones = take.armature.data.bones
+    return len(take.meshes) == 1 and all(name in bones for j in JOINTS for name in (j, deform_bone(j)))
+
+
+def _bake(armature: bpy.types.Object, pose: PoseSamples, take: ExportTake) -> bpy.types.Action:
+    """Write sampled rotations and the pelvis's path as an action of the copy."""
+    axes = bone_axes(armature)
+    parents = list(PARENTS[1:])
+    local = pose.rotations.copy()
+    local[:, 1:] = pose.rotations[:, parents].swapaxes(-1, -2) @ pose.rotations[:, 1:]
+    quaternions = sign_continuous(quat_from_matrix(axes.swapaxes(1, 2) @ local @ axes))
+    rest = np.array(armature.data.bones[JOINTS[0]].head_local, dtype=np.float64)
+    channels = np.concatenate([(pose.heads[:, 0] - rest) @ axes[0], quaternions.reshape(pose.num_frames, -1)], axis=1)
+    target = create_action(take.name, armature)
+    times = np.arange(take.frame_start, take.frame_end + 1)
+    types = key_type_values(None, pose.num_frames)
+    for path, joint, part in pose_columns():
+        write_curves(target, path, joint, times, channels[:, part], types)
+    return target.action
+
+
+def _swap_names(originals: tuple, copies: tuple, names: list[str]) -> None:
+    """Give the copies the names that the originals have."""
+    for original, copy, name in zip(originals, copies, names, strict=True):
+        original.name = f"{name} (source)"
+        copy.name = name
+
+
+def _remove(copy: Rig, action: bpy.types.Action | None) -> None:
+    mesh, data = copy.mesh.data, copy.armature.data
+    for obj in (copy.mesh, copy.armature):
+        bpy.data.objects.remove(obj)
+    bpy.data.meshes.remove(mesh)
+    bpy.data.armatures.remove(data)
+    if action is not None:
+        bpy.data.actions.remove(action)
