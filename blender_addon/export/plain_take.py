@@ -15,10 +15,13 @@ from ..bake.rotations import quat_from_matrix, sign_continuous
 from ..body.armature import bone_axes, deform_bone
 from ..body.plain import plain_copy
 from ..body.rig import Rig
+from ..errors import NothingToExport
 from ..files.skeleton import JOINTS, PARENTS
 from ..progress import Progress
 from .pose_samples import PoseSamples, sample_joints
 from .take import ExportTake
+
+_UNSCALED = 1e-4
 
 
 @contextmanager
@@ -27,10 +30,15 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
 
     The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
     movement included.
+
+    Raises:
+        NothingToExport: the armature is scaled, which a copy that stands at the origin would lose.
     """
     if not is_body(take):
         yield take
         return
+    if max(abs(value - 1) for value in take.armature.matrix_world.to_scale()) > _UNSCALED:
+        raise NothingToExport("The armature is scaled.", where=take.name, hint="Set its scale to 1.")
     pose = sample_joints(take, progress)
     active = bpy.context.view_layer.objects.active
     collection = bpy.data.collections.new("Export")

@@ -12,12 +12,16 @@ import pytest
 from blender_addon.bake.deviation import evaluated_joints
 from blender_addon.bake.rotations import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.bake.scene import BakedTake, bake_take
+from blender_addon.bake.takes import push_down
+from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
 from blender_addon.export import formats
 from blender_addon.export.blender_exporters import run_exporter
 from blender_addon.export.bvh import euler_zxy
 from blender_addon.export.formats import FORMATS, export_take
 from blender_addon.export.take import take_of
+from blender_addon.files.skeleton import JOINTS
+from solver_backend.io.bvh import read_bvh
 
 
 def test_what_is_there_is_overwritten_only_on_request(scene: Any, take: BakedTake, tmp_path: Path) -> None:
@@ -79,6 +83,28 @@ def test_a_range_of_frames(scene: Any, take: BakedTake, tmp_path: Path) -> None:
     table = np.genfromtxt(tmp_path / "part.csv", delimiter=",", skip_header=1)
     assert table[:, 0].tolist() == list(range(11, 21)) and table[0, 1] == 0
     np.testing.assert_allclose(table[0, 2:].reshape(24, 3), evaluated_joints(scene, take.armature, 11), atol=1e-6)
+
+
+def test_what_the_user_did_to_the_take_is_exported(scene: Any, take: BakedTake, files: Any, tmp_path: Path) -> None:
+    """Another shape, a take on the NLA and a constraint."""
+    betas = get_betas(take.mesh)
+    set_betas(take.mesh, betas + np.array([1.5, -1, 0, 0, 0, 0, 0, 0, 0, 0]))
+    push_down(take.armature)
+    take.armature.animation_data.nla_tracks[0].mute = False
+    take.armature.pose.bones["left_wrist"].constraints.new("LIMIT_ROTATION").use_limit_x = True
+    expected = np.stack([evaluated_joints(scene, take.armature, frame) for frame in (1, 30)])
+    assert np.linalg.norm(expected[1] - files.motion.joints[29], axis=-1).max() > 0.01
+    exported = take_of(scene, take.armature, (1, 60))
+    export_take(exported, "bvh", tmp_path / "walk.bvh")
+    clip = read_bvh(tmp_path / "walk.bvh")
+    found = clip.positions()[[0, 29]][:, [clip.names.index(joint) for joint in JOINTS]]
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+    with pytest.raises(NothingToExport, match="shape was changed after the solve"):
+        export_take(exported, "amass", tmp_path / "walk.npz")
+    take.armature.scale = (2, 2, 2)
+    bpy.context.view_layer.update()
+    with pytest.raises(NothingToExport, match="The armature is scaled"):
+        export_take(exported, "bvh", tmp_path / "scaled.bvh")
 
 
 def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path: Path) -> None:
