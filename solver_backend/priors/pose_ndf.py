@@ -10,41 +10,41 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_left_tangent
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.pose_distance import JOINT_WEIGHTS
+from solver_backend.priors.pose_field import PoseField
 from solver_backend.priors.softplus_stack import SoftplusStack
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
-FEATURES = 6
-"""Length of a joint's feature (Tiwari et al. 2022, 4.1)."""
-ENCODER_HIDDEN = 6
 _DIM = 4 * NUM_BODY_JOINTS
-_PARENT: tuple[int, ...] = tuple(p - 1 for p in SMPL_PARENTS[1 : 1 + NUM_BODY_JOINTS])
-"""Column of each body joint's parent; -1 where that is the pelvis."""
+_UNIT_WITHIN = 1e-3
+"""Largest error of a quaternion's length that still counts as a unit quaternion."""
 
 
 @dataclass(frozen=True)
 class ProjectionSettings:
     """Gradient descent to the manifold (eq. 6)."""
 
-    steps: int = 50
+    steps: int = 60
     """At most."""
     step_size: float = 1.0
-    """The factor α: one for a field whose gradient has unit length."""
+    """The factor α at first: one for a field whose gradient has unit length."""
     tolerance: float = 1e-3
     """Distance, rad, at which a pose counts as on the manifold."""
 
 
 class PoseNDF(PosePrior):
-    """``f(θ) = f_df([v_1 .. v_21])``, ``v_k = f_enc_k(θ_k, v_parent)``: zero on plausible poses, rad elsewhere.
+    """The distance of a pose to the manifold of plausible ones, rad: zero on it, in the metric of ``pose_distance``.
 
     Quaternions enter with ``w >= 0``, so that q and -q are the same pose by construction.
     """
 
-    def __init__(self, encoders: tuple[SoftplusStack, ...], field: SoftplusStack, metadata: dict[str, Any]) -> None:
-        self._encoders, self._field, self.metadata = encoders, field, metadata
+    def __init__(self, field: PoseField, metadata: dict[str, Any]) -> None:
+        self._field, self.metadata = field, metadata
 
     @property
     def name(self) -> str:
@@ -86,49 +86,66 @@ class PoseNDF(PosePrior):
         return self.distance_with_gradient(self.encode(rotations))[0]
 
     def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
-        """Return ``f`` (N,) and ``df/dz`` (N, 84) of (N, 84) quaternions, by reverse accumulation through the tree."""
+        """Return ``f`` (N,) and ``df/dz`` (N, 84) of (N, 84) unit quaternions.
+
+        Raises:
+            PoseInvalid: NaN, another length, or quaternions that are not of unit length.
+        """
         check_codes(z, _DIM)
         xp = array_namespace(z)
         quats = xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))
+        if bool(xp.any(xp.abs(xp.sum(quats * quats, axis=-1) - 1.0) > 2.0 * _UNIT_WITHIN)):
+            raise PoseInvalid("A code has quaternions that are not of unit length.", hint="Divide each by its length.")
+        distance, gradient = self._signed(quats)
+        return distance, xp.reshape(gradient, (z.shape[0], _DIM))
+
+    def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
+        """Return ``f`` (N,) of (N, 21, 3, 3) poses and its derivative by the joints' left tangents, (N, 21, 3).
+
+        ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``.
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        check_rotations(rotations)
+        xp = array_namespace(rotations)
+        quats = quat_from_matrix(rotations)
+        distance, gradient = self._signed(quats)
+        return distance, xp.matmul(xp.matrix_transpose(quat_left_tangent(quats)), gradient[..., None])[..., 0]
+
+    def _signed(self, quats: Array) -> tuple[Array, Array]:
+        """Return the distance and the gradient (N, 21, 4) of quaternions of either sign."""
+        xp = array_namespace(quats)
         sign = xp.where(quats[..., :1] < 0, -xp.ones_like(quats[..., :1]), xp.ones_like(quats[..., :1]))
-        features: list[Array] = []
-        tapes = []
-        for joint, encoder in enumerate(self._encoders):
-            own = sign[:, joint] * quats[:, joint]
-            parent = _PARENT[joint]
-            value, tape = encoder.forward(own if parent < 0 else xp.concat((own, features[parent]), axis=-1))
-            features.append(value)
-            tapes.append(tape)
-        distance, tape = self._field.forward(xp.concat(features, axis=-1))
-        by_all = self._field.backward(tape, xp.ones_like(distance))
-        by_feature = [by_all[:, FEATURES * j : FEATURES * (j + 1)] for j in range(NUM_BODY_JOINTS)]
-        by_quat: list[Array] = [by_all] * NUM_BODY_JOINTS
-        for joint in range(NUM_BODY_JOINTS - 1, -1, -1):
-            by_input = self._encoders[joint].backward(tapes[joint], by_feature[joint])
-            by_quat[joint] = sign[:, joint] * by_input[:, :4]
-            if _PARENT[joint] >= 0:
-                by_feature[_PARENT[joint]] = by_feature[_PARENT[joint]] + by_input[:, 4:]
-        return distance[:, 0], xp.concat(by_quat, axis=-1)
+        distance, gradient = self._field.like(quats).with_gradient(sign * quats)
+        return distance, sign * gradient
 
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
         """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length (eq. 6).
 
-        A pose takes only steps that lower its distance; its step is halved where it would rise.
+        The gradient is that of the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 a field
+        that is a distance is left in one step. A step that would raise a pose's distance is halved; α then grows again.
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
         """
-        z = self.encode(rotations)
-        xp = array_namespace(z)
-        distance, gradient = self.distance_with_gradient(z)
+        xp = array_namespace(rotations)
+        check_rotations(rotations)
+        quats = quat_from_matrix(rotations)
+        distance, gradient = self._signed(quats)
         alpha = settings.step_size * xp.ones_like(distance)
         for _ in range(settings.steps):
-            if bool(xp.all(distance < settings.tolerance)):
+            if bool(xp.all((distance < settings.tolerance) | (alpha < 1e-6))):
                 break
-            trial = _normalised(z - (alpha * distance)[:, None] * gradient)
-            trial_distance, trial_gradient = self.distance_with_gradient(trial)
+            step = (alpha * distance)[:, None, None] * in_metric(quats, gradient)
+            trial = _unit(quats - step)
+            trial_distance, trial_gradient = self._signed(trial)
             better = trial_distance < distance
-            z, gradient = (xp.where(better[:, None], a, b) for a, b in ((trial, z), (trial_gradient, gradient)))
+            quats = xp.where(better[:, None, None], trial, quats)
+            gradient = xp.where(better[:, None, None], trial_gradient, gradient)
             distance = xp.where(better, trial_distance, distance)
-            alpha = xp.where(better, alpha, 0.5 * alpha)
-        return self.decode(z)
+            alpha = xp.where(better, xp.clip(1.5 * alpha, None, settings.step_size), 0.5 * alpha)
+        return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> np.ndarray:
         """Return ``count`` random poses (60° about random axes, at one sigma) projected to the manifold."""
@@ -144,20 +161,36 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
         WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
     """
     stored = read_weights(Path(path), "pose_ndf")
-    encoders = tuple(
-        _stack(stored, f"joint{k}", (4 if _PARENT[k] < 0 else 4 + FEATURES, ENCODER_HIDDEN, FEATURES))
-        for k in range(NUM_BODY_JOINTS)
-    )
-    hidden = tuple(int(n) for n in stored.metadata.get("field_hidden", ()))
-    field = _stack(stored, "field", (FEATURES * NUM_BODY_JOINTS, *hidden, 1))
-    return PoseNDF(encoders, field, {**stored.metadata, "sha256": stored.sha256})
+    size = stored.metadata.get("field_size", {})
+    try:
+        features, hidden = int(size["features"]), int(size["encoder_hidden"])
+        widths = (NUM_BODY_JOINTS * features, *(int(n) for n in size["field_hidden"]), 1)
+    except (KeyError, TypeError, ValueError) as error:
+        raise WeightsInvalid("The weights of pose_ndf do not say how large the network is.") from error
+    shapes = {
+        "w0": (NUM_BODY_JOINTS, hidden, 4 + features), "b0": (NUM_BODY_JOINTS, hidden),
+        "w1": (NUM_BODY_JOINTS, features, hidden), "b1": (NUM_BODY_JOINTS, features),
+    }  # fmt: skip
+    encoders = {name: stored.array(f"encoder_{name}", shape) for name, shape in shapes.items()}
+    field = PoseField(**encoders, distance=_stack(stored, "field", widths))
+    return PoseNDF(field, {**stored.metadata, "sha256": stored.sha256})
+
+
+def in_metric(quats: Array, gradient: Array) -> Array:
+    """Return the gradient in the metric of ``pose_distance``: the tangent part, times ``2/w_k``; (N, 21, 4).
+
+    Its squared length in that metric, ``Σ_k (w_k/2) |·|²``, is 1 where the field is a distance.
+    """
+    xp = array_namespace(quats)
+    tangent = gradient - xp.sum(gradient * quats, axis=-1, keepdims=True) * quats
+    return constant(2.0 / JOINT_WEIGHTS[:, None], quats) * tangent
 
 
 def _stack(stored: PriorWeights, part: str, widths: tuple[int, ...]) -> SoftplusStack:
     pairs = list(pairwise(widths))
     matrices = tuple(stored.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairs))
     biases = tuple(stored.array(f"{part}_b{i}", (b,)) for i, (_, b) in enumerate(pairs))
-    return SoftplusStack(matrices, biases, last_is_positive=part == "field")
+    return SoftplusStack(matrices, biases, last_is_positive=True)
 
 
 def _upper(quats: Array) -> Array:
@@ -168,8 +201,3 @@ def _upper(quats: Array) -> Array:
 def _unit(quats: Array) -> Array:
     xp = array_namespace(quats)
     return quats / xp.sqrt(xp.sum(quats * quats, axis=-1, keepdims=True))
-
-
-def _normalised(z: Array) -> Array:
-    xp = array_namespace(z)
-    return xp.reshape(_upper(_unit(xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4)))), z.shape)

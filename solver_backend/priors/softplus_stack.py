@@ -22,11 +22,16 @@ class SoftplusStack:
     """(out,) each."""
     last_is_positive: bool = False
 
+    def like(self, x: Array) -> SoftplusStack:
+        """Return the stack in the kind, type and device of ``x``."""
+        weights = tuple(constant(w, x) for w in self.weights)
+        return SoftplusStack(weights, tuple(constant(b, x) for b in self.biases), self.last_is_positive)
+
     def forward(self, x: Array) -> tuple[Array, list[Array]]:
         """Return the output (N, out) and, for ``backward``, the slope of the softplus at every layer that has one."""
         slopes: list[Array] = []
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = array_namespace(x).matmul(x, constant(weight, x).T) + constant(bias, x)
+            x = array_namespace(x).matmul(x, weight.T) + bias
             if number < len(self.weights) - 1 or self.last_is_positive:
                 x, slope = softplus(x)
                 slopes.append(slope)
@@ -38,7 +43,7 @@ class SoftplusStack:
         for number in range(len(self.weights) - 1, -1, -1):
             if number < len(slopes):
                 by_output = by_output * slopes[number]
-            by_output = xp.matmul(by_output, constant(self.weights[number], by_output))
+            by_output = xp.matmul(by_output, self.weights[number])
         return by_output
 
 

@@ -33,7 +33,9 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 """
 
 
-def write_model_card(path: Path, title: str, summary: str, metadata: dict[str, Any], *, augmented: bool = True) -> None:
+def write_model_card(
+    path: Path, title: str, summary: str, metadata: dict[str, Any], *, augmented: bool = True, method: str = ""
+) -> None:
     """Write the card beside the weights.
 
     Args:
@@ -42,8 +44,9 @@ def write_model_card(path: Path, title: str, summary: str, metadata: dict[str, A
         summary: a few sentences on what it is.
         metadata: ``data, command, settings, metrics, sha256``.
         augmented: whether training drew augmented poses.
+        method: how the metrics were measured, where that is not how the other priors' are.
     """
-    method = _METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD
+    method = method or (_METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD)
     augmentation = _AUGMENTATION if augmented else ""
     metrics = "\n".join(f"| `{key}` | {value:.4g} |" for key, value in metadata["metrics"].items())
     settings = "\n".join(f"| `{key}` | {value} |" for key, value in metadata["settings"].items())

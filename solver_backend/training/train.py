@@ -24,6 +24,7 @@ from solver_backend.training.corpus import (
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Finished, Job
 from solver_backend.training.train_gmm import train_gmm
+from solver_backend.training.train_pose_ndf import train_pose_ndf
 from solver_backend.training.train_sposer import train_sposer
 from solver_backend.training.train_vae import train_rvposer, train_vposer
 
@@ -32,6 +33,7 @@ RECIPES: dict[str, Callable[[Job], Finished]] = {
     "sposer": train_sposer,
     "rvposer": train_rvposer,
     "vposer": train_vposer,
+    "pose_ndf": train_pose_ndf,
 }
 """What trains each prior."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,36 +10,41 @@ import torch
 
 from solver_backend.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.pose_ndf import ENCODER_HIDDEN, FEATURES, PoseNDF, load_pose_ndf
+from solver_backend.priors.pose_distance import JOINT_WEIGHTS
+from solver_backend.priors.pose_field import LEVELS
+from solver_backend.priors.pose_ndf import PoseNDF, in_metric, load_pose_ndf
 from solver_backend.priors.weights import PriorWeights, write_weights
 from solver_backend.types.joint_sets import SMPL_PARENTS
-
-HIDDEN = (24, 16)
-
-
-def arrays(seed: int = 0) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    parts = {
-        f"joint{k}": (4 if SMPL_PARENTS[k + 1] == 0 else 4 + FEATURES, ENCODER_HIDDEN, FEATURES) for k in range(21)
-    }
-    parts["field"] = (21 * FEATURES, *HIDDEN, 1)
-    out = {}
-    for part, widths in parts.items():
-        for i, (a, b) in enumerate(pairwise(widths)):
-            out[f"{part}_w{i}"] = rng.standard_normal((b, a)) / np.sqrt(a)
-            out[f"{part}_b{i}"] = 0.1 * rng.standard_normal(b)
-    return out
+from tests.priors.pose_ndf_weights import SIZE, arrays, random_prior
 
 
 @pytest.fixture
 def prior(tmp_path: Path) -> PoseNDF:
-    path = tmp_path / "pose_ndf.npz"
-    write_weights(path, PriorWeights("pose_ndf", arrays(), {"field_hidden": HIDDEN}))
-    return load_pose_ndf(path)
+    return random_prior(tmp_path)
 
 
 def poses(count: int, seed: int = 1) -> np.ndarray:
     return exp_so3(0.6 * np.random.default_rng(seed).standard_normal((count, 21, 3)))
+
+
+def test_levels_hold_every_joint_below_its_parent() -> None:
+    joints = [joint for level in LEVELS for joint in level.joints]
+    assert sorted(joints) == list(range(21))
+    for above, level in zip(LEVELS, LEVELS[1:], strict=False):
+        for row, joint in zip(level.parents, level.joints, strict=True):
+            assert above.joints[int(np.flatnonzero(row)[0])] == SMPL_PARENTS[joint + 1] - 1 and row.sum() == 1
+
+
+def test_a_parents_turn_changes_its_childrens_features_and_no_others(prior: PoseNDF) -> None:
+    R = poses(1)
+    turned = R.copy()
+    turned[:, 15] = exp_so3(np.array([0.3, 0.2, -0.4])) @ R[:, 15]
+    field, order = prior._field, [joint for level in LEVELS for joint in level.joints]
+    before, after = (
+        np.concatenate(field._encode(prior.encode(x).reshape(1, 21, 4).transpose(1, 0, 2))[0]) for x in (R, turned)
+    )
+    changed = {order[i] for i in np.flatnonzero(np.abs(after - before).max(axis=(1, 2)) > 1e-12)}
+    assert changed == {15, 17, 19}  # left shoulder, elbow, wrist
 
 
 def test_gradient_against_central_differences(prior: PoseNDF) -> None:
@@ -50,6 +54,24 @@ def test_gradient_against_central_differences(prior: PoseNDF) -> None:
         d = step * np.eye(84)[i]
         numeric = (prior.distance_with_gradient(z + d)[0] - prior.distance_with_gradient(z - d)[0]) / (2 * step)
         np.testing.assert_allclose(gradient[:, i], numeric, atol=1e-7)
+
+
+def test_tangents_against_central_differences(prior: PoseNDF) -> None:
+    R, step = poses(3), 1e-6
+    _, tangents = prior.distance_with_tangents(R)
+    for i in range(63):
+        turn = exp_so3(step * np.eye(63)[i].reshape(21, 3))
+        numeric = (prior.energy(turn @ R) - prior.energy(np.swapaxes(turn, -1, -2) @ R)) / (2 * step)
+        np.testing.assert_allclose(tangents.reshape(3, 63)[:, i], numeric, atol=1e-7)
+
+
+def test_gradient_in_the_metric_is_what_a_step_along_it_gains(prior: PoseNDF) -> None:
+    quats = prior.encode(poses(4)).reshape(4, 21, 4)
+    gradient = prior.distance_with_gradient(quats.reshape(4, 84))[1].reshape(4, 21, 4)
+    steepest = in_metric(quats, gradient)
+    square = (0.5 * JOINT_WEIGHTS[:, None] * steepest**2).sum((1, 2))
+    np.testing.assert_allclose(square, (gradient * steepest).sum((1, 2)), rtol=1e-10)
+    assert np.abs((steepest * quats).sum(-1)).max() < 1e-12
 
 
 def test_opposite_quaternions_are_one_pose(prior: PoseNDF) -> None:
@@ -91,9 +113,36 @@ def test_projection_never_raises_the_distance(prior: PoseNDF) -> None:
 def test_bad_input_is_named(prior: PoseNDF, tmp_path: Path) -> None:
     with pytest.raises(PoseInvalid, match=r"shape \(N, 84\)"):
         prior.distance_with_gradient(np.zeros((2, 63)))
-    with pytest.raises(PoseInvalid, match="NaN"):
-        prior.project(np.full((1, 21, 3, 3), np.nan))
+    with pytest.raises(PoseInvalid, match=r"not of unit length.*Divide"):
+        prior.distance_with_gradient(1.1 * prior.encode(poses(2)))
+    for call in (prior.project, prior.energy, prior.distance_with_tangents):
+        with pytest.raises(PoseInvalid, match="NaN"):
+            call(np.full((1, 21, 3, 3), np.nan))
+        with pytest.raises(PoseInvalid, match=r"shape \(N, 21, 3, 3\)"):
+            call(poses(2)[:, :20])
+        with pytest.raises(PoseInvalid, match=r"no rotations.*pose 1"):
+            call(poses(2) * np.array([1.0, 1.1])[:, None, None, None])
+
+
+@pytest.mark.parametrize(
+    ("metadata", "changed", "message"),
+    [
+        ({"field_size": SIZE}, {"encoder_w0": np.zeros((21, 6, 4))}, r"encoder_w0.*\(21, 6, 4\), not \(21, 5, 7\)"),
+        ({"field_size": SIZE}, {"field_b1": np.full(16, np.nan)}, "field_b1.*not numbers"),
+        ({}, {}, "do not say how large"),
+        ({"field_size": SIZE, "body_joints": ["pelvis"]}, {}, "another body"),
+        ({"field_size": SIZE, "version": 99}, {}, "version 99, this reads 1"),
+    ],
+)
+def test_weights_that_do_not_fit_are_named(tmp_path: Path, metadata, changed, message) -> None:
     path = tmp_path / "pose_ndf.npz"
-    write_weights(path, PriorWeights("pose_ndf", arrays() | {"joint3_w0": np.zeros((6, 4))}, {"field_hidden": HIDDEN}))
-    with pytest.raises(WeightsInvalid, match=r"joint3_w0.*\(6, 4\), not \(6, 10\)"):
+    write_weights(path, PriorWeights("pose_ndf", arrays() | changed, metadata))
+    with pytest.raises(WeightsInvalid, match=message):
+        load_pose_ndf(path)
+
+
+def test_weights_of_another_prior_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "pose_ndf.npz"
+    write_weights(path, PriorWeights("rvposer", arrays(), {"field_size": SIZE}))
+    with pytest.raises(WeightsInvalid, match="'rvposer', not 'pose_ndf'"):
         load_pose_ndf(path)

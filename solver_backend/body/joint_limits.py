@@ -1,0 +1,87 @@
+"""How far joints can turn: ranges of motion of healthy adults, for the 21 body joints of the SMPL family.
+
+A rotation is split into a twist about the bone and a swing (Grassia 1998): three angles about the axes of the T-pose
+(x to the left, y up, z forward), one of them the twist, the others the components of the swing's rotation vector.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.quaternions import (
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
+
+MARGIN_DEG = 15.0
+"""Added at both ends: the spread between people (10 to 15 degrees in the sources) and between conventions of zero."""
+_X, _Y = 0, 1
+_RANGES: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]]] = {
+    "hip": (_Y, ((-125, 30), (-50, 50), (-30, 60))),
+    "knee": (_Y, ((-5, 145), (-35, 35), (-10, 10))),
+    "ankle": (_Y, ((-30, 50), (-30, 30), (-30, 30))),
+    "foot": (_Y, ((-70, 40), (-15, 15), (-15, 15))),
+    "spine1": (_Y, ((-25, 60), (-20, 20), (-25, 25))),
+    "spine2": (_Y, ((-25, 40), (-25, 25), (-25, 25))),
+    "spine3": (_Y, ((-20, 30), (-30, 30), (-20, 20))),
+    "neck": (_Y, ((-40, 40), (-50, 50), (-30, 30))),
+    "head": (_Y, ((-60, 40), (-50, 50), (-30, 30))),
+    "collar": (_X, ((-20, 30), (-25, 25), (-15, 40))),
+    "shoulder": (_X, ((-100, 100), (-140, 60), (-105, 105))),
+    "elbow": (_X, ((-90, 90), (-150, 5), (-15, 150))),
+    "wrist": (_X, ((-45, 45), (-40, 35), (-80, 80))),
+}
+"""Axis of the twist, and least and greatest angle in degrees about x, y and z; of the left side where there are two.
+Single joints from Norkin and White 2016 (after AAOS and Boone and Azen 1979); the spine's 130 degrees of flexion, 70 of
+extension, 70 to each side and 75 of rotation are shared out to three joints, the neck's to two, the forearm's
+pronation to elbow and wrist. The elbow bends forwards or upwards: T-poses differ in the roll of the upper arm."""
+
+
+def excess_deg(local: Array) -> Array:
+    """Return by how much each joint lies beyond its range and margin, 0 within: (N, 21) degrees.
+
+    Args:
+        local: (N, 21, 3, 3) rotations of joints 1..21.
+    """
+    xp = array_namespace(local)
+    angles = swing_and_twist(local) * (180.0 / np.pi)
+    low, high = constant(_LOW - MARGIN_DEG, local), constant(_HIGH + MARGIN_DEG, local)
+    beyond = xp.where(angles > high, angles - high, xp.where(angles < low, low - angles, xp.zeros_like(angles)))
+    return xp.max(beyond, axis=-1)
+
+
+def swing_and_twist(local: Array) -> Array:
+    """Return the angles about x, y and z of ``R = swing · twist``, (N, 21, 3) rad.
+
+    Args:
+        local: (N, 21, 3, 3) rotations of joints 1..21.
+    """
+    xp = array_namespace(local)
+    q = quat_from_matrix(local)
+    along = constant(_TWIST, local)
+    twist = xp.concat((q[..., :1], q[..., 1:] * along), axis=-1)
+    length = xp.sqrt(xp.sum(twist * twist, axis=-1, keepdims=True))
+    flipped = length < 1e-9
+    none = constant((1.0, 0.0, 0.0, 0.0), local) + xp.zeros_like(twist)
+    twist = xp.where(flipped, none, twist / xp.where(flipped, xp.ones_like(length), length))
+    swing = quat_multiply(q, quat_conjugate(twist))
+    return rotvec_from_quat(twist) + rotvec_from_quat(swing)
+
+
+def _table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    low, high, twist = (np.zeros((NUM_BODY_JOINTS, 3)) for _ in range(3))
+    for column, joint in enumerate(SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]):
+        axis, ranges = _RANGES[joint.removeprefix("left_").removeprefix("right_")]
+        twist[column, axis] = 1.0
+        low[column], high[column] = np.transpose(ranges)
+        if joint.startswith("right_"):
+            low[column, 1:], high[column, 1:] = -high[column, 1:], -low[column, 1:].copy()
+    return low, high, twist
+
+
+_LOW, _HIGH, _TWIST = _table()
