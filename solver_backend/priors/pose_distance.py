@@ -38,7 +38,7 @@ def pose_distance(a: Array, b: Array) -> Array:
 
 
 def half_angles(a: Array, b: Array) -> Array:
-    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle of the rotation between; (..., 4) -> (...) rad."""
+    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between; (..., 4) -> (...) rad."""
     xp = array_namespace(a, b)
     near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
     return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))

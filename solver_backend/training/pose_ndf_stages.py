@@ -26,7 +26,6 @@ from solver_backend.training.recipe import Job
 
 FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (2.0, 40.0), (1.0, 60.0)
 """Spread of the turns about each axis: of the first stage, the second, and the validation."""
-VALIDATION_POSES = 3000
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ def possible_poses(corpus: Corpus) -> np.ndarray:
     return poses[(excess_deg(poses.astype(np.float64)) == 0).all(axis=1)]
 
 
-def perturbed_validation(validation: Corpus, manifold: Manifold, count: int = VALIDATION_POSES) -> Labelled:
+def perturbed_validation(validation: Corpus, manifold: Manifold, count: int) -> Labelled:
     """Return turned poses of unseen subjects with their distance to the training poses."""
     poses = unit_quats(torch.as_tensor(possible_poses(validation)))
     turned = turned_poses(poses, count, ALL_DEG, torch.Generator().manual_seed(1))
@@ -95,7 +94,7 @@ def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> Pos
     """Train stage after stage, each from where the last one ended, each with checkpoints in a folder of its own."""
     torch.manual_seed(job.settings.seed)
     model = PoseFieldNet(settings)
-    validation = perturbed_validation(job.validation, manifold)
+    validation = perturbed_validation(job.validation, manifold, settings.validation)
     stages, ended = Stages(manifold, settings, job.settings.seed), []
     for number, share in enumerate(settings.stages):
         task = PoseNdfTask(

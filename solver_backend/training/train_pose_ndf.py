@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import spearmanr
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.geometry.quaternions import matrix_from_quat
@@ -16,16 +15,16 @@ from solver_backend.training.corpus import Corpus
 from solver_backend.training.export import export_prior
 from solver_backend.training.model_card import write_model_card
 from solver_backend.training.nearest_poses import unit_quats
-from solver_backend.training.pose_ndf import PoseNdfSettings, field_arrays
+from solver_backend.training.pose_ndf import PoseNdfSettings, field_arrays, spearman
 from solver_backend.training.pose_ndf_stages import Manifold, perturbed_validation, train_stages
 from solver_backend.training.recipe import Finished, Job
 
-_SUMMARY = """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field over
-the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained on distances (2) to the
-mean of the 5 nearest recorded poses and on the eikonal equation, in stages from far to near. Unlike the paper: q and -q
-are one input by construction, the gradient is taken in the metric of the distance, features have 8 numbers, and the
-last two stages learn from the poses that projections with the stage before pass through. Manifold: distinct training
-poses within the limits of joints (`body/joint_limits.py`), and their mirror images."""
+_SUMMARY = """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
+over the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained on distances (2) to
+the mean of the 5 nearest recorded poses and on the eikonal equation, in stages from far to near. Unlike the paper: q
+and -q are one input by construction, the gradient is taken in the metric of the distance, features have 8 numbers, and
+the last two stages learn from the poses that projections with the stage before pass through. Manifold: distinct
+training poses within the limits of joints (`body/joint_limits.py`), and their mirror images."""
 _METHOD = """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
 turned by 1° to 60° about every axis at one sigma (half of them in some joints only). True distance: mean over the 5
 nearest training poses. `lowered`: poses whose distance, predicted or true, a projection (eq. 6) lowers. `outside`:
@@ -47,27 +46,27 @@ def train_pose_ndf(job: Job, settings: PoseNdfSettings = PoseNdfSettings()) -> F
         "data": job.data,
     }
     export_prior(path, "pose_ndf", arrays, metadata)
-    metadata["metrics"] = measure(load_pose_ndf(path), job.validation, manifold)
+    metadata["metrics"] = measure(load_pose_ndf(path), job.validation, manifold, settings)
     metadata["sha256"] = export_prior(path, "pose_ndf", arrays, metadata)
     card = path.with_suffix(".md")
     write_model_card(card, "Pose-NDF", _SUMMARY, metadata, augmented=False, method=_METHOD)
     return Finished(path, metadata["metrics"])
 
 
-def measure(prior: PoseNDF, validation: Corpus, manifold: Manifold, samples: int = 2000) -> dict[str, float]:
+def measure(prior: PoseNDF, validation: Corpus, manifold: Manifold, settings: PoseNdfSettings) -> dict[str, float]:
     """Return how well the field ranks, measures and projects perturbed poses, and what it samples."""
-    perturbed = perturbed_validation(validation, manifold)
+    perturbed = perturbed_validation(validation, manifold, settings.validation)
     truth = perturbed.distance.numpy().astype(np.float64)
     start = matrix_from_quat(perturbed.quats.numpy().astype(np.float64))
     found = prior.energy(start)
     projected = prior.project(start)
     truth_after = manifold.nearest.mean_distance(unit_quats(torch.as_tensor(projected))).numpy()
     near = truth < np.median(truth)
-    sampled = prior.sample(samples, seed=0)
+    sampled = prior.sample(settings.samples, seed=0)
     outside = (excess_deg(sampled) > 0).any(axis=1)
     return {
-        "spearman": float(spearmanr(found, truth).statistic),
-        "spearman_nearer_half": float(spearmanr(found[near], truth[near]).statistic),
+        "spearman": spearman(found, truth),
+        "spearman_nearer_half": spearman(found[near], truth[near]),
         "mean_error_rad": float(np.abs(found - truth).mean()),
         "predicted_lowered_percent": 100 * float((prior.energy(projected) < found).mean()),
         "true_lowered_percent": 100 * float((truth_after < truth).mean()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def poses(count: int, seed: int = 1) -> np.ndarray:
 def test_levels_hold_every_joint_below_its_parent() -> None:
     joints = [joint for level in LEVELS for joint in level.joints]
     assert sorted(joints) == list(range(21))
-    for above, level in zip(LEVELS, LEVELS[1:], strict=False):
+    for above, level in pairwise(LEVELS):
         for row, joint in zip(level.parents, level.joints, strict=True):
             assert above.joints[int(np.flatnonzero(row)[0])] == SMPL_PARENTS[joint + 1] - 1 and row.sum() == 1
 
