@@ -9,10 +9,14 @@ import numpy as np
 
 from ..files.body_file import BodyFile
 from .armature import create_armature
+from .controls import add_controls
 from .correctives import add_correctives
-from .layout import lay_out_bones
+from .layout import lay_out_bones, pelvis_centred, shape_directions
 from .mesh import create_mesh
-from .shape import add_shape_keys, drive_joints
+from .shape import add_shape_keys, drive_by_betas, drive_joints, get_betas
+
+_MESH, _BODY = "manifold_mesh", "manifold_body"
+"""Custom properties of the armature: its mesh (so that one comes with the other) and the body's id."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,31 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
         betas: (10,) shape.
         collection: where the objects are linked; it must be part of the current view layer.
     """
-    armature = create_armature(name, lay_out_bones(body, betas), collection)
+    layout = lay_out_bones(body, betas)
+    armature = create_armature(name, layout, collection)
+    add_controls(armature, body, betas, layout)
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)
     drive_joints(armature, mesh, body, betas)
     add_correctives(armature, mesh, body)
+    armature[_MESH], armature[_BODY] = mesh, body.id
     return Rig(armature, mesh)
+
+
+def find_rig(obj: bpy.types.Object | None) -> Rig | None:
+    """Return the rig that an object is the armature or the mesh of, None if it is part of none."""
+    armature = obj.parent if obj is not None and obj.type == "MESH" else obj
+    mesh = None if armature is None else armature.get(_MESH)
+    return Rig(armature, mesh) if mesh is not None and obj in (armature, mesh) else None
+
+
+def stand_on_floor(rig: Rig, body: BodyFile) -> None:
+    """Let the soles of the resting body stay at the height of the armature's origin, whatever the sliders say.
+
+    The lowest vertex of the present shape drives the armature's delta location, so that its location stays free.
+    """
+    directions, _ = shape_directions(body)
+    vertices, _ = pelvis_centred(body, get_betas(rig.mesh))
+    lowest = int(vertices[:, 2].argmin())
+    constant = vertices[lowest, 2] - directions[lowest, 2] @ get_betas(rig.mesh)
+    drive_by_betas(rig.armature, "delta_location", 2, -directions[lowest, 2], float(-constant), rig.mesh)

@@ -66,9 +66,37 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
     from_parent = directions - np.where(np.array(PARENTS)[:, None, None] >= 0, directions[list(PARENTS)], 0.0)
     inverse = np.swapaxes(bone_axes(armature), 1, 2)
     for j, joint in enumerate(JOINTS):
-        _drive_location(armature.pose.bones[joint], inverse[j] @ from_parent[j], rest_betas, mesh.data.shape_keys)
-        deform = armature.pose.bones[deform_bone(joint)]
-        _drive_location(deform, -inverse[j] @ directions[j], rest_betas, mesh.data.shape_keys)
+        for name, rows in ((joint, inverse[j] @ from_parent[j]), (deform_bone(joint), -inverse[j] @ directions[j])):
+            for axis, row in enumerate(rows):
+                drive_by_betas(armature.pose.bones[name], "location", axis, row, float(-row @ rest_betas), mesh)
+
+
+def drive_by_betas(
+    owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
+) -> None:
+    """Drive one element of a property by ``constant + row @ betas``; nothing is driven where no beta has an effect.
+
+    Args:
+        owner: what the property belongs to.
+        path: the property, an array.
+        axis: its element.
+        row: (10,) metres per beta.
+        constant: metres.
+        mesh: the mesh that has the sliders.
+    """
+    used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
+    if not used:
+        return
+    driver = owner.driver_add(path, axis).driver
+    driver.type = "SCRIPTED"
+    for k in used:
+        variable = driver.variables.new()
+        variable.name, variable.type = f"b{k}", "SINGLE_PROP"
+        target = variable.targets[0]
+        target.id_type, target.id = "KEY", mesh.data.shape_keys
+        target.data_path = f'key_blocks["{slider_name(k)}"].value'
+    # Blender keeps 256 characters of an expression; a tenth of a micrometre is exact enough.
+    driver.expression = f"{constant:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)
 
 
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:
@@ -103,21 +131,3 @@ def _sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
             f"The object lacks the shape keys {names[0]} to {names[-1]}.", where=mesh.name, hint="Choose a body's mesh."
         )
     return [keys.key_blocks[name] for name in names]
-
-
-def _drive_location(bone: bpy.types.PoseBone, directions: np.ndarray, rest: np.ndarray, keys: bpy.types.Key) -> None:
-    """Drive a location by ``directions @ (betas - rest)``, directions (3, 10)."""
-    for axis, row in enumerate(directions):
-        used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
-        if not used:
-            continue
-        driver = bone.driver_add("location", axis).driver
-        driver.type = "SCRIPTED"
-        for k in used:
-            variable = driver.variables.new()
-            variable.name, variable.type = f"b{k}", "SINGLE_PROP"
-            target = variable.targets[0]
-            target.id_type, target.id = "KEY", keys
-            target.data_path = f'key_blocks["{slider_name(k)}"].value'
-        # Blender keeps 256 characters; a micrometre is exact enough.
-        driver.expression = f"{-row @ rest:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)

@@ -1,0 +1,103 @@
+"""Custom shapes: wire rings, arches and outlines around the skin that show where to grab a bone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ..bake.collections import child_collection
+from ..files.body_file import BodyFile
+from ..files.skeleton import JOINTS
+from .armature import bone_axes
+from .layout import BoneLayout, pelvis_centred
+
+_SEGMENTS = 40
+_MARGIN, _LEAST_M = 1.12, 0.012
+"""Controls stand off the skin by this factor and these metres."""
+_WIRE_WIDTH = 2.0
+_SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
+"""Shape by part of the body; all others are rings."""
+_SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}
+"""Share of the bone along which the skin is measured; its middle third where none is named."""
+_MIDDLE = (0.35, 0.65)
+_TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
+"""Bones whose skin the rings around the spine measure together."""
+
+
+def add_controls(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout) -> None:
+    """Give every posed bone a custom shape that fits the skin.
+
+    The shapes' objects lie in a hidden collection beside the armature: they are seen only as controls.
+
+    Args:
+        armature: from ``create_armature``.
+        body: its body.
+        betas: (10,) the shape it is laid out for.
+        layout: where its bones lie.
+    """
+    folder = child_collection("Controls", armature.users_collection[0])
+    folder.hide_viewport = folder.hide_render = True
+    shapes = {name: _wire(f"{armature.name} {name}", curves, folder) for name, curves in _SHAPES.items()}
+    vertices, _ = pelvis_centred(body, betas)
+    owner = body.weights.argmax(axis=1)
+    trunk = np.isin(owner, [JOINTS.index(joint) for joint in _TRUNK])
+    lengths = np.linalg.norm(layout.tails - layout.heads, axis=1)
+    for j, axes in enumerate(bone_axes(armature)):
+        part = JOINTS[j].split("_")[-1]
+        shape = _SHAPE_OF_PART.get(part, "ring")
+        measured = trunk if part.startswith("spine") else owner == j
+        local = (vertices[measured] - layout.heads[j]) @ axes
+        section = _SECTION_OF_PART.get(part, _MIDDLE if shape == "ring" else (-1.0, 2.0))
+        centre, half = _extent(local, lengths[j], section)
+        bone = armature.pose.bones[JOINTS[j]]
+        bone.custom_shape = shapes[shape]
+        bone.use_custom_shape_bone_size = False
+        bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()
+        if hasattr(bone, "custom_shape_wire_width"):
+            bone.custom_shape_wire_width = _WIRE_WIDTH
+
+
+def _extent(local: np.ndarray, length: float, section: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return centre and half size, (3,) each, of the skin along a section of its bone, with a margin."""
+    along = local[:, 1] / length
+    inside = local[(along >= section[0]) & (along <= section[1])]
+    points = inside if len(inside) > 2 else local
+    if not len(points):
+        return np.array([0.0, 0.5 * length, 0.0]), np.full(3, 0.25 * length)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (low + high) / 2, _MARGIN * (high - low) / 2 + _LEAST_M
+
+
+def _rounded(power: float, plane: tuple[int, int], share: float = 1.0) -> np.ndarray:
+    """Return (N, 3) points of the curve |a|^power + |b|^power = 1 in a plane of two axes, or its first part."""
+    angle = np.linspace(0.0, 2 * np.pi * share, _SEGMENTS + 1)
+    points = np.zeros((len(angle), 3))
+    for axis, value in zip(plane, (np.cos(angle), np.sin(angle)), strict=True):
+        points[:, axis] = np.sign(value) * np.abs(value) ** (2 / power)
+    return points
+
+
+_SHAPES: dict[str, tuple[np.ndarray, ...]] = {
+    "ring": (_rounded(2, (0, 2)),),
+    "plate": (_rounded(4, (0, 2)), 1.12 * _rounded(4, (0, 2))),
+    "helmet": (_rounded(2, (0, 2)), _rounded(2, (0, 1), 0.5), _rounded(2, (2, 1), 0.5)),
+    "outline": (_rounded(4, (0, 1)),),
+}
+"""Curves of each shape in the cube from -1 to 1; y runs along the bone."""
+
+
+def _wire(name: str, curves: Sequence[np.ndarray], collection: bpy.types.Collection) -> bpy.types.Object:
+    """Return an object of edges alone, one polyline a curve; it stays hidden wherever it is appended to."""
+    vertices, edges = [], []
+    for points in curves:
+        first = len(vertices)
+        vertices += points.tolist()
+        edges += [(first + i, first + i + 1) for i in range(len(points) - 1)]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, edges, [])
+    shape = bpy.data.objects.new(name, mesh)
+    shape.hide_viewport = shape.hide_render = True
+    collection.objects.link(shape)
+    return shape
