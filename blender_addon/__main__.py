@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 import traceback
@@ -11,8 +12,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from .body_command import BodyJob, run_body
 from .command import BakeJob, run_bake
 from .errors import AddonError, BakeFailed, BlenderMissing, Cancelled, RenderFailed
+from .files.skeleton import NUM_BETAS
 from .progress import StreamProgress
 from .quiet import own_streams
 
@@ -33,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     with own_streams(verbose=options.verbose) as (out, err):
         progress = StreamProgress(out if options.json else err, as_json=options.json)
         try:
-            result = _bake(options, progress)
+            result = _run(options, progress)
         except AddonError as error:
             if options.json:
                 progress.event(error.as_event())
@@ -44,37 +47,40 @@ def main(arguments: list[str] | None = None) -> int:
         if options.json:
             progress.event(result)
         else:
-            joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
-            err.write(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)\n")
+            if "joints_deviation_mm" in result:
+                joints, skin = result["joints_deviation_mm"], result["skin_deviation_mm"]
+                err.write(f"Blender agrees with the motion to {joints:.3f} mm (joints) and {skin:.3f} mm (skin)\n")
             err.writelines(f"note: {note}\n" for note in result["notes"])
             out.write("\n".join(result["outputs"]) + "\n")
     return 0
 
 
-def _bake(options: argparse.Namespace, progress: StreamProgress) -> dict[str, Any]:
+def _run(options: argparse.Namespace, progress: StreamProgress) -> dict[str, Any]:
     if find_spec("bpy") is None:
         hint = "Install the package 'bpy' into it."
         raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
     signal.signal(signal.SIGTERM, _interrupt)
     signal.signal(signal.SIGINT, _interrupt)
     try:
-        return run_bake(_job(options), progress)
+        return options.run(options, progress)
     except KeyboardInterrupt as stop:
-        raise Cancelled("The bake was cancelled; nothing was written.") from stop
+        raise Cancelled("The work was cancelled; nothing was written.") from stop
     except AddonError:
         raise
     except Exception as error:
         traceback.print_exc()
         kind = type(error).__name__
-        raise BakeFailed(f"The bake broke: {kind}: {error}", hint="Please report this with the log above.") from error
+        raise BakeFailed(
+            f"The {options.verb} broke: {kind}: {error}", hint="Please report this with the log above."
+        ) from error
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _job(options: argparse.Namespace) -> BakeJob:
-    return BakeJob(
+def _bake(options: argparse.Namespace, progress: StreamProgress) -> dict[str, Any]:
+    job = BakeJob(
         motion=options.motion,
         out=options.out,
         capture=options.capture,
@@ -82,27 +88,62 @@ def _job(options: argparse.Namespace) -> BakeJob:
         video=not (options.no_video or options.no_pictures),
         pictures=not options.no_pictures,
     )
+    return run_bake(job, progress)
+
+
+def _body(options: argparse.Namespace, progress: StreamProgress) -> dict[str, Any]:
+    return run_body(BodyJob(options.out, options.body, options.betas), progress)
+
+
+def _blend_file(text: str) -> Path:
+    path = Path(text)
+    if path.suffix != ".blend":
+        raise argparse.ArgumentTypeError(f"{text} must end in .blend")
+    return path
+
+
+def _betas(text: str) -> tuple[float, ...]:
+    try:
+        betas = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        betas = ()
+    if not 1 <= len(betas) <= NUM_BETAS or not all(map(math.isfinite, betas)):
+        raise argparse.ArgumentTypeError(f"{text} is not 1 to {NUM_BETAS} numbers with commas between")
+    return betas
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m blender_addon",
-        description="Bake solved motions into Blender files.",
+        description="Bake solved motions and bodies into Blender files.",
         epilog=EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the add-on's own if left out")
+    common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
+    common.add_argument("--verbose", action="store_true", help="show what Blender prints, on standard error")
     verbs = parser.add_subparsers(dest="verb", required=True)
-    bake = verbs.add_parser("bake", help="write an animated body, its preview video and a contact sheet")
+    bake = verbs.add_parser(
+        "bake", parents=[common], help="write an animated body, its preview video and a contact sheet"
+    )
+    bake.set_defaults(run=_bake)
     bake.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion file")
     bake.add_argument(
         "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
     )
-    bake.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the add-on's own if left out")
     bake.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder; existing files are not replaced")
     bake.add_argument("--no-video", action="store_true", help="leave out the preview video")
     bake.add_argument("--no-pictures", action="store_true", help="write the Blender file alone")
-    bake.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
-    bake.add_argument("--verbose", action="store_true", help="show what Blender prints, on standard error")
+    body = verbs.add_parser("body", parents=[common], help="write the posable body alone, as an asset")
+    body.set_defaults(run=_body)
+    body.add_argument(
+        "--out", type=_blend_file, required=True, metavar="FILE.blend",
+        help="Blender file, not replaced if it is there; its folder becomes an asset library",
+    )  # fmt: skip
+    body.add_argument(
+        "--betas", type=_betas, default=(), metavar="B0,B1,…", help="shape of the sliders (write --betas=-1,2)"
+    )
     return parser
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import OutputNotWritable
 from .files.body_file import default_body_path, read_body
 from .files.capture_file import read_capture
 from .files.motion_file import MotionFile, read_motion
@@ -55,7 +54,7 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
         AddonError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
     from .bake.scene import bake_take, require_body
-    from .bake.session import frame_viewports, fresh_scene
+    from .bake.session import frame_viewports, fresh_scene, save_file
     from .render.subject import Subject
 
     start = time.monotonic()
@@ -74,7 +73,7 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
         subject = Subject(take, motion, body, capture)
         deviation = _deviation(scene, subject)
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
-        _save(temporary[names["blend"]])
+        save_file(temporary[names["blend"]])
         notes = [*take.notes, *_deviation_notes(deviation)]
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
@@ -137,12 +136,3 @@ def _deviation_notes(deviation: dict[str, float]) -> list[str]:
         f"The armature's joints are up to {joints_mm:.1f} mm from the motion file's: "
         "it was solved for another body of this name."
     ]
-
-
-def _save(path: Path) -> None:
-    import bpy
-
-    try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
-    except RuntimeError as error:
-        raise OutputNotWritable(f"Blender cannot save the file ({str(error).strip()}).", where=path.name) from error

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 from mathutils import Vector
+
+from ..errors import OutputNotWritable
 
 _WORLD = (0.24, 0.25, 0.28)
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
@@ -37,3 +41,15 @@ def frame_viewports(target: tuple[float, float, float]) -> None:
                 space.region_3d.view_location = Vector(target)
                 space.region_3d.view_distance = _DISTANCE_M
                 space.shading.color_type = "MATERIAL"
+
+
+def save_file(path: Path) -> None:
+    """Save a compressed copy of the open file.
+
+    Raises:
+        OutputNotWritable: Blender cannot write it.
+    """
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
+    except RuntimeError as error:
+        raise OutputNotWritable(f"Blender cannot save the file ({str(error).strip()}).", where=path.name) from error

@@ -64,8 +64,6 @@ def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -
     armature = source.copy()
     armature.data = source.data.copy()
     armature.animation_data_clear()
-    for name in list(armature.keys()):
-        del armature[name]
     collection.objects.link(armature)
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")

@@ -15,9 +15,6 @@ from .layout import lay_out_bones, pelvis_centred, shape_directions
 from .mesh import create_mesh
 from .shape import add_shape_keys, drive_by_betas, drive_joints, get_betas
 
-_MESH, _BODY = "manifold_mesh", "manifold_body"
-"""Custom properties of the armature: its mesh (so that one comes with the other) and the body's id."""
-
 
 @dataclass(frozen=True)
 class Rig:
@@ -47,15 +44,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
     add_shape_keys(mesh, body, betas)
     drive_joints(armature, mesh, body, betas)
     add_correctives(armature, mesh, body)
-    armature[_MESH], armature[_BODY] = mesh, body.id
     return Rig(armature, mesh)
-
-
-def find_rig(obj: bpy.types.Object | None) -> Rig | None:
-    """Return the rig that an object is the armature or the mesh of, None if it is part of none."""
-    armature = obj.parent if obj is not None and obj.type == "MESH" else obj
-    mesh = None if armature is None else armature.get(_MESH)
-    return Rig(armature, mesh) if mesh is not None and obj in (armature, mesh) else None
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:

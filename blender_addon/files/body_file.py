@@ -13,8 +13,9 @@ from .arrays import read_arrays, text
 from .skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
-_OPTIONAL = ("posedirs", "body_id", "uv", "face_material")
+_OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
 _ASSET = Path("assets", "body_neutral.npz")
+_OWN_LICENCE = "GPL-3.0-or-later"
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class BodyFile:
     """(V, 2) texture coordinates."""
     face_material: np.ndarray | None = None
     """(T,) index of each face's material."""
+    licence: str = ""
+    """SPDX identifier, "" where the file does not say."""
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
         """Return the (V, 3) vertices at rest, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""
@@ -81,7 +84,12 @@ def read_body(path: Path) -> BodyFile:
         faces=np.asarray(arrays["f"]).astype(np.int64),
         uv=None if uv is None else np.asarray(uv, np.float64),
         face_material=None if material is None else np.asarray(material).astype(np.int64),
+        licence=text(arrays, "license", _OWN_LICENCE if _ships_with_us(path) else ""),
     )
+
+
+def _ships_with_us(path: Path) -> bool:
+    return path.resolve().parts[-len(_ASSET.parts) :] == _ASSET.parts
 
 
 def _check(arrays: dict[str, np.ndarray], path: Path) -> None:

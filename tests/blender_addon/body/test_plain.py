@@ -34,8 +34,10 @@ def test_reshaped_body_is_copied_as_it_stands(scene: bpy.types.Scene, rig: Rig, 
     for each in (rig, copy):
         pose(each, rotvec)
     joints, vertices = evaluated(copy)
-    np.testing.assert_allclose(joints, evaluated(rig)[0], atol=5e-5)
-    np.testing.assert_allclose(vertices, skin(replace(body, posedirs=None), motion, [0])[0], atol=1e-4)
+    np.testing.assert_allclose(joints, evaluated(rig)[0], atol=1e-4)
+    # Blender 5.0 does not write driven changes below 1e-4.
+    expected = skin(replace(body, posedirs=None), motion, [0])[0]
+    np.testing.assert_allclose(vertices, expected, atol=1e-4 if bpy.app.version < (5, 0) else 5e-4)
 
 
 def test_copy_of_a_take_plays_its_action(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:

@@ -1,0 +1,69 @@
+"""The command ``body``: a body file in; a Blender file with the posable body as an asset out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .files.body_file import default_body_path, read_body
+from .files.skeleton import NUM_BETAS
+from .outputs import atomic_outputs
+from .progress import Progress
+
+
+@dataclass(frozen=True)
+class BodyJob:
+    """Which body to write, and where."""
+
+    out: Path
+    """Blender file to write; the catalog of its folder gets an entry."""
+    body: Path | None = None
+    """Body file; None for the one that ships with the add-on."""
+    betas: tuple[float, ...] = ()
+    """Up to 10 values of the shape; the others are 0."""
+
+
+def run_body(job: BodyJob, progress: Progress) -> dict[str, Any]:
+    """Write a Blender file that holds one body, standing on the floor, marked as an asset.
+
+    Returns:
+        The ``result`` event of the progress protocol.
+
+    Raises:
+        AddonError: the body is missing or wrong, or the file exists or cannot be written.
+    """
+    from .bake.collections import child_collection
+    from .bake.session import frame_viewports, fresh_scene, save_file
+    from .body.asset import add_catalog, mark_body
+    from .body.rig import create_rig, stand_on_floor
+
+    start = time.monotonic()
+    betas = np.zeros(NUM_BETAS)
+    betas[: len(job.betas)] = job.betas
+    body = read_body(job.body or default_body_path())
+    with atomic_outputs(job.out.parent, (job.out.name,)) as temporary:
+        progress("building the body", 0, 1)
+        scene = fresh_scene()
+        name = job.out.stem
+        collection = child_collection(name, scene.collection)
+        rig = create_rig(name, body, betas, collection)
+        stand_on_floor(rig, body)
+        mark_body(rig, collection, body)
+        progress("building the body", 1, 1)
+        frame_viewports((0.0, 0.0, 0.9))
+        save_file(temporary[job.out.name])
+        add_catalog(job.out.parent)
+    keys = len(rig.mesh.data.shape_keys.key_blocks)
+    return {
+        "event": "result",
+        "outputs": [str(job.out)],
+        "notes": [],
+        "body": body.id,
+        "vertices": len(body.v_template),
+        "pose_correctives": keys - 1 - NUM_BETAS,
+        "seconds": round(time.monotonic() - start, 3),
+    }
