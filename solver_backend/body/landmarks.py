@@ -15,7 +15,7 @@ from array_api_compat import array_namespace
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics, pose_feature, with_resting_hands
 from solver_backend.body.tangents import rotation_jacobian
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, unset
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +109,9 @@ def pose_landmarks(
     skeleton = forward_kinematics(body, betas, global_orient, local, transl)
     levers = _levers(xp, body, landmarks, betas, offsets)
     frames, count = global_orient.shape[0], len(landmarks)
-    # (F, 3, 3 J): one row of all global rotations side by side.
-    G = xp.reshape(xp.permute_dims(skeleton.G, (0, 2, 1, 3)), (frames, 3, -1))
-    points = xp.matmul(G, xp.reshape(levers, (count, -1)).T)
+    # (3 F, 3 J): one row of all global rotations side by side; few large products, not many small ones.
+    G = xp.reshape(xp.permute_dims(skeleton.G, (0, 2, 1, 3)), (3 * frames, -1))
+    points = xp.reshape(xp.matmul(G, xp.reshape(levers, (count, -1)).T), (frames, 3, count))
     blend = correction = None
     if jacobian or landmarks.posedirs is not None:
         blend = xp.matmul(constant(landmarks.weights, G), xp.reshape(skeleton.G, (frames, -1, 9)))
@@ -125,7 +125,7 @@ def pose_landmarks(
     points = xp.permute_dims(points, (0, 2, 1)) + skeleton.joints[:, :1]
     if not jacobian:
         return PosedLandmarks(points, None, None, None, skeleton)
-    by_rotations = rotation_jacobian(body, landmarks, skeleton.G, local, levers, correction, num_rotations)
+    by_rotations = rotation_jacobian(body, landmarks, skeleton, points, local, levers, correction, num_rotations)
     return PosedLandmarks(points, by_rotations, _by_betas(xp, body, landmarks, G), blend, skeleton)
 
 
@@ -165,6 +165,8 @@ def _shape_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
 def _by_betas(xp: Any, body: Body, landmarks: Landmarks, G: Array) -> Array:
     """Return (F, L, 3, 10): ``dJ_0 + sum_c G_c dh_lc``."""
     levers = np.moveaxis(_shape_levers(body, landmarks), 0, 2)
-    by_betas = xp.matmul(G, constant(levers.reshape(G.shape[-1], -1), G))
-    by_betas = xp.reshape(by_betas, (G.shape[0], 3, len(landmarks), -1))
-    return xp.permute_dims(by_betas, (0, 2, 1, 3)) + constant(body.joints_shapedirs[0], G)
+    by_betas = unset((G.shape[0], levers[0, 0].size), G)
+    xp.matmul(G, constant(levers.reshape(G.shape[1], -1), G), out=by_betas)
+    by_betas = xp.reshape(by_betas, (-1, 3, by_betas.shape[1]))
+    by_betas += constant(np.tile(body.joints_shapedirs[0], len(landmarks)), G)
+    return xp.permute_dims(xp.reshape(by_betas, (-1, 3, len(landmarks), levers.shape[-1])), (0, 2, 1, 3))
