@@ -1,0 +1,112 @@
+"""``python -m tests.gui``: the built extension in a real Blender with a screen, used by clicks.
+
+Needs the real recording (``MOCAP_SHARED_DATA``) and a script that gives a real Blender a screen (``MOCAP_REAL_BLENDER``,
+with the verbs run, gui and shot).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import build_addon
+
+HERE = Path(__file__).parent
+_INSIDE = Path("/work_io")
+_HARMLESS = ("EGL_BAD_MATCH", "libEGL", "MESA", "ALSA", "XDG_RUNTIME_DIR", "unable to open")
+
+
+def missing() -> str:
+    """Return what this machine lacks, '' if nothing."""
+    tool, data = os.environ.get("MOCAP_REAL_BLENDER"), os.environ.get("MOCAP_SHARED_DATA")
+    if not tool or not Path(tool).is_file():
+        return "MOCAP_REAL_BLENDER does not name the script that gives a real Blender a screen"
+    if not data or not (Path(data) / "multiview" / "pose2sim").is_dir():
+        return "MOCAP_SHARED_DATA does not name the folder of real recordings"
+    return ""
+
+
+def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 1500) -> dict[str, object]:
+    """Build, install, play a script and return its record; pictures and console log lie in ``out``.
+
+    Raises:
+        RuntimeError: the extension does not install or Blender does not end.
+    """
+    shutil.rmtree(out, ignore_errors=True)
+    pictures = out / "pictures"
+    pictures.mkdir(parents=True)
+    archive = build_addon.build(out)
+    for name in ("driver.py", script):
+        shutil.copy(HERE / name, out)
+    shutil.copytree(Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview" / "pose2sim", out / "Aufnahme ü")
+    install = ["blender", "--command", "extension", "install-file", "-r", "user_default", "-e"]
+    done = subprocess.run(_tool("run", suite, [*install, f"{_INSIDE}/{archive.name}"]), env=_environment(out), check=False)
+    if done.returncode != 0:
+        raise RuntimeError("The extension does not install.")
+    blender = ["blender", "--enable-event-simulate", "--window-geometry", "0", "0", "1600", "900"]
+    played = [*blender, "--python", f"{_INSIDE}/driver.py", "--", f"{_INSIDE}/pictures", f"{_INSIDE}/{script}"]
+    with (out / "console.log").open("w") as log:
+        process = subprocess.Popen(
+            _tool("gui", suite, played), env=_environment(out), stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        try:
+            _serve(process, pictures, suite, out, time.monotonic() + seconds)
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, 15)
+                process.wait()
+    record = json.loads((pictures / "record.json").read_text()) if (pictures / "record.json").exists() else {}
+    record["console"] = [line for line in (out / "console.log").read_text().splitlines() if _is_error(line)]
+    return record
+
+
+def _serve(process: subprocess.Popen[bytes], pictures: Path, suite: str, out: Path, end: float) -> None:
+    """Take the screenshots that are asked for until Blender ends."""
+    wish = pictures / "SHOT"
+    while process.poll() is None:
+        if time.monotonic() > end:
+            raise RuntimeError("Blender does not end.")
+        if wish.exists() and (name := wish.read_text()):
+            subprocess.run(_tool("shot", suite, [str(pictures / name)]), env=_environment(out), check=True)
+            wish.unlink()
+        time.sleep(0.1)
+
+
+def _tool(verb: str, suite: str, command: list[str]) -> list[str]:
+    return ["bash", os.environ["MOCAP_REAL_BLENDER"], verb, "--suite", suite, "--display", _DISPLAYS[suite], "--", *command]
+
+
+_DISPLAYS = {"trixie": "93", "sid": "94"}
+
+
+def _environment(out: Path) -> dict[str, str]:
+    return {**os.environ, "WORK": str(out), "BLENDER_USER_RESOURCES": f"{_INSIDE}/user"}
+
+
+def _is_error(line: str) -> bool:
+    return any(word in line for word in ("Traceback", "Error", "Exception")) and not any(w in line for w in _HARMLESS)
+
+
+def main() -> int:
+    """Play the script and say how it went."""
+    parser = argparse.ArgumentParser(prog="python -m tests.gui", description=__doc__)
+    parser.add_argument("--suite", choices=tuple(_DISPLAYS), default="trixie", help="which Blender")
+    parser.add_argument("--script", default="workflow.py")
+    parser.add_argument("--out", type=Path, default=Path("gui_run"), help="folder of pictures and log; it is emptied")
+    options = parser.parse_args()
+    if lack := missing():
+        print(f"skipped: {lack}")
+        return 0
+    record = run(options.suite, options.out.resolve(), options.script)
+    print(json.dumps(record, indent=1))
+    return 1 if record.get("failure", "Blender ended early") or record["console"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,183 @@
+"""A user at Blender's window: finds buttons by hovering over them, clicks, types and looks.
+
+Runs inside Blender (``blender --enable-event-simulate --python driver.py -- FOLDER SCRIPT``). Every event goes through
+Blender's own queue. Which button lies under the mouse is asked with Blender's own "Copy Python Command" and "Copy Data
+Path". Screenshots are asked for by a file and taken from outside.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+import time
+import traceback
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+Steps = Generator[float | None, None, Any]
+"""Yields seconds to wait, None for one round of the event loop."""
+_ROUND_S = 0.04
+
+
+class User:
+    """What a user can do; every method that takes time is a generator."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.done: list[str] = []
+        self._shots = 0
+
+    @property
+    def window(self) -> bpy.types.Window:
+        """The main window."""
+        return bpy.context.window_manager.windows[0]
+
+    @property
+    def viewport(self) -> bpy.types.Area:
+        """The 3D viewport."""
+        return next(area for area in self.window.screen.areas if area.type == "VIEW_3D")
+
+    def region(self, kind: str) -> bpy.types.Region:
+        """A region of the viewport."""
+        return next(region for region in self.viewport.regions if region.type == kind)
+
+    @property
+    def override(self) -> Any:
+        """Context of the viewport's sidebar."""
+        return bpy.context.temp_override(window=self.window, area=self.viewport, region=self.region("UI"))
+
+    def open_tab(self, name: str) -> Steps:
+        """Show the sidebar with one tab, wide enough to read."""
+        self.viewport.spaces.active.show_region_ui = True
+        yield 0.3
+        self.region("UI").active_panel_category = name
+        yield 0.5
+
+    def move(self, x: int, y: int) -> Steps:
+        """Move the mouse."""
+        self.window.event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+        yield None
+
+    def click(self, x: int, y: int) -> Steps:
+        """Click with the left button."""
+        yield from self.move(x, y)
+        yield from self.move(x + 1, y)
+        for value in ("PRESS", "RELEASE"):
+            self.window.event_simulate(type="LEFTMOUSE", value=value, x=x + 1, y=y)
+            yield None
+        yield 0.3
+
+    def key(self, kind: str, **modifiers: bool) -> Steps:
+        """Press a key over the viewport."""
+        region = self.region("WINDOW")
+        x, y = region.x + region.width // 3, region.y + region.height // 2
+        yield from self.move(x, y)
+        for value in ("PRESS", "RELEASE"):
+            self.window.event_simulate(type=kind, value=value, x=x, y=y, **modifiers)
+            yield None
+        yield 0.4
+
+    def under_mouse(self) -> str:
+        """What the button under the mouse does: its Python command or its data path."""
+        manager = bpy.context.window_manager
+        for ask in (bpy.ops.ui.copy_python_command_button, bpy.ops.ui.copy_data_path_button):
+            with self.override:
+                if ask.poll():
+                    manager.clipboard = ""
+                    ask()
+                    if manager.clipboard:
+                        return manager.clipboard
+        return ""
+
+    def find(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:
+        """Hover down the sidebar, scrolling if need be, until a button's command holds the words."""
+        region = self.region("UI")
+        x = int(region.x + across * (region.width - 24))
+        seen: list[str] = []
+        for scroll in (0, -60, 8, 8, 8):
+            yield from self._scroll(scroll)
+            for y in range(region.y + region.height - 6, region.y + 6, -9):
+                yield from self.move(x, y)
+                found = self.under_mouse()
+                if found and (not seen or seen[-1] != found):
+                    seen.append(found)
+                if words in found:
+                    return x, y
+        raise AssertionError(f"No button '{words}' in the sidebar; there are {sorted(set(seen))}")
+
+    def press(self, words: str, across: float = 0.5) -> Steps:
+        """Find a button and click it."""
+        x, y = yield from self.find(words, across)
+        yield from self.click(x, y - 2)
+        self.note(f"clicked {words}")
+
+    def until(self, condition: Callable[[], Any], what: str, seconds: float = 300) -> Steps:
+        """Wait for something to become true."""
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, f"Waited {seconds} s in vain until {what}"
+            yield 0.1
+        self.note(what)
+
+    def shot(self, name: str) -> Steps:
+        """Have a screenshot taken."""
+        self._shots += 1
+        file = self.folder / f"{self._shots:02d}_{name}.png"
+        yield 0.6
+        (self.folder / "SHOT").write_text(file.name)
+        yield from self.until(lambda: not (self.folder / "SHOT").exists(), f"picture {file.name}", 30)
+
+    def note(self, text: str) -> None:
+        """Keep a line of the record."""
+        self.done.append(text)
+        print("step:", text, flush=True)
+
+    def _scroll(self, lines: int) -> Steps:
+        region = self.region("UI")
+        x, y = region.x + region.width // 2, region.y + region.height // 2
+        for _ in range(abs(lines)):
+            self.window.event_simulate(
+                type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y
+            )
+            yield None
+
+
+def play(steps: Callable[[User], Steps], folder: Path) -> None:
+    """Run a script's steps by a timer, write the record, and leave Blender."""
+    bpy.context.preferences.view.show_splash = False
+    user = User(folder)
+    generator = steps(user)
+
+    def tick() -> float | None:
+        try:
+            wait = next(generator)
+        except StopIteration:
+            return _finish(user, "")
+        except BaseException:
+            return _finish(user, traceback.format_exc())
+        return _ROUND_S if wait is None else wait
+
+    bpy.app.timers.register(tick, first_interval=1.5)
+
+
+def _finish(user: User, failure: str) -> None:
+    record = {"blender": bpy.app.version_string, "done": user.done, "failure": failure}
+    (user.folder / "record.json").write_text(json.dumps(record, indent=1))
+    bpy.ops.wm.quit_blender()
+
+
+def _main() -> None:
+    folder, script = (Path(text) for text in sys.argv[sys.argv.index("--") + 1 :][:2])
+    spec = importlib.util.spec_from_file_location("script", script)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    play(module.steps, folder)
+
+
+if __name__ == "__main__":
+    _main()

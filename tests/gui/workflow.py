@@ -1,0 +1,58 @@
+"""The whole workflow as a user goes through it, from a dropped file to an exported body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+TRIAL = Path("/work_io/Aufnahme ü/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial")
+
+
+def steps(user: Any) -> Any:
+    """Drop, look, solve, cancel, solve again, review, pin, undo, redo."""
+    scene = bpy.context.scene
+    mocap = scene.mocap
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.ed.undo_push(message="empty scene")
+    yield from user.open_tab("MoCap")
+    yield from user.shot("empty")
+
+    with user.override:
+        files = [{"name": "Config.toml"}]
+        bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=str(TRIAL), files=files)
+    yield from user.until(lambda: mocap.capture.file, "the capture is read", 120)
+    assert len(mocap.capture.cameras) == 4 and mocap.capture.frames == 100
+    yield from user.shot("capture")
+    yield from user.press("mocap.view_camera(index=2)", 0.3)
+    assert scene.camera == mocap.capture.cameras[2].object
+    yield from user.shot("camera")
+
+    yield from user.press("mocap.solve()")
+    yield 2.0
+    yield from user.shot("solving")
+    yield from user.key("ESC")
+    yield 0.5
+    yield from user.press("mocap.cancel()")
+    yield 1.0
+    yield from user.until(lambda: not bpy.ops.mocap.cancel.poll(), "the solve is cancelled", 30)
+    assert mocap.review.armature is None
+    yield from user.shot("cancelled")
+
+    yield from user.press("mocap.solve()")
+    yield from user.until(lambda: mocap.review.armature, "the capture is solved", 600)
+    yield from user.shot("solved")
+    first = mocap.review.armature.animation_data.action
+    name = first.name
+    assert first.use_fake_user and first["motion_file"]
+
+    yield from user.key("Z", ctrl=True)
+    yield 1.0
+    assert scene.mocap.review.armature is None and name not in bpy.data.actions, "undo"
+    user.note("undone in one step")
+    yield from user.key("Z", ctrl=True, shift=True)
+    yield 1.0
+    assert scene.mocap.review.armature is not None and name in bpy.data.actions, "redo"
+    user.note("redone in one step")
