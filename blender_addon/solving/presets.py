@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 PRESETS: dict[str, dict[str, Any]] = {
-    "FAST": {"refine": False},
+    "FAST": {"iterations": 3},
     "BALANCED": {},
-    "BEST": {"window": 10, "iterations": 16},
+    "BEST": {"iterations": 20},
 }
 """What each preset changes in the solver's own defaults."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy_extras.io_utils import ImportHelper
 
 from ..bake.capture_stage import CaptureStage, set_stage
@@ -64,6 +65,7 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage, and keep what was recognised for the panels."""
         stage = take_capture(context.scene, result)
+        frame_capture(context, stage)
         problems = len(result["problems"])
         found = f"{len(stage.cameras)} cameras, {result['frames']} frames"
         self.report(
@@ -94,7 +96,7 @@ class MOCAP_OT_demo_capture(FollowsRun, bpy.types.Operator):
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage."""
         context.scene.mocap.capture.source = result["capture"]
-        take_capture(context.scene, result)
+        frame_capture(context, take_capture(context.scene, result))
         return {"FINISHED"}
 
 
@@ -115,7 +117,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
     capture.name, capture.file = result["name"], result["capture"]
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], scene.frame_start
     capture.joint_set, capture.markers = result["joint_set"] or "", result["markers"] or 0
-    capture.collection = stage.collection
+    capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
     sentences = [(text, True) for text in (*result["problems"], *stage.notes)] + [(t, False) for t in result["notes"]]
     for sentence, is_problem in sentences:
@@ -132,6 +134,18 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
     review.first, review.last = scene.frame_start, scene.frame_end
     review.pins.clear()
     return stage
+
+
+def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
+    """Turn the viewport to where the cameras look."""
+    space = context.space_data
+    if space is None or space.type != "VIEW_3D" or not stage.cameras:
+        return
+    centres = np.array([camera.matrix_world.translation for camera in stage.cameras])
+    middle = centres.mean(axis=0)
+    space.region_3d.view_perspective = "PERSP"
+    space.region_3d.view_location = (middle[0], middle[1], middle[2] / 2)
+    space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
 class MOCAP_FH_capture(bpy.types.FileHandler):

@@ -57,6 +57,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, review.CLASSES),
     _class(export_operators.MOCAP_OT_export_take),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
+    _class(capture_panels.VIEW3D_PT_mocap_problems),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),

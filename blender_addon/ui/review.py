@@ -88,7 +88,7 @@ class MOCAP_OT_unpin(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_OT_show_take(_NeedsTake, bpy.types.Operator):
+class MOCAP_OT_show_take(bpy.types.Operator):
     """Plays another take."""
 
     bl_idname = "mocap.show_take"
@@ -97,6 +97,11 @@ class MOCAP_OT_show_take(_NeedsTake, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
 
     name: bpy.props.StringProperty(options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a body."""
+        return context.scene.mocap.review.armature is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Play it."""
@@ -123,15 +128,39 @@ class MOCAP_OT_show_confidence(_NeedsTake, bpy.types.Operator):
         review = context.scene.mocap.review
         review.colours = not review.colours
         if review.colours:
-            if context.mode != "OBJECT":
-                bpy.ops.object.mode_set(mode="OBJECT")
-            for obj in context.selected_objects:
-                obj.select_set(False)
-            review.armature.select_set(True)
-            context.view_layer.objects.active = review.armature
+            select_alone(context, review.armature)
             bpy.ops.object.mode_set(mode="POSE")
         colour_bones(context.scene)
         return {"FINISHED"}
+
+
+class MOCAP_OT_select_body(bpy.types.Operator):
+    """Selects the solved body."""
+
+    bl_idname = "mocap.select_body"
+    bl_label = "Select Body"
+    bl_description = "Leave pose mode and select the solved body alone"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a body."""
+        return context.scene.mocap.review.armature is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Select it."""
+        select_alone(context, context.scene.mocap.review.armature)
+        return {"FINISHED"}
+
+
+def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Go to object mode and make an object the only selected one and the active one."""
+    if context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    for other in context.selected_objects:
+        other.select_set(False)
+    obj.select_set(True)
+    context.view_layer.objects.active = obj
 
 
 class MOCAP_OT_open_report(_NeedsTake, bpy.types.Operator):
@@ -170,13 +199,49 @@ class MOCAP_OT_view_camera(bpy.types.Operator):
             self.report({"ERROR"}, "This camera was deleted; import the capture again")
             return {"CANCELLED"}
         look_through(context.scene, chosen)
-        for item in cameras:
-            if item.detections is not None:
-                item.detections.hide_viewport = item.object != chosen
-        space = context.space_data
-        if space is not None and space.type == "VIEW_3D":
-            space.region_3d.view_perspective = "CAMERA"
+        _show_detections(context.scene, chosen)
+        if _in_viewport(context):
+            context.space_data.region_3d.view_perspective = "CAMERA"
         return {"FINISHED"}
+
+
+class MOCAP_OT_leave_camera(bpy.types.Operator):
+    """Leaves the camera's view."""
+
+    bl_idname = "mocap.leave_camera"
+    bl_label = "Leave Camera"
+    bl_description = "Look at the scene freely again, with the detections of all cameras and the whole floor"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only in a camera's view."""
+        return in_camera_view(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Turn to perspective."""
+        _show_detections(context.scene, None)
+        context.space_data.region_3d.view_perspective = "PERSP"
+        return {"FINISHED"}
+
+
+def in_camera_view(context: bpy.types.Context) -> bool:
+    """Return whether the viewport looks through a camera."""
+    return _in_viewport(context) and context.space_data.region_3d.view_perspective == "CAMERA"
+
+
+def _in_viewport(context: bpy.types.Context) -> bool:
+    return context.space_data is not None and context.space_data.type == "VIEW_3D"
+
+
+def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> None:
+    """Show the detections of one camera, or of all; before footage the floor is lines alone."""
+    capture = scene.mocap.capture
+    for item in capture.cameras:
+        if item.detections is not None:
+            item.detections.hide_viewport = camera is not None and item.object != camera
+    if capture.floor is not None:
+        capture.floor.display_type = "TEXTURED" if camera is None else "WIRE"
 
 
 def doubtful_ranges(scene: bpy.types.Scene) -> list[tuple[int, int]]:
@@ -193,5 +258,5 @@ def doubtful_ranges(scene: bpy.types.Scene) -> list[tuple[int, int]]:
 
 CLASSES = (
     MOCAP_OT_next_bad_range, MOCAP_OT_pin_pose, MOCAP_OT_unpin, MOCAP_OT_show_take, MOCAP_OT_show_confidence,
-    MOCAP_OT_open_report, MOCAP_OT_view_camera,
+    MOCAP_OT_select_body, MOCAP_OT_open_report, MOCAP_OT_view_camera, MOCAP_OT_leave_camera,
 )  # fmt: skip

@@ -10,13 +10,14 @@ from ..solving.presets import PRESETS
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
-    ("FAST", "Fast", "A first look: keyframes window by window, without the refinement over the whole take"),
-    ("BALANCED", "Balanced", "The whole take at once, with shape and detector bias"),
-    ("BEST", "Best", "Shorter windows and more iterations: for takes that Balanced leaves doubtful; slower"),
+    ("FAST", "Fast", "Few iterations: for a first look"),
+    ("BALANCED", "Balanced", "The solver's own settings"),
+    ("BEST", "Best", "Many iterations: for takes that Balanced leaves doubtful"),
     ("CUSTOM", "Custom", "The settings below"),
 )
 _METHOD_ITEMS = (
-    ("bundle", "Bundle", "Keyframes on the manifold of poses, a window of frames at a time"),
+    ("global", "Whole Take", "All keyframes of the take at once"),
+    ("sliding", "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
     ("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
 )
 _BACKEND_ITEMS = (
@@ -102,6 +103,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
     messages: bpy.props.CollectionProperty(type=MocapMessage)
     collection: bpy.props.PointerProperty(type=bpy.types.Collection, name="Collection")
+    floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
 
 
 class MocapSolve(bpy.types.PropertyGroup):
@@ -113,9 +115,6 @@ class MocapSolve(bpy.types.PropertyGroup):
     method: bpy.props.EnumProperty(name="Method", description="How frames are tied together", items=_METHOD_ITEMS)
     window: bpy.props.IntProperty(
         name="Window", description="Frames between the ends of a window of keyframes", default=20, min=4, max=240
-    )
-    refine: bpy.props.BoolProperty(
-        name="Refine", description="Solve all keyframes of the take at once afterwards", default=True
     )
     refine_window: bpy.props.IntProperty(
         name="Refined Window", description="Frames a window of the refinement; fewer follow faster limbs",
@@ -144,7 +143,7 @@ class MocapSolve(bpy.types.PropertyGroup):
         backend = {"backend": self.backend} if self.backend != "numpy" else {}
         if self.preset != "CUSTOM":
             return {**PRESETS[self.preset], **backend}
-        names = ("method", "window", "refine", "refine_window", "residual_rotations", "iterations", "robust_scale")
+        names = ("method", "window", "refine_window", "residual_rotations", "iterations", "robust_scale")
         return {**{name: getattr(self, name) for name in names}, **backend}
 
 

@@ -66,7 +66,7 @@ class MotionPrior:
             for j, right in parts:
                 if j >= i:
                     self._scatter(chain, i, j, xp.matmul(turned, right), first)
-            for parity in (0, 1):
+            for parity in range(min(2, len(residual))):
                 keys = np.arange(i, i + len(residual))[parity::2]
                 blocks, column = keys // 2, int(keys[0] % 2) * chain.dof + first
                 chain.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]

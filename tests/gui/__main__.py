@@ -1,7 +1,7 @@
 """``python -m tests.gui``: the built extension in a real Blender with a screen, used by clicks.
 
-Needs the real recording (``MOCAP_SHARED_DATA``) and a script that gives a real Blender a screen (``MOCAP_REAL_BLENDER``,
-with the verbs run, gui and shot).
+Needs the real recording (``MOCAP_SHARED_DATA``) and a script that gives a real Blender a screen
+(``MOCAP_REAL_BLENDER``, with the verbs run, gui and shot).
 """
 
 from __future__ import annotations
@@ -46,14 +46,20 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
         shutil.copy(HERE / name, out)
     shutil.copytree(Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview" / "pose2sim", out / "Aufnahme ü")
     install = ["blender", "--command", "extension", "install-file", "-r", "user_default", "-e"]
-    done = subprocess.run(_tool("run", suite, [*install, f"{_INSIDE}/{archive.name}"]), env=_environment(out), check=False)
+    done = subprocess.run(
+        _tool("run", suite, [*install, f"{_INSIDE}/{archive.name}"]), env=_environment(out), check=False
+    )
     if done.returncode != 0:
         raise RuntimeError("The extension does not install.")
     blender = ["blender", "--enable-event-simulate", "--window-geometry", "0", "0", "1600", "900"]
     played = [*blender, "--python", f"{_INSIDE}/driver.py", "--", f"{_INSIDE}/pictures", f"{_INSIDE}/{script}"]
     with (out / "console.log").open("w") as log:
         process = subprocess.Popen(
-            _tool("gui", suite, played), env=_environment(out), stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            _tool("gui", suite, played),
+            env=_environment(out),
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
         try:
             _serve(process, pictures, suite, out, time.monotonic() + seconds)
@@ -79,7 +85,17 @@ def _serve(process: subprocess.Popen[bytes], pictures: Path, suite: str, out: Pa
 
 
 def _tool(verb: str, suite: str, command: list[str]) -> list[str]:
-    return ["bash", os.environ["MOCAP_REAL_BLENDER"], verb, "--suite", suite, "--display", _DISPLAYS[suite], "--", *command]
+    return [
+        "bash",
+        os.environ["MOCAP_REAL_BLENDER"],
+        verb,
+        "--suite",
+        suite,
+        "--display",
+        _DISPLAYS[suite],
+        "--",
+        *command,
+    ]
 
 
 _DISPLAYS = {"trixie": "93", "sid": "94"}

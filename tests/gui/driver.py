@@ -20,7 +20,8 @@ import bpy
 
 Steps = Generator[float | None, None, Any]
 """Yields seconds to wait, None for one round of the event loop."""
-_ROUND_S = 0.04
+_ROUND_S = 0.02
+_STEP_PX = 14
 
 
 class User:
@@ -30,6 +31,7 @@ class User:
         self.folder = folder
         self.done: list[str] = []
         self._shots = 0
+        self._last_y = 10_000
 
     @property
     def window(self) -> bpy.types.Window:
@@ -94,25 +96,26 @@ class User:
         return ""
 
     def find(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:
-        """Hover down the sidebar, scrolling if need be, until a button's command holds the words."""
+        """Hover over the sidebar, near the last find first and scrolling if need be, until a button holds the words."""
         region = self.region("UI")
         x = int(region.x + across * (region.width - 24))
-        seen: list[str] = []
+        seen: set[str] = set()
         for scroll in (0, -60, 8, 8, 8):
             yield from self._scroll(scroll)
-            for y in range(region.y + region.height - 6, region.y + 6, -9):
+            heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
+            for y in sorted(heights, key=lambda y: abs(y - self._last_y)) if scroll == 0 else heights:
                 yield from self.move(x, y)
                 found = self.under_mouse()
-                if found and (not seen or seen[-1] != found):
-                    seen.append(found)
+                seen.add(found)
                 if words in found:
+                    self._last_y = y
                     return x, y
-        raise AssertionError(f"No button '{words}' in the sidebar; there are {sorted(set(seen))}")
+        raise AssertionError(f"No button '{words}' in the sidebar; there are {sorted(seen)}")
 
     def press(self, words: str, across: float = 0.5) -> Steps:
         """Find a button and click it."""
         x, y = yield from self.find(words, across)
-        yield from self.click(x, y - 2)
+        yield from self.click(x, y)
         self.note(f"clicked {words}")
 
     def until(self, condition: Callable[[], Any], what: str, seconds: float = 300) -> Steps:
@@ -134,15 +137,13 @@ class User:
     def note(self, text: str) -> None:
         """Keep a line of the record."""
         self.done.append(text)
-        print("step:", text, flush=True)
+        print("step:", text, flush=True)  # noqa: T201 - for the console log
 
     def _scroll(self, lines: int) -> Steps:
         region = self.region("UI")
         x, y = region.x + region.width // 2, region.y + region.height // 2
         for _ in range(abs(lines)):
-            self.window.event_simulate(
-                type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y
-            )
+            self.window.event_simulate(type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
             yield None
 
 

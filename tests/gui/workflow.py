@@ -30,6 +30,9 @@ def steps(user: Any) -> Any:
     assert scene.camera == mocap.capture.cameras[2].object
     yield from user.shot("camera")
 
+    yield from user.press("mocap.solve.preset", 0.92)
+    assert mocap.solve.preset == "CUSTOM"
+    mocap.solve.method = "frame"  # slow enough to be cancelled
     yield from user.press("mocap.solve()")
     yield 2.0
     yield from user.shot("solving")
@@ -41,6 +44,8 @@ def steps(user: Any) -> Any:
     assert mocap.review.armature is None
     yield from user.shot("cancelled")
 
+    yield from user.press("mocap.solve.preset", 0.4)
+    assert mocap.solve.preset == "BALANCED"
     yield from user.press("mocap.solve()")
     yield from user.until(lambda: mocap.review.armature, "the capture is solved", 600)
     yield from user.shot("solved")
@@ -56,3 +61,10 @@ def steps(user: Any) -> Any:
     yield 1.0
     assert scene.mocap.review.armature is not None and name in bpy.data.actions, "redo"
     user.note("redone in one step")
+
+    yield from user.press("mocap.view_camera(index=2)", 0.3)
+    yield from user.shot("overlay")
+    yield from user.press("mocap.leave_camera()")
+    yield from user.press("mocap.show_confidence()")
+    assert bpy.context.mode == "POSE" and mocap.review.colours
+    yield from user.shot("confidence")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..review import MOCAP_OT_view_camera
+from ..review import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
 from .parts import MocapPanel, draw_next
 
 _FEW_PERCENT = 60
@@ -37,8 +37,12 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
             )  # fmt: skip
             view.index = index
             share = row.row(align=True)
-            share.ui_units_x = 3.2
+            share.ui_units_x = 4.2
             share.alert = item.seen_percent < _FEW_PERCENT
             share.label(text=f"{item.seen_percent:.0f} %", icon="FILE_MOVIE" if item.has_footage else "BLANK1")
             if item.detections is not None:
-                row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", invert_checkbox=True)
+                hidden = item.detections.hide_viewport
+                icon = "HIDE_ON" if hidden else "HIDE_OFF"
+                row.prop(item.detections, "hide_viewport", text="", icon=icon, emboss=False)
+        if in_camera_view(context):
+            layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")

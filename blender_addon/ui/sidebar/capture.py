@@ -31,7 +31,7 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         column.scale_y = 1.0 if capture.file else 1.4
         column.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
         if capture.file:
-            _draw_recognised(layout, context, capture)
+            _draw_recognised(layout, capture)
         else:
             layout.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA")
 
@@ -43,7 +43,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Reading Options"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-    bl_order = 1
+    bl_order = 2
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the options, and reading the same source again."""
@@ -57,6 +57,31 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             again.filepath = settings.capture.source
 
 
+class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
+    """What is wrong with the capture."""
+
+    bl_idname = "VIEW3D_PT_mocap_problems"
+    bl_parent_id = "VIEW3D_PT_mocap_capture"
+    bl_label = "Problems"
+    bl_order = 0
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs problems."""
+        return any(message.is_problem for message in context.scene.mocap.capture.messages)
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the warning."""
+        self.layout.alert = True
+        self.layout.label(icon="ERROR")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the problems."""
+        for message in context.scene.mocap.capture.messages:
+            if message.is_problem:
+                wrapped(self.layout, context, message.text, "DOT", alert=True)
+
+
 class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
     """What the reader assumed."""
 
@@ -64,7 +89,7 @@ class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Notes"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-    bl_order = 0
+    bl_order = 1
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -78,19 +103,14 @@ class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
                 wrapped(self.layout, context, message.text, "DOT")
 
 
-def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, capture: MocapCapture) -> None:
+def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
     box = layout.box()
-    box.label(text=capture.name, icon="CHECKMARK", translate=False)
-    seconds = capture.frames / capture.fps if capture.fps else 0.0
     column = box.column(align=True)
-    column.scale_y = 0.8
-    column.label(text=f"{capture.frames} frames, {capture.fps:g} fps, {seconds:.1f} s", icon="TIME")
-    if capture.cameras:
-        column.label(text=f"{len(capture.cameras)} cameras", icon="CAMERA_DATA")
-    if capture.joint_set:
-        column.label(text=f"Keypoints {capture.joint_set}", icon="OUTLINER_DATA_ARMATURE")
-    if capture.markers:
-        column.label(text=f"{capture.markers} markers", icon="OUTLINER_DATA_POINTCLOUD")
-    for message in capture.messages:
-        if message.is_problem:
-            wrapped(box, context, message.text, "ERROR", alert=True)
+    column.label(text=capture.name, icon="CHECKMARK", translate=False)
+    column.scale_y = 0.85
+    seconds = capture.frames / capture.fps if capture.fps else 0.0
+    column.label(text=f"{capture.frames} frames, {seconds:.1f} s at {capture.fps:g} fps", icon="TIME")
+    parts = [f"{len(capture.cameras)} cameras"] if capture.cameras else []
+    parts += [capture.joint_set] if capture.joint_set else []
+    parts += [f"{capture.markers} markers"] if capture.markers else []
+    column.label(text=", ".join(parts), icon="CAMERA_DATA")

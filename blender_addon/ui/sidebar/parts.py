@@ -10,7 +10,7 @@ from ...solving.run import sentence
 from ..following import MOCAP_OT_cancel, current
 from ..solve import MOCAP_OT_show_log
 
-_LETTER_PX = 6.4
+_LETTER_PX = 6.0
 _MARGIN_PX = 62
 
 

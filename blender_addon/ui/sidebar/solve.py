@@ -58,7 +58,7 @@ class VIEW3D_PT_mocap_solve_settings(MocapPanel, bpy.types.Panel):
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column()
         column.enabled = solve.preset == "CUSTOM"
-        for name in ("method", "window", "refine", "refine_window", "residual_rotations", "iterations", "robust_scale"):
+        for name in ("method", "window", "refine_window", "residual_rotations", "iterations", "robust_scale"):
             column.prop(solve, name)
         layout.separator()
         for name in ("keep_shape", "report", "backend"):
