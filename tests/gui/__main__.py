@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -65,7 +66,7 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
             _serve(process, pictures, suite, out, time.monotonic() + seconds)
         finally:
             if process.poll() is None:
-                os.killpg(process.pid, 15)
+                os.killpg(process.pid, signal.SIGTERM)
                 process.wait()
     record = json.loads((pictures / "record.json").read_text()) if (pictures / "record.json").exists() else {}
     record["console"] = [line for line in (out / "console.log").read_text().splitlines() if _is_error(line)]
@@ -119,6 +120,7 @@ def main() -> int:
     if lack := missing():
         print(f"skipped: {lack}")
         return 0
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that Blender and its screen end too
     record = run(options.suite, options.out.resolve(), options.script)
     print(json.dumps(record, indent=1))
     return 1 if record.get("failure", "Blender ended early") or record["console"] else 0

@@ -107,7 +107,7 @@ class User:
                 yield from self.move(x, y)
                 found = self.under_mouse()
                 seen.add(found)
-                if words in found:
+                if words in found and (yield from self._stays(words, x, y)):
                     self._last_y = y
                     return x, y
         raise AssertionError(f"No button '{words}' in the sidebar; there are {sorted(seen)}")
@@ -138,6 +138,13 @@ class User:
         """Keep a line of the record."""
         self.done.append(text)
         print("step:", text, flush=True)  # noqa: T201 - for the console log
+
+    def _stays(self, words: str, x: int, y: int) -> Generator[float | None, None, bool]:
+        """Whether the button is still there once Blender has caught up with the mouse."""
+        yield 0.15
+        yield from self.move(x + 1, y)
+        yield 0.1
+        return words in self.under_mouse()
 
     def _scroll(self, lines: int) -> Steps:
         region = self.region("UI")

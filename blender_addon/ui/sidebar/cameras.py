@@ -41,8 +41,6 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
             share.alert = item.seen_percent < _FEW_PERCENT
             share.label(text=f"{item.seen_percent:.0f} %", icon="FILE_MOVIE" if item.has_footage else "BLANK1")
             if item.detections is not None:
-                hidden = item.detections.hide_viewport
-                icon = "HIDE_ON" if hidden else "HIDE_OFF"
-                row.prop(item.detections, "hide_viewport", text="", icon=icon, emboss=False)
+                row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
         if in_camera_view(context):
             layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")
