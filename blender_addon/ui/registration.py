@@ -11,6 +11,7 @@ from ..export import operators as export_operators
 from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve
 from .sidebar import cameras as cameras_panel
 from .sidebar import capture as capture_panels
+from .sidebar import export as export_panel
 from .sidebar import review as review_panels
 from .sidebar import shape as shape_panel
 from .sidebar import solve as solve_panels
@@ -66,6 +67,7 @@ TABLE: tuple[Entry, ...] = (
     _class(review_panels.VIEW3D_PT_mocap_review),
     _class(review_panels.VIEW3D_PT_mocap_resolve),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
+    _class(export_panel.VIEW3D_PT_mocap_export),
     _handler(bpy.app.handlers.frame_change_post, bone_colours.on_frame_change),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
