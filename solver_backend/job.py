@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from solver_backend.body.choices import is_path
 from solver_backend.errors import JobInvalid
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.stretch import Stretch
@@ -109,7 +110,7 @@ class Job:
             joint_set=None if name is None else joint_set_named(name),
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),
-            settings=_settings(_typed(values, "settings", dict) or {}),
+            settings=_settings(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
         )
 
@@ -164,12 +165,18 @@ def positive_fps(value: float) -> float:
     return float(value)
 
 
-def _settings(values: Mapping[str, Any]) -> SolveSettings:
-    """Return the settings after checking that each value is of the type of its default."""
+def _settings(values: Mapping[str, Any], folder: Path) -> SolveSettings:
+    """Return the settings after checking that each value is of the type of its default.
+
+    Args:
+        values: the job's settings.
+        folder: what the path of a body file is relative to.
+    """
     for item in fields(SolveSettings):
         kind = (int, float) if isinstance(item.default, float) else type(item.default)
         _typed(values, item.name, list if item.default is None else kind)
-    return SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
+    settings = SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
+    return replace(settings, body=str(folder / settings.body)) if is_path(settings.body) else settings
 
 
 def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:

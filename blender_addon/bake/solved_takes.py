@@ -51,7 +51,8 @@ def add_take(
         name: name of the take.
         motion: the motion.
         body: the body it was solved for.
-        armature: the body of earlier takes, whose sliders go to the motion's shape; None if there is none.
+        armature: the body of earlier takes, whose sliders go to the motion's shape; None if there is none. A motion
+            of another body gets an armature of its own.
         parent: collection a new body goes into, None for the scene's.
         frame_start: scene frame of the first frame.
 
@@ -62,6 +63,8 @@ def add_take(
         BodyMismatch: the motion belongs to another body.
     """
     require_body(motion, body)
+    if armature is not None and _body_played(armature) not in ("", motion.body):
+        armature = None
     if armature is None:
         settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
         body_name = name if parent is None else parent.name
@@ -86,6 +89,12 @@ def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
     mesh = body_mesh(armature)
     if mesh is not None and BETAS in action:
         set_betas(mesh, np.array(action[BETAS]))
+
+
+def _body_played(armature: bpy.types.Object) -> str:
+    """Return the id of the body an armature's action was solved for, "" if it does not say."""
+    action = armature.animation_data.action if armature.animation_data is not None else None
+    return "" if action is None else str(action.get("body", ""))
 
 
 def takes_of(capture_file: str) -> list[bpy.types.Action]:

@@ -14,7 +14,8 @@ from ..bake.solved_takes import BETAS, body_mesh
 from ..bake.timing import scene_frame_rate
 from ..body.shape import get_betas
 from ..errors import TakeMissing
-from ..files.body_file import default_body_path, read_body
+from ..files.body_choice import body_path_of
+from ..files.body_file import read_body
 from ..solving.job_file import Pin, Resolve
 
 
@@ -63,8 +64,9 @@ def capture_frame(action: bpy.types.Action, scene: bpy.types.Scene, frame: float
 def pinned_values(armature: bpy.types.Object) -> str:
     """Return the pose an armature stands in now as the job file wants it, as JSON text."""
     mesh = body_mesh(armature)
-    betas = get_betas(mesh) if mesh is not None else np.array(armature.animation_data.action[BETAS])
-    rest = read_body(default_body_path()).rest_joints(betas)
+    action = armature.animation_data.action
+    betas = get_betas(mesh) if mesh is not None else np.array(action[BETAS])
+    rest = read_body(body_path_of(action.get("provenance", ""))).rest_joints(betas)
     pose = read_pose(armature, rest[0])
     values = {
         "global_orient": pose.rotvec[0].tolist(),

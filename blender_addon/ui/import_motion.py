@@ -7,7 +7,8 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..bake.scene import BakedTake, BakeSettings, bake_take
 from ..errors import AddonError
-from ..files.body_file import default_body_path, read_body
+from ..files.body_choice import body_path_of
+from ..files.body_file import read_body
 from ..files.capture_file import read_capture
 from ..files.motion_file import read_motion
 
@@ -26,7 +27,7 @@ class MOCAP_OT_import_motion(bpy.types.Operator, ImportHelper):
         name="Capture", description="Capture file the motion was solved from: adds cameras, footage and detections"
     )
     body_path: bpy.props.StringProperty(
-        name="Body", description="Body file; empty for the one that ships with the add-on"
+        name="Body", description="Body file; empty for the one the motion was solved for"
     )
     set_scene: bpy.props.BoolProperty(
         name="Set Up Scene",
@@ -74,10 +75,11 @@ def bake_files(
     Raises:
         AddonError: a file is missing or wrong.
     """
+    solved = read_motion(motion)
     return bake_take(
         scene,
-        read_motion(motion),
-        read_body(body or default_body_path()),
+        solved,
+        read_body(body or body_path_of(solved.provenance)),
         read_capture(capture) if capture is not None else None,
         settings,
     )

@@ -11,7 +11,8 @@ import bpy
 from ..bake.solved_takes import Provenance, add_take, body_mesh
 from ..body.shape import get_betas
 from ..errors import AddonError, TakeMissing
-from ..files.body_file import default_body_path, read_body
+from ..files.body_choice import body_path_of
+from ..files.body_file import read_body
 from ..files.motion_file import read_motion
 from ..review.pinning import Stretch, resolve_of
 from ..solving.job_file import Job, write_job
@@ -133,7 +134,7 @@ def take_motion(context: bpy.types.Context, files: Provenance) -> bpy.types.Acti
     if armature is None and context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     name = f"{settings.capture.name} {files.motion.stem.replace('_', ' ')}"
-    body = read_body(default_body_path())
+    body = read_body(body_path_of(motion.provenance))
     parent = settings.capture.collection
     armature, action = add_take(scene, name, motion, body, armature, parent, settings.capture.frame_start)
     files.write(action)

@@ -14,6 +14,7 @@ from solver_backend.types import NUM_BETAS
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"
 REQUIRED_KEYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
+_READ_KEYS = frozenset({*REQUIRED_KEYS, "posedirs", "body_id"})
 FAMILIES = {24: "SMPL", 52: "SMPL-H", 55: "SMPL-X"}
 """Family by number of joints; all share joints 0..21."""
 _HANDS = {24: (22, 23), 52: (25, 40), 55: (28, 43)}
@@ -89,7 +90,7 @@ def load_body(path: Path | None = None) -> Body:
 def _load_body(path: Path) -> Body:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files}
+            arrays = {key: data[key] for key in data.files if key in _READ_KEYS}
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise BodyInvalid(f"The body file cannot be read: {error}", where=str(path)) from error
     missing = [key for key in REQUIRED_KEYS if key not in arrays]

@@ -60,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     solve.add_argument("--backend", help="numpy (default) or torch")
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
     solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
+    solve.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
 
     info = verbs.add_parser(
@@ -70,6 +71,8 @@ def _parser() -> argparse.ArgumentParser:
     convert = verbs.add_parser("convert", parents=[reading, writing, common], help="write any capture as one file")
     convert.add_argument("capture", type=Path, metavar="CAPTURE")
     convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+
+    verbs.add_parser("bodies", parents=[common], help="list the bodies that can be chosen by name")
 
     demo = verbs.add_parser("demo-capture", parents=[writing, common], help="write the embedded synthetic capture")
     demo.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")

@@ -63,6 +63,17 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     return _write(args.out, _read(args, progress), overwrite)
 
 
+def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """List the bodies that can be chosen by name, and the folder they are looked for in."""
+    from solver_backend.body.choices import bodies_folder, list_bodies
+
+    found = {body.name: str(body.path) for body in list_bodies()}
+    width = max(map(len, found))
+    lines = [f"  {name:<{width}}  {path}" for name, path in found.items()]
+    text = "\n".join(["Bodies", *lines, f"Body files in {bodies_folder()} are choices, too."])
+    return Outcome(text, {"bodies": found, "folder": str(bodies_folder())})
+
+
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the embedded synthetic capture, truth included."""
     overwrite = bool(args.overwrite)
@@ -98,6 +109,7 @@ def _job(args: argparse.Namespace) -> Job:
         "up_axis",
         "method",
         "backend",
+        "body",
         "resolve",
         "frames",
     )
@@ -110,7 +122,7 @@ def _job(args: argparse.Namespace) -> Job:
         return Job.read(args.job)
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
-    chosen = {name: getattr(args, name) for name in ("method", "backend") if getattr(args, name) is not None}
+    chosen = {name: getattr(args, name) for name in ("method", "backend", "body") if getattr(args, name) is not None}
     return Job(
         capture=args.capture,
         out=args.out,

@@ -30,6 +30,8 @@ class SolveSettings:
     """Frames a window of the refinement: fast limbs need a key every few hundredths of a second."""
     residual_rotations: bool = True
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
+    body: str = "neutral"
+    """Name of the body, or the path of a body file."""
     betas: tuple[float, ...] | None = None
     """Known shape; None estimates it from the take."""
 
@@ -48,6 +50,7 @@ class SolveSettings:
             ),
             "residual_rotations": (isinstance(self.residual_rotations, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
+            "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
         }
         for name, (valid, expected) in checks.items():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend import __version__
-from solver_backend.body.body import load_body
+from solver_backend.body.choices import load_chosen_body, resolve_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.fitters.bundle_method import BundleSolution, solve_by_bundle, solve_by_sliding
@@ -42,6 +42,7 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         TooFewViews, NoDetections: nothing can be triangulated.
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
         BackendMissing: torch was asked for and is not installed.
+        BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
     problem, subject = prepare(capture, settings, progress)
     subject = learn_subject(problem, subject, settings, progress)
@@ -82,7 +83,7 @@ def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> tu
     """Return the capture made ready for a solver, and the average person.
 
     Raises:
-        TooFewViews, NoDetections, TakeTooShort, BackendMissing: as in ``solve``.
+        TooFewViews, NoDetections, TakeTooShort, BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
     cameras, keypoints = capture.require_multiview()
     if settings.method != "frame" and keypoints.num_frames < 4:
@@ -101,7 +102,7 @@ def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> tu
             "In no frame do two cameras agree on enough keypoints to place a body.", where=capture.name,
             hint="Check that the calibration belongs to this recording and that the cameras are synchronised.",
         )  # fmt: skip
-    body, prior = load_body(), load_sposer()
+    body, prior = load_chosen_body(settings.body), load_sposer()
     like = _origin(settings.backend)
     term = ReprojectionTerm.of(cameras, keypoints, observations.sigma_px, like)
     problem = Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames, capture, checked.faults)
@@ -127,14 +128,19 @@ def _origin(backend: str) -> Array:
 
 
 def _provenance(capture: Capture, settings: SolveSettings, problem: Problem) -> dict[str, Any]:
-    weights = Path(DEFAULT_WEIGHTS)
+    weights, body = Path(DEFAULT_WEIGHTS), resolve_body(settings.body)
     return {
         "solver": __version__,
         "settings": asdict(settings),
         "body": problem.body.id,
-        "prior": {"file": weights.name, "sha256": hashlib.sha256(weights.read_bytes()).hexdigest()},
+        "body_file": _fingerprint(body),
+        "prior": _fingerprint(weights),
         "capture": capture.name,
         "sources": list(capture.sources),
         "findings": [fault.as_dict() for fault in problem.faults],
         "sigma_px": [round(float(s), 3) for s in problem.observations.sigma_px],
     }
+
+
+def _fingerprint(path: Path) -> dict[str, str]:
+    return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
