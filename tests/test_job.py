@@ -96,3 +96,11 @@ def test_a_stretch_to_solve_again_is_read_relative_to_the_job_and_written_back(t
         Job.from_dict({**MINIMAL, "resolve": {"first": 2, "last": 9}})
     with pytest.raises(JobInvalid, match="must be different files"):
         Job.from_dict({**MINIMAL, "resolve": {"motion": MINIMAL["out"], "first": 2, "last": 9}})
+
+
+def test_the_path_of_a_body_is_relative_to_the_job_file(tmp_path):
+    values = {"version": 1, "capture": "take", "out": "motion.npz"}
+    for body, expected in (("anny", "anny"), ("bodies/smpl.pkl", str(tmp_path / "bodies" / "smpl.pkl"))):
+        job = Job.from_dict({**values, "settings": {"body": body}}, tmp_path)
+        assert job.settings.body == expected
+        assert Job.from_dict(job.as_dict()) == job

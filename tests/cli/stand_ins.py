@@ -41,6 +41,10 @@ class StandIns:
         progress("Solving", 2, 2)
         return small_motion(FRAMES)
 
+    def resolve(self, capture, motion, stretch, settings, progress):
+        self.calls.append(("resolve", {"capture": capture.name, "stretch": stretch}))
+        return motion
+
     def write_report(self, path, capture, motion, *, overwrite=False):
         self.calls.append(("report", {"path": path, "overwrite": overwrite}))
         Path(path).write_text("<html></html>", encoding="utf-8")
@@ -48,14 +52,14 @@ class StandIns:
     def modules(self) -> dict[str, ModuleType]:
         """Return modules to put in place of the real ones."""
         found = {}
-        for name, function in (
-            ("solver_backend.io.load", self.load_capture),
-            ("solver_backend.fitters.solve", self.solve),
-            ("solver_backend.report.page", self.write_report),
+        for name, functions in (
+            ("solver_backend.io.load", (self.load_capture,)),
+            ("solver_backend.fitters.solve", (self.solve, self.resolve)),
+            ("solver_backend.report.page", (self.write_report,)),
         ):
-            module = ModuleType(name)
-            setattr(module, function.__name__, function)
-            found[name] = module
+            found[name] = ModuleType(name)
+            for function in functions:
+                setattr(found[name], function.__name__, function)
         return found
 
 

@@ -45,11 +45,14 @@ def test_solve_writes_a_motion_and_says_so(stand_ins, tmp_path, capsys):
 def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--fps", "50", "--trim", "--joint-set", "COCO_17"]
     argv += ["--unit", "mm", "--up-axis", "y"]
-    assert main([*argv, "--method", "frame", "--backend", "torch", "--report", str(tmp_path / "r.html")]) == 0
+    assert (
+        main([*argv, "--method", "frame", "--backend", "torch", "--body", "anny", "--report", str(tmp_path / "r.html")])
+        == 0
+    )
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
     assert calls["load"] | {"path": None, "progress": None} == {"path": None, "progress": None, **reading}
-    assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch")
+    assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch", body="anny")
     assert calls["report"]["path"] == tmp_path / "r.html"
 
 
@@ -183,3 +186,13 @@ def test_convert_writes_the_capture_it_read(stand_ins, tmp_path, capsys):
     assert events(capsys.readouterr().out)[-1]["capture"] == str(out)
     assert main(["convert", "take", "--out", str(out)]) == 3
     assert "already there" in capsys.readouterr().err
+
+
+def test_bodies_lists_what_can_be_chosen(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("MANIFOLD_MOCAP_BODIES", str(tmp_path))
+    (tmp_path / "tall.npz").write_bytes(b"")
+    assert main(["bodies", "--json"]) == 0
+    result = events(capsys.readouterr().out)[-1]
+    assert list(result["bodies"]) == ["neutral", "tall"] and result["folder"] == str(tmp_path)
+    assert main(["bodies"]) == 0
+    assert str(tmp_path / "tall.npz") in capsys.readouterr().out
