@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,11 @@ from solver_backend.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
-from solver_backend.priors.decoder import decoded_rotations, decoded_rotations_with_jacobian
+from solver_backend.priors.decoder import (
+    decoded_rotations,
+    decoded_rotations_with_jacobian,
+    decoded_rotations_with_pullback,
+)
 from solver_backend.priors.dense import DenseStack
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
@@ -68,6 +73,11 @@ class GaussianVAE(PosePrior):
         """Return ``decode(z)`` and its left tangents by the code, (N, 21, 3, 32)."""
         check_codes(z, LATENT_DIM)
         return decoded_rotations_with_jacobian(self._decoder.like(z), z)
+
+    def decode_with_pullback(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+        """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode."""
+        check_codes(z, LATENT_DIM)
+        return decoded_rotations_with_pullback(self._decoder.like(z), z)
 
     def energy(self, rotations: Array) -> Array:
         """Return half the squared length of the code, minus the log density of the standard normal: (N,)."""

@@ -1,7 +1,8 @@
-"""All methods on the same benchmark captures: accuracy, smoothness, feet, reprojection and time, medians over takes.
+"""All methods on the same benchmark captures: accuracy, smoothness, feet, exchanges, reprojection, time and memory.
 
-``python -m tests.benchmarks.bench_bundle [--takes NAME:START ...] [--frames N] [--views N ...] [--json FILE]`` prints
-the tables. Needs the validation motions (MOCAP_SHARED_DATA).
+``python3 dev.py bench bundle`` prints every table; ``python -m tests.benchmarks.bench_bundle --tables methods,views
+--takes N --quick`` some of it. Medians over takes; every run is kept under build/bench_bundle and not repeated while
+its code and capture stay. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -11,121 +12,55 @@ import json
 import os
 import platform
 import sys
-import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict
 
 import numpy as np
 
-from solver_backend.fitters.baselines import (
-    BaselineResult,
-    BundleMoCap,
-    BundleMoCapPlusPlus,
-    PerFrame,
-    TriangulatedButterworth,
-)
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solve import solve
-from solver_backend.geometry.rotations import exp_so3
-from solver_backend.metrics import (
-    accel_error_m_s2,
-    angle_mae_deg,
-    foot_skating_cm_per_frame,
-    mpjpe_mm,
-    pa_mpjpe_mm,
-    pck_percent,
-    reprojection_median_px,
-    reprojection_px,
-)
-from solver_backend.synthetic.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.types import SMPL_JOINTS, Capture, JointSet
+from tests.benchmarks.captures import TAKES
+from tests.benchmarks.methods import PUBLISHED
 from tests.benchmarks.metric import Metric
-from tests.benchmarks.validation_takes import take_named
+from tests.benchmarks.requirements import requirements
+from tests.benchmarks.runs import ROOT, outcomes
+from tests.benchmarks.sections import SECTIONS, Found, Scope, Section, medians, quick
 
-TAKES = ("13_29:600", "salsa_05:60")
-"""Name and first frame; clear of the T-poses and jumps that some recordings hold."""
-COLUMNS = ("mpjpe_mm", "pa_mpjpe_mm", "pck3", "pck7", "mae_deg", "accel_m_s2", "skating_cm", "kp_mpjpe_mm",
-           "kp_accel_m_s2", "reproj_px", "seconds")  # fmt: skip
-OURS = "ours, bundle"
-Row = dict[str, float]
-
-
-def methods() -> dict[str, Callable[[Capture], BaselineResult]]:
-    """Return the methods by name."""
-    baselines = (TriangulatedButterworth(), PerFrame(), BundleMoCap(), BundleMoCapPlusPlus(),
-                 BundleMoCapPlusPlus(optimiser="lbfgs", name="BundleMoCap++, L-BFGS"))  # fmt: skip
-    return {**{baseline.name: baseline.solve for baseline in baselines}, OURS: _ours}
+OUT = ROOT / "build" / "bench_bundle"
+UNITS = {
+    "mpjpe_mm": "MPJPE", "pa_mpjpe_mm": "PA-MPJPE", "rmse_mm": "RMSE", "mae_deg": "MAE °", "pck3": "PCK3",
+    "pck7": "PCK7", "accel_m_s2": "accel", "kp_mpjpe_mm": "points", "kp_accel_m_s2": "p.accel",
+    "skating_cm_f": "skating", "reproj_px": "reproj", "undone": "undone", "seconds": "s", "peak_mb": "MB",
+}  # fmt: skip
+"""Headings: mm, degrees, percent, m/s², cm a frame, px."""
 
 
-def _ours(capture: Capture) -> BaselineResult:
-    motion = solve(capture, SolveSettings())
-    assert motion.keypoints3d is not None
-    return BaselineResult(motion.keypoints3d, motion)
-
-
-def judged(capture: Capture, result: BaselineResult, seconds: float) -> Row:
-    """Return the figures of a result; those of joints and angles are NaN for methods without a body."""
-    truth, fps = capture.truth, capture.fps
-    cameras, keypoints = capture.require_multiview()
-    toes = [JointSet.BODY_25.keypoints.index(f"{side}_big_toe") for side in ("left", "right")]
-    row = dict.fromkeys(COLUMNS, float("nan"))
-    row["kp_mpjpe_mm"] = mpjpe_mm(result.keypoints3d, truth["keypoints3d"])
-    row["kp_accel_m_s2"] = accel_error_m_s2(result.keypoints3d, truth["keypoints3d"], fps)
-    row["skating_cm"] = foot_skating_cm_per_frame(result.keypoints3d[:, toes])
-    row["reproj_px"] = reprojection_median_px(reprojection_px(cameras, result.keypoints3d, keypoints))
-    row["seconds"] = seconds
-    if result.motion is None:
-        return row
-    joints, found = truth["joints"], result.motion.joints
-    rotations = [exp_so3(pose[:, :63].reshape(-1, 21, 3)) for pose in (result.motion.body_pose, truth["body_pose"])]
-    return row | {
-        "mpjpe_mm": mpjpe_mm(found, joints), "pa_mpjpe_mm": pa_mpjpe_mm(found, joints),
-        "pck3": pck_percent(found, joints, 0.03), "pck7": pck_percent(found, joints, 0.07),
-        "mae_deg": angle_mae_deg(*rotations), "accel_m_s2": accel_error_m_s2(found, joints, fps),
-    }  # fmt: skip
-
-
-def worst_joints(capture: Capture, result: BaselineResult, count: int = 4) -> list[tuple[str, float, int]]:
-    """Return the joints with the largest mean error: name, mm, and the frame where each is worst."""
-    if result.motion is None:
-        return []
-    error = 1000 * np.linalg.norm(result.motion.joints - capture.truth["joints"], axis=-1)
-    order = np.argsort(-error.mean(axis=0))[:count]
-    return [(SMPL_JOINTS[j], round(float(error[:, j].mean()), 1), int(error[:, j].argmax())) for j in order]
-
-
-def measure(takes: tuple[str, ...], num_frames: int, num_views: int, seed: int) -> dict[str, Any]:
-    """Return figures of every method on every take, their medians, and the worst joints of ours."""
-    rows: dict[str, dict[str, Row]] = {name: {} for name in methods()}
-    worst = {}
-    for number, spec in enumerate(takes):
-        name, _, start = spec.partition(":")
-        settings = BenchmarkSettings(num_views=num_views, seed=seed + number)
-        capture = benchmark_capture(take_named(name, num_frames, int(start or 0)), settings)
-        for method, run_method in methods().items():
-            begin = time.perf_counter()
-            result = run_method(capture)
-            rows[method][spec] = judged(capture, result, time.perf_counter() - begin)
-            if method == OURS:
-                worst[spec] = worst_joints(capture, result)
-    medians = {m: {c: float(np.median([r[c] for r in takes.values()])) for c in COLUMNS} for m, takes in rows.items()}
-    return {"views": num_views, "frames": num_frames, "seed": seed, "medians": medians, "takes": rows, "worst": worst}
-
-
-def table(medians: dict[str, Row]) -> str:
-    """Return the medians as text."""
-    lines = [f"{'':<28}" + "".join(f"{column:>14}" for column in COLUMNS)]
-    for method, row in medians.items():
-        cells = (f"{row[c]:14.2f}" if np.isfinite(row[c]) else f"{'-':>14}" for c in COLUMNS)
-        lines.append(f"{method:<28}" + "".join(cells))
+def table(section: Section, found: Found) -> str:
+    """Return a section as text."""
+    rows = section.medians(found)
+    width = max(len(label) for label in rows) + 2
+    lines = [f"{'':<{width}}" + "".join(f"{UNITS.get(c, c):>10}" for c in section.columns)]
+    for label, row in rows.items():
+        lines.append(f"{label:<{width}}" + "".join(_cell(row.get(column, float("nan"))) for column in section.columns))
     return "\n".join(lines)
 
 
+def _cell(value: float) -> str:
+    if not np.isfinite(value):
+        return f"{'-':>10}"
+    return f"{value:10.3f}" if abs(value) < 1 else f"{value:10.2f}" if abs(value) < 1000 else f"{value:10.0f}"
+
+
+def measured(names: list[str], scope: Scope) -> tuple[dict[str, Section], Found]:
+    """Return the sections and what came of their runs."""
+    sections = {name: SECTIONS[name](scope) for name in names}
+    runs = list(dict.fromkeys(run for section in sections.values() for run in section.runs))
+    return sections, outcomes(runs, lambda line: _say(line + "\n", sys.stderr))
+
+
 def run() -> list[Metric]:
-    """Measure the default takes; the figures of ours, and their ratios to the published method."""
-    medians = measure(TAKES, 300, 4, 0)["medians"]
-    ours, published = medians[OURS], medians["BundleMoCap++"]
+    """Print every table; the figures of ours, and their ratios to the published method."""
+    sections, found = measured(list(SECTIONS), Scope())
+    report(sections, found)
+    rows = sections["methods"].medians(found)
+    ours, published = rows["ours, global"], rows[PUBLISHED]
     return [
         Metric("mpjpe_mm", ours["mpjpe_mm"], "mm"),
         Metric("accel_m_s2", ours["accel_m_s2"], "m/s²", rel_tol=0.1),
@@ -135,23 +70,57 @@ def run() -> list[Metric]:
     ]
 
 
+def report(sections: dict[str, Section], found: Found) -> None:
+    """Print the tables and what is required, and write both as JSON."""
+    for section in sections.values():
+        takes = ", ".join(dict.fromkeys(f"{run.take} (seed {run.settings.seed})" for run in section.runs))
+        _say(f"\n{section.title}; medians over {takes}\n{table(section, found)}\n")
+    wanted = requirements({name: section.medians(found) for name, section in sections.items()})
+    if wanted:
+        _say("\nRequired of ours:\n" + "\n".join(item.line() for item in wanted) + "\n")
+    _say(f"\n{machine()}\n")
+    OUT.mkdir(parents=True, exist_ok=True)
+    (OUT / "results.json").write_text(json.dumps(_plain(sections, found), indent=1) + "\n", encoding="utf-8")
+
+
+def machine() -> str:
+    """Return what times depend on."""
+    threads, load = os.environ.get("OMP_NUM_THREADS", "all"), os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return f"{platform.platform()}, {os.cpu_count()} cores, {threads} threads, load {load:.1f} at the end"
+
+
+def _plain(sections: dict[str, Section], found: Found) -> dict:
+    def rows(section: Section) -> dict[str, dict]:
+        return {
+            label: {
+                "median": medians([found[run].row for run in runs]),
+                "runs": [{"take": run.take, **asdict(run.settings), "bad": run.bad, **found[run].row,
+                          "worst": found[run].worst, "notes": found[run].notes} for run in runs],
+            }
+            for label, runs in section.rows.items()
+        }  # fmt: skip
+
+    return {"machine": machine(), "tables": {n: {"title": s.title, "rows": rows(s)} for n, s in sections.items()}}
+
+
+def _say(text: str, stream=sys.stdout) -> None:
+    stream.write(text)
+    stream.flush()
+
+
 def main(argv: list[str]) -> int:
-    """Print the tables, and write everything to a JSON file if one is named."""
+    """Print the chosen tables."""
     parser = argparse.ArgumentParser(prog="bench_bundle", description="All methods on the same benchmark captures.")
-    parser.add_argument("--takes", nargs="+", default=list(TAKES), metavar="NAME:START")
-    parser.add_argument("--frames", type=int, default=300)
-    parser.add_argument("--views", type=int, nargs="+", default=[4])
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--tables", default=",".join(SECTIONS), help=f"of {', '.join(SECTIONS)}")
+    parser.add_argument("--takes", type=int, default=3, help=f"how many, at most {len(TAKES)}")
+    parser.add_argument("--frames", type=int, help="cut every take to so many")
+    parser.add_argument("--quick", action="store_true", help="one take of 200 frames")
     args = parser.parse_args(argv)
-    machine = {"platform": platform.platform(), "cores": os.cpu_count(), "threads": os.environ.get("OMP_NUM_THREADS")}
-    runs = []
-    for views in args.views:
-        runs.append(measure(tuple(args.takes), args.frames, views, args.seed))
-        sys.stdout.write(f"\n{views} views, {args.frames} frames, {len(args.takes)} takes, medians\n")
-        sys.stdout.write(table(runs[-1]["medians"]) + f"\nworst joints of ours: {json.dumps(runs[-1]['worst'])}\n")
-    if args.json:
-        args.json.write_text(json.dumps({"machine": machine, "runs": runs}, indent=2) + "\n", encoding="utf-8")
+    names = args.tables.split(",")
+    if unknown := sorted(set(names) - set(SECTIONS)):
+        parser.error(f"there is no table {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
+    scope = Scope(TAKES[: args.takes], args.frames)
+    report(*measured(names, quick(scope) if args.quick else scope))
     return 0
 
 

@@ -55,6 +55,12 @@ def filmed(take: str, settings: BenchmarkSettings = BenchmarkSettings(), bad: st
     return read_capture(path)
 
 
+def capture_path(take: str, settings: BenchmarkSettings, bad: str | None = None) -> Path:
+    """Return where a capture is kept."""
+    stem = take.replace(":", "_").replace("+", "_")
+    return FOLDER / f"{stem}_{settings.num_views}views_{_key(take, settings, bad)}.npz"
+
+
 def _take(spec: str) -> benchmark.Take:
     name, _, part = spec.partition(":")
     start, _, frames = part.partition("+")

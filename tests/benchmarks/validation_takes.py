@@ -39,6 +39,18 @@ def read_take(path: Path, num_frames: int | None = None, start: int = 0) -> Take
     return Take(path.stem, rotations[part], root[part], float(round(clip.fps)))
 
 
+def training_take(name: str, num_frames: int | None = None, start: int = 0) -> Take:
+    """Return a take that priors were trained on, for tuning methods without touching the benchmark's takes.
+
+    Raises:
+        BenchmarkSkipped: it is not here, or is held out.
+    """
+    path = Path(os.environ.get("MOCAP_SHARED_DATA", DATA)) / "motion_cmu" / "mb2" / f"{name}.npz"
+    if not path.is_file() or subject_of(path) in HELD_OUT:
+        raise BenchmarkSkipped(f"The take {name} is not among the training motions.")
+    return read_take(path, num_frames, start)
+
+
 def take_named(name: str, num_frames: int | None = None, start: int = 0, data: Path | None = None) -> Take:
     """Return the held-out take of this name.
 

@@ -6,27 +6,55 @@ of frames spread over the take, which is the kinder start.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.errors import NoDetections
+from solver_backend.fitters.baselines.base import BaselineResult
 from solver_backend.fitters.initial import observe
 from solver_backend.fitters.problem import Problem, learn_subject
+from solver_backend.fitters.result import build_motion
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.subject import Subject
+from solver_backend.fitters.subject import PosedFrames, Subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.progress import silent
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture
 
+ROBUST_SCALE = 3.0
+"""Final Geman-McClure scale of every method, in standard deviations of the detector's noise."""
 
-def prepare(capture: Capture, sigma_px: float | None = None) -> tuple[Problem, Subject]:
-    """Return the problem and the person with a shape that stays.
 
-    Args:
-        capture: calibrated cameras and 2D keypoints.
-        sigma_px: noise of every detection; None measures each keypoint's.
+@dataclass(frozen=True)
+class Prepared:
+    """A capture made ready, and the person with a shape that stays."""
+
+    capture: Capture
+    problem: Problem
+    subject: Subject
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Return the frames in which a body can be placed."""
+        return np.flatnonzero(self.problem.observations.seen)
+
+    def result(
+        self, name: str, frames: PosedFrames, key_times: np.ndarray | None = None, statistics: dict | None = None
+    ) -> BaselineResult:
+        """Return the poses of all frames as a result."""
+        motion = build_motion(
+            self.capture, self.subject, frames, self.problem.observations, sigma=None, scale=ROBUST_SCALE,
+            key_times=np.arange(0) if key_times is None else key_times, provenance={"baseline": name},
+        )  # fmt: skip
+        assert motion.keypoints3d is not None
+        return BaselineResult(motion.keypoints3d, motion, statistics or {})
+
+
+def prepare(capture: Capture) -> Prepared:
+    """Triangulate, measure the noise and fit the shape.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -36,12 +64,8 @@ def prepare(capture: Capture, sigma_px: float | None = None) -> tuple[Problem, S
     if not observations.seen.any():
         raise NoDetections("In no frame do two cameras agree on enough keypoints to place a body.", where=capture.name)
     body, prior, like = load_body(), load_sposer(), np.zeros(1)
-    count = keypoints.joint_set.num_keypoints
-    measured = ReprojectionTerm.of(cameras, keypoints, observations.sigma_px, like)
-    problem = Problem(body, prior, observations, measured, keypoints.fps, keypoints.num_frames, capture)
-    subject = Subject(body, keypoint_landmarks(body, keypoints.joint_set), np.zeros(10), np.zeros((count, 3)))
-    subject = learn_subject(problem, subject, SolveSettings(), silent)
-    if sigma_px is None:
-        return problem, subject
-    term = ReprojectionTerm.of(cameras, keypoints, np.full(count, sigma_px), like)
-    return Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames, capture), subject
+    term = ReprojectionTerm.of(cameras, keypoints, observations.sigma_px, like)
+    problem = Problem(body, prior, observations, term, keypoints.fps, keypoints.num_frames, capture)
+    landmarks = keypoint_landmarks(body, keypoints.joint_set)
+    subject = Subject(body, landmarks, np.zeros(10), np.zeros((len(landmarks), 3)))
+    return Prepared(capture, problem, learn_subject(problem, subject, SolveSettings(), silent))

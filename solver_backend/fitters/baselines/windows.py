@@ -1,35 +1,33 @@
-"""Cost and gradient of one window by its free keys: two with SIDER-2, one with SLERP.
+"""Cost and gradient of one window by its free keys, in reverse mode: two free keys with SIDER-2, one with SLERP.
 
-A state is ``(z (n, 32), R (n, 3, 3), t (n, 3))`` on ``CODES x SO(3) x R³``, the key before it is fixed. The cost is the
-data term alone (thesis eqs. 6.6-6.8).
+A state is ``(z (n, 32), R (n, 3, 3), t (n, 3))``, the key before it is fixed. The cost is the data term (thesis eqs.
+6.6-6.8) and, for Gaussian codes, the density of the codes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from solver_backend.fitters.keyframes import KEY_DOF, Keyframes, bundle_frames, hemisphere_aligned
-from solver_backend.fitters.latent import CODES, decode_poses
+from solver_backend.fitters.keyframes import lagrange
+from solver_backend.fitters.latent import CODES
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
-from solver_backend.geometry.arrays import Array
-from solver_backend.geometry.interpolation import slerp_with_jacobian
-from solver_backend.geometry.rotations import (
-    exp_so3,
-    left_jacobian_inverse_so3,
-    left_jacobian_so3,
-    log_so3,
-    quat_from_matrix,
-)
+from solver_backend.geometry.interpolation import Combination, sider_combination
+from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
 from solver_backend.solver.manifold import SO3, Euclidean, Product
 
-KEYS = Product((CODES, SO3(), Euclidean()))
-"""Where the free keys of a window live."""
-KeyState = tuple[Array, Array, Array]
+SPHERICAL = Product((CODES, SO3(), Euclidean()))
+"""Where the free keys of a window live: SPoser's."""
+GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
+"""The same for VPoser's codes."""
+KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Codes (n, 32), root rotations (n, 3, 3), translations (n, 3)."""
+Pull = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,8 @@ class Window:
 
     subject: Subject
     prior: PosePrior
+    keys: Product
+    """``SPHERICAL`` or ``GAUSSIAN``."""
     term: PointTerm
     """Data of the window's frames."""
     scale: float
@@ -46,48 +46,92 @@ class Window:
     """(F,) positions in the window, 0..1."""
     first: KeyState
     """The key the window starts from, n = 1."""
+    latent_weight: float = 0.0
+    """Of ``|z|²/2`` in every frame."""
+    root: Literal["sider", "slerp"] = "sider"
+    """How the root turns between three keys: a spherical parabola, or from key to key."""
 
-    def sider2(self, state: KeyState) -> tuple[PosedFrames, Array]:
-        """Return the frames between three keys, and their (F, 69, 72) derivative by the two free keys' tangents."""
-        z, R, t = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
-        keys = hemisphere_aligned(Keyframes(z, quat_from_matrix(R), t, np.zeros((3, 21, 3))))
-        frames = bundle_frames(self.prior, keys, np.zeros(len(self.time), dtype=np.int64), self.time, residuals=False)
-        assert frames.by_keys is not None
-        return frames.poses, frames.by_keys[..., KEY_DOF:]
+    def frames(self, state: KeyState) -> PosedFrames:
+        """Return the frames between the keys."""
+        return self._between(state)[0]
 
-    def slerp(self, state: KeyState) -> tuple[PosedFrames, Array]:
-        """Return the frames between two keys, and their (F, 69, 36) derivative by the free key's tangent.
-
-        ``R(t) = exp(t φ) R_0`` with ``φ = log(R_1 R_0ᵀ)``, so a turn δ of R_1 turns R(t) by ``t J(t φ) J(φ)⁻¹ δ``.
-        """
-        count, time = len(self.time), self.time
-        z0, z1 = (np.broadcast_to(z, (count, z.shape[-1])) for z in (self.first[0], state[0]))
-        z, (_, by_z) = slerp_with_jacobian(z0, z1, time)
-        decoded = decode_poses(self.prior, z)
-        phi = log_so3(state[1] @ self.first[1].swapaxes(-1, -2))
-        turn = time[:, None] * phi
-        transl = self.first[2] + time[:, None] * (state[2] - self.first[2])
-        chain = np.zeros((count, 69, KEY_DOF))
-        chain[:, 3:66, :30] = decoded.by_latent @ by_z @ CODES.tangent_basis(state[0])
-        chain[:, 0:3, 30:33] = time[:, None, None] * (left_jacobian_so3(turn) @ left_jacobian_inverse_so3(phi))
-        chain[:, 66:, 33:] = time[:, None, None] * np.eye(3)
-        return PosedFrames(exp_so3(turn) @ self.first[1], decoded.local, transl), chain
-
-    def cost(self, frames: PosedFrames, chain: Array, state: KeyState) -> tuple[float, KeyState]:
-        """Return the data cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
+    def objective(self, state: KeyState) -> tuple[float, KeyState]:
+        """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
+        frames, z, pull = self._between(state)
         posed = pose(self.subject, frames, jacobian=True)
         evidence = self.term(posed.points, self.scale)
-        by_pose = np.zeros((len(self.time), 69))
-        by_pose[:, :66] = (posed.by_rotations * evidence.gradient[..., None]).sum(axis=(1, 2))
-        by_pose[:, 66:] = evidence.gradient.sum(axis=1)
-        by_keys = (chain.swapaxes(-1, -2) @ by_pose[..., None])[..., 0].sum(axis=0).reshape(-1, KEY_DOF)
-        codes = (CODES.tangent_basis(state[0]) @ by_keys[:, :30, None])[..., 0]
-        return float(evidence.cost.sum()), (codes, by_keys[:, 30:33], by_keys[:, 33:])
+        assert posed.by_rotations is not None
+        by_rotations = (posed.by_rotations * evidence.gradient[..., None]).sum(axis=(1, 2))
+        cost = float(evidence.cost.sum()) + 0.5 * self.latent_weight * float((z**2).sum())
+        return cost, pull(by_rotations, evidence.gradient.sum(axis=1), self.latent_weight * z)
 
-    def by_sider2(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return cost and gradient by two free keys."""
-        return self.cost(*self.sider2(state), state)
+    def _between(self, state: KeyState) -> tuple[PosedFrames, np.ndarray, Callable[..., KeyState]]:
+        """Return the frames, their codes, and what carries derivatives by turns, translation and codes to the keys."""
+        z_keys, R_keys, t_keys = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
+        z, pull_codes = self._codes(z_keys)
+        quats = _one_hemisphere(quat_from_matrix(R_keys))
+        quat, pull_quats = self._turns(quats)
+        weights = np.stack(lagrange(self.time), 1) if len(t_keys) == 3 else np.stack([1 - self.time, self.time], 1)
+        local, pull_decoder = self.prior.decode_with_pullback(z)
 
-    def by_slerp(self, state: KeyState) -> tuple[float, KeyState]:
-        """Return cost and gradient by one free key."""
-        return self.cost(*self.slerp(state), state)
+        def pull(by_rotations: np.ndarray, by_transl: np.ndarray, by_codes: np.ndarray) -> KeyState:
+            by_z = pull_decoder(by_rotations[:, 3:].reshape(-1, 21, 3)) + by_codes
+            by_quat = (4.0 * quat_left_tangent(quat) @ by_rotations[:, :3, None])[..., 0]
+            turns = (quat_left_tangent(quats).swapaxes(-1, -2) @ pull_quats(by_quat)[..., None])[..., 0]
+            return pull_codes(by_z)[1:], turns[1:], (weights.T @ by_transl)[1:]
+
+        return PosedFrames(matrix_from_quat(quat), local, weights @ t_keys), z, pull
+
+    def _codes(self, keys: np.ndarray) -> tuple[np.ndarray, Pull]:
+        if self.keys is SPHERICAL:
+            return _combined(keys, self.time)
+        return stretched_slerp(keys, self.time)
+
+    def _turns(self, keys: np.ndarray) -> tuple[np.ndarray, Pull]:
+        if self.root == "sider" or len(keys) == 2:
+            return _combined(keys, self.time)
+        late = self.time > 0.5
+        (early_quat, pull_early), (late_quat, pull_late) = (
+            _combined(keys[i : i + 2], 2 * self.time - i) for i in (0, 1)
+        )
+
+        def pull(cotangent: np.ndarray) -> np.ndarray:
+            by_early = pull_early(np.where(late[:, None], 0.0, cotangent))
+            by_late = pull_late(np.where(late[:, None], cotangent, 0.0))
+            return np.stack([by_early[0], by_early[1] + by_late[0], by_late[1]])
+
+        return np.where(late[:, None], late_quat, early_quat), pull
+
+
+def _combined(keys: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, Pull]:
+    """Return SLERP (two keys) or SIDER-2 (three) at the times, and the map of cotangents (F, d) to the keys' (n, d)."""
+    found: Combination = sider_combination(keys[None], time)
+    return found.value, lambda cotangent: found.pull_back(keys[None], cotangent).sum(axis=0)
+
+
+def stretched_slerp(keys: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, Pull]:
+    """Return ``sin((1-t)ψ)/sinψ z_0 + sin(tψ)/sinψ z_1`` of two vectors of any length, and its pullback.
+
+    The weights depend on the directions u alone: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
+
+    Args:
+        keys: (2, d), not zero.
+        time: (F,).
+    """
+    length = np.maximum(np.linalg.norm(keys, axis=-1, keepdims=True), 1e-9)
+    unit = keys / length
+    found = sider_combination(unit[None], time)
+
+    def pull(cotangent: np.ndarray) -> np.ndarray:
+        along = cotangent @ keys.T
+        by_unit = np.einsum("fi,fjik,kd->jd", along, found.mixing, unit)
+        by_unit = by_unit - (by_unit * unit).sum(-1, keepdims=True) * unit
+        return found.weights.T @ cotangent + by_unit / length
+
+    return found.weights @ keys, pull
+
+
+def _one_hemisphere(quats: np.ndarray) -> np.ndarray:
+    """Return (n, 4) with each in the hemisphere of the one before."""
+    signs = np.cumprod(np.r_[1.0, np.where((quats[1:] * quats[:-1]).sum(-1) < 0, -1.0, 1.0)])
+    return quats * signs[:, None]

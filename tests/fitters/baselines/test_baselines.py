@@ -9,15 +9,20 @@ import pytest
 
 from solver_backend.errors import NoDetections
 from solver_backend.fitters.baselines import (
+    DCT,
+    DMMR,
+    ETC,
     Baseline,
     BundleMoCap,
     BundleMoCapPlusPlus,
-    PerFrame,
+    MuVS,
     TriangulatedButterworth,
 )
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture
+
+BODIES = (MuVS(), DCT(), ETC(), DMMR(), BundleMoCap(), BundleMoCapPlusPlus(), BundleMoCapPlusPlus(start="previous"))
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +32,7 @@ def capture() -> Capture:
 
 @pytest.mark.parametrize(
     ("baseline", "bound_mm"),
-    [(TriangulatedButterworth(), 40.0), (PerFrame(), 40.0), (BundleMoCap(), 45.0), (BundleMoCapPlusPlus(), 45.0)],
+    [(TriangulatedButterworth(), 40.0), *((method, 45.0) for method in BODIES)],
     ids=lambda value: getattr(value, "name", ""),
 )
 def test_a_baseline_finds_the_person(capture: Capture, baseline: Baseline, bound_mm: float) -> None:

@@ -1,0 +1,163 @@
+"""One method on one capture, in a process of its own, and kept: ``build/bench_bundle/runs``.
+
+A result holds as long as the capture and every module that the method imports stay as they are.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from solver_backend.io.motion_file import write_motion
+from solver_backend.priors.weights import ASSETS
+from solver_backend.synthetic.benchmark import BenchmarkSettings
+from tests.benchmarks import judgement
+from tests.benchmarks.captures import capture_path, filmed
+from tests.benchmarks.judgement import Row, judged, worst_joints
+from tests.benchmarks.methods import Method
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "build" / "bench_bundle" / "runs"
+WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is run."""
+
+    method: Method
+    take: str
+    """As in ``captures.TAKES``."""
+    settings: BenchmarkSettings = field(default_factory=BenchmarkSettings)
+    bad: str | None = None
+    """A name of ``captures.BAD``."""
+
+    @property
+    def path(self) -> Path:
+        """Where the result is kept."""
+        parts = [
+            code_version(self.method.module), json.dumps(self.method.changes), self.method.kind,
+            capture_path(self.take, self.settings, self.bad).name, Path(judgement.__file__).read_text(encoding="utf-8"),
+            os.environ.get("OMP_NUM_THREADS", ""),
+        ]  # fmt: skip
+        return FOLDER / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()[:16]}.json"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it."""
+
+    row: Row
+    """Figures of the judgement, and ``seconds`` and ``peak_mb``."""
+    notes: list[str]
+    """What went wrong, in words."""
+    worst: list[Any]
+    """The joints with the largest mean error."""
+    motion: Path | None
+    """The solved motion."""
+
+
+def outcome(run: Run) -> Outcome:
+    """Return what came of a run, now or earlier."""
+    if not run.path.exists():
+        filmed(run.take, run.settings, run.bad)
+        order = json.dumps({**asdict(run), "out": str(run.path)})
+        done = subprocess.run(
+            [sys.executable, "-m", "tests.benchmarks.runs", order],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            raise RuntimeError(f"{run.method.name} on {run.take} failed:\n{done.stderr[-2000:]}")
+    stored = json.loads(run.path.read_text(encoding="utf-8"))
+    motion = run.path.with_suffix(".npz")
+    return Outcome(stored["row"], stored["notes"], stored["worst"], motion if motion.exists() else None)
+
+
+def outcomes(runs: list[Run], tell: Callable[[str], None]) -> dict[Run, Outcome]:
+    """Return what came of all runs; says before each how far it is, and when it will be done."""
+    found, begin, fresh = {}, time.monotonic(), 0
+    missing = sum(not run.path.exists() for run in runs)
+    for number, run in enumerate(runs):
+        if not run.path.exists():
+            left = f", {(time.monotonic() - begin) / fresh * (missing - fresh) / 60:.1f} min left" if fresh else ""
+            tell(f"[{number + 1}/{len(runs)}{left}] {run.method.name}, {run.take} {run.bad or ''}, "
+                 f"{run.settings.num_views} views")  # fmt: skip
+            fresh += 1
+        found[run] = outcome(run)
+    return found
+
+
+@cache
+def code_version(module: str) -> str:
+    """Return the hash of a module, of all of the package it imports, and of the weights."""
+    digest = hashlib.sha256()
+    for path in sorted(_closure(module)):
+        digest.update(path.read_bytes())
+    for name in WEIGHTS:
+        if (ASSETS / name).exists():
+            digest.update((ASSETS / name).read_bytes())
+    return digest.hexdigest()
+
+
+def _closure(module: str) -> set[Path]:
+    """Return the files of a module and of what it imports from the package, and so on."""
+    seen: set[Path] = set()
+    waiting = [module]
+    while waiting:
+        spec = importlib.util.find_spec(waiting.pop())
+        path = Path(spec.origin) if spec is not None and spec.origin is not None else None
+        if path is not None and path not in seen:
+            seen.add(path)
+            waiting += _imports(path)
+    return seen
+
+
+def _imports(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("solver_backend."):
+            yield str(node.module)
+
+
+def main(order: str) -> int:
+    """Do one run, told as JSON, and write what came of it."""
+    told = json.loads(order)
+    method = Method(told["method"]["kind"], tuple((k, v) for k, v in told["method"]["changes"]))
+    detector = told["settings"].pop("detector")
+    settings = BenchmarkSettings(**told["settings"])
+    if asdict(settings)["detector"] != detector | {"swap_frames": tuple(detector["swap_frames"])}:
+        raise ValueError("Runs are made with the detector's own settings alone.")
+    capture, solve = filmed(told["take"], settings, told["bad"]), method.solver()
+    begin = time.perf_counter()
+    result = solve(capture)
+    seconds = time.perf_counter() - begin
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    row = judged(capture, result) | {"seconds": seconds, "peak_mb": peak_mb}
+    notes = list(result.motion.provenance.get("notes", [])) if result.motion is not None else []
+    out = Path(told["out"])
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if result.motion is not None:
+        write_motion(out.with_suffix(".npz"), result.motion, overwrite=True)
+    text = json.dumps({"row": row, "notes": notes, "worst": worst_joints(capture, result)})
+    partial = out.with_suffix(".partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(out)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1]))

@@ -1,0 +1,64 @@
+"""Weights of the baselines, tried on training motions: ``python -m tests.benchmarks.tune_baselines [METHOD ...]``.
+
+Every setting solves the same captures; printed are means of MPJPE, acceleration error and their sum in units of the
+best of each, by which a setting is chosen. The benchmark's own takes are not touched.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.fitters.baselines import DCT, DMMR, ETC, Baseline, BundleMoCap, BundleMoCapPlusPlus, MuVS
+from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
+from solver_backend.synthetic.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.types import Capture
+from tests.benchmarks.validation_takes import training_take
+
+TAKES = (("49_02", 200, 600), ("06_02", 200, 60))
+"""Name, frames, first frame."""
+TRIED: dict[str, list[Baseline]] = {
+    "MuVS": [MuVS(latent_weight=w) for w in (0.3, 1.0, 3.0, 10.0)],
+    "DCT": [DCT(sigma_m=s) for s in (0.003, 0.01, 0.03)],
+    "ETC": [ETC(speed_m_s=v) for v in (0.5, 1.0, 2.0, 4.0)],
+    "DMMR": [DMMR(codes_per_s=u, root_per_s=v) for u in (2.0, 5.0, 12.0) for v in (1.0, 4.0)],
+    "BundleMoCap": [BundleMoCap(latent_weight=w, scale=s) for w in (0.1, 0.3, 1.0) for s in (6.0, 12.0)],
+    "BundleMoCap++": [
+        BundleMoCapPlusPlus(scale=s, start=start) for s in (6.0, 12.0, 24.0) for start in ("previous", "points")
+    ],
+}
+
+
+def main(argv: list[str]) -> int:
+    """Try the settings of the named methods, or of all."""
+    captures = [
+        benchmark_capture(training_take(name, frames, start), BenchmarkSettings(seed=100 + number))
+        for number, (name, frames, start) in enumerate(TAKES)
+    ]
+    for method in argv or TRIED:
+        found = np.array([[figures(baseline, capture) for capture in captures] for baseline in TRIED[method]]).mean(1)
+        score = (found / found.min(axis=0)).sum(axis=1)
+        for baseline, (mpjpe, accel), points in zip(TRIED[method], found, score, strict=True):
+            mark = "*" if points == score.min() else " "
+            sys.stdout.write(f"{mark} {points:5.2f} {mpjpe:8.2f} mm {accel:8.2f} m/s²  {differences(baseline)}\n")
+            sys.stdout.flush()
+    return 0
+
+
+def figures(baseline: Baseline, capture: Capture) -> tuple[float, float]:
+    """Return MPJPE and acceleration error of a solve."""
+    motion = baseline.solve(capture).motion
+    assert motion is not None
+    truth = capture.truth["joints"]
+    return mpjpe_mm(motion.joints, truth), accel_error_m_s2(motion.joints, truth, capture.fps)
+
+
+def differences(baseline: Baseline) -> str:
+    """Return the fields of a baseline as text."""
+    return repr(replace(baseline, simplified="")).replace(", simplified=''", "")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
