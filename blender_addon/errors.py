@@ -124,6 +124,26 @@ class TakeMissing(AddonError):
     code = "take_missing"
 
 
+class SolverStopped(AddonError):
+    """The solver ended with an error; code and exit code are its own.
+
+    Args:
+        event: the ``error`` event.
+        exit_code: of the process.
+    """
+
+    def __init__(self, event: dict[str, str], exit_code: int) -> None:
+        super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
+        self.code = event.get("code", "error")
+        self.exit_code = exit_code
+
+
+class BatchInvalid(AddonError):
+    """A batch has no captures, or its settings cannot be read."""
+
+    code = "batch_invalid"
+
+
 class BlenderMissing(AddonError):
     """The command was started by a Python without Blender's module."""
 

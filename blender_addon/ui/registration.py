@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import bpy
 
 from ..export import operators as export_operators
+from ..headless.blender_command import command
 from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve
 from .sidebar import cameras as cameras_panel
 from .sidebar import capture as capture_panels
@@ -72,6 +73,7 @@ TABLE: tuple[Entry, ...] = (
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_operators.draw_export_menu),
+    Entry(command.register, command.unregister),
     _draw(bpy.types.STATUSBAR_HT_header, following.draw_status),
 )
 """In the order of registration."""

@@ -1,4 +1,4 @@
-"""The command ``bake``: motion file in; Blender file, preview video and contact sheet out."""
+"""``bake`` and ``render``: motion file in; Blender file, preview video and contact sheet out."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .files.body_choice import body_path_of
-from .files.body_file import read_body
-from .files.capture_file import read_capture
-from .files.motion_file import MotionFile, read_motion
-from .outputs import atomic_outputs
-from .progress import Progress
+from ..files.body_choice import body_path_of
+from ..files.body_file import read_body
+from ..files.capture_file import read_capture
+from ..files.motion_file import MotionFile, read_motion
+from ..outputs import atomic_outputs
+from ..progress import Progress
 
 if TYPE_CHECKING:
     import bpy
 
-    from .render.subject import Subject
+    from ..render.subject import Subject
 
 _CHECKED_FRAMES = 8
 _TOLERATED_MM = 1.0
@@ -37,16 +37,24 @@ class BakeJob:
     """Capture file the motion was solved from."""
     body: Path | None = None
     """Body file; None for the one the motion was solved for."""
+    blend: bool = True
+    """Write the Blender file."""
     video: bool = True
     """Write the preview video."""
     pictures: bool = True
     """Write the contact sheet."""
+    keys_per_second: float | None = None
+    """About how many of the solver's keys to keep; None for a key on every frame."""
+    asset: bool = False
+    """Mark the action as an asset."""
+    overwrite: bool = False
+    """Replace files that are there."""
 
 
 def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
 
-    All files are written or none; existing ones are never replaced.
+    All files are written or none.
 
     Returns:
         The ``result`` event of the progress protocol: outputs, notes, frames, seconds and deviations in millimetres.
@@ -54,9 +62,9 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     Raises:
         AddonError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
-    from .bake.scene import bake_take, require_body
-    from .bake.session import frame_viewports, fresh_scene, save_file
-    from .render.subject import Subject
+    from ..bake.scene import BakeSettings, bake_take, require_body
+    from ..bake.session import frame_viewports, fresh_scene, save_file
+    from ..render.subject import Subject
 
     start = time.monotonic()
     motion = read_motion(job.motion)
@@ -64,18 +72,20 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     require_body(motion, body)
     capture = read_capture(job.capture) if job.capture is not None else None
     names = _names(job, motion)
-    with atomic_outputs(job.out, tuple(names.values())) as temporary:
+    with atomic_outputs(job.out, tuple(names.values()), overwrite=job.overwrite) as temporary:
         scene = fresh_scene()
         progress("baking", 0, 1)
         baking = time.monotonic()
-        take = bake_take(scene, motion, body, capture)
+        settings = BakeSettings(keys_per_second=job.keys_per_second, asset=job.asset)
+        take = bake_take(scene, motion, body, capture, settings)
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
         subject = Subject(take, motion, body, capture)
         deviation = _deviation(scene, subject)
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
-        save_file(temporary[names["blend"]])
-        notes = [*take.notes, *_deviation_notes(deviation)]
+        if job.blend:
+            save_file(temporary[names["blend"]])
+        notes = [*take.notes, *(_deviation_notes(deviation) if job.keys_per_second is None else [])]
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
         "event": "result",
@@ -91,7 +101,7 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
 
 def _names(job: BakeJob, motion: MotionFile) -> dict[str, str]:
     """Return the output's name of each kind."""
-    names = {"blend": f"{motion.name}.blend"}
+    names = {"blend": f"{motion.name}.blend"} if job.blend else {}
     if job.video:
         names["video"] = f"{motion.name}.mp4"
     if job.pictures:
@@ -101,8 +111,8 @@ def _names(job: BakeJob, motion: MotionFile) -> dict[str, str]:
 
 def _write_pictures(paths: dict[str, Path], subject: Subject, progress: Progress) -> list[str]:
     """Write the contact sheet and the video, if wanted, and return notes on what they leave out."""
-    from .render.contact_sheet import render_contact_sheet
-    from .render.preview import PreviewSettings, preview_frames, render_preview
+    from ..render.contact_sheet import render_contact_sheet
+    from ..render.preview import PreviewSettings, preview_frames, render_preview
 
     if "sheet" in paths:
         render_contact_sheet(paths["sheet"], subject, progress)
@@ -118,7 +128,7 @@ def _write_pictures(paths: dict[str, Path], subject: Subject, progress: Progress
 
 def _deviation(scene: bpy.types.Scene, subject: Subject) -> dict[str, float]:
     """Return how far Blender's body is from NumPy's on some frames, in millimetres."""
-    from .bake.deviation import measure_deviation
+    from ..bake.deviation import measure_deviation
 
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()

@@ -1,4 +1,4 @@
-"""The command ``body``: a body file in; a Blender file with the posable body as an asset out."""
+"""``body``: a body file in; a Blender file with the posable body as an asset out."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from .files.body_file import default_body_path, read_body
-from .files.skeleton import NUM_BETAS
-from .outputs import atomic_outputs
-from .progress import Progress
+from ..files.body_file import default_body_path, read_body
+from ..files.skeleton import NUM_BETAS
+from ..outputs import atomic_outputs
+from ..progress import Progress
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ def run_body(job: BodyJob, progress: Progress) -> dict[str, Any]:
     Raises:
         AddonError: the body is missing or wrong, or the file exists or cannot be written.
     """
-    from .bake.collections import child_collection
-    from .bake.session import frame_viewports, fresh_scene, save_file
-    from .body.asset import add_catalog, mark_body
-    from .body.rig import create_rig, stand_on_floor
+    from ..bake.collections import child_collection
+    from ..bake.session import frame_viewports, fresh_scene, save_file
+    from ..body.asset import add_catalog, mark_body
+    from ..body.rig import create_rig, stand_on_floor
 
     start = time.monotonic()
     betas = np.zeros(NUM_BETAS)

@@ -17,7 +17,7 @@ from blender_addon.__main__ import main
 from blender_addon.errors import OutputExists, OutputNotWritable
 from blender_addon.outputs import atomic_outputs
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def _run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -90,7 +90,7 @@ def test_what_nobody_foresaw_is_an_event_too(
     def broken(*_: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("blender_addon.command.read_motion", broken)
+    monkeypatch.setattr("blender_addon.headless.bake.read_motion", broken)
     assert main(["bake", str(files.motion_path), "--out", str(tmp_path), "--json"]) == 4
     said = capfd.readouterr()
     assert json.loads(said.out)["code"] == "bake_failed" and "ZeroDivisionError: oh" in json.loads(said.out)["message"]

@@ -1,0 +1,35 @@
+"""``blender --command manifold_mocap``: the same command line inside Blender."""
+
+import bpy
+
+from .main import main
+
+NAME = "manifold_mocap"
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line and return its exit code."""
+    try:
+        return main(arguments, f"blender --command {NAME}")
+    except SystemExit as done:  # argparse has printed its help, or what is wrong
+        return int(done.code or 0)
+
+
+class Command:
+    """The registered command; Blender hands out a handle to take it back with."""
+
+    def __init__(self) -> None:
+        self._handle: object | None = None
+
+    def register(self) -> None:
+        """Make the command known."""
+        self._handle = bpy.utils.register_cli_command(NAME, run)
+
+    def unregister(self) -> None:
+        """Take it back."""
+        bpy.utils.unregister_cli_command(self._handle)
+        self._handle = None
+
+
+command = Command()
+"""The one command of this add-on."""

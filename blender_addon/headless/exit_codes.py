@@ -1,0 +1,42 @@
+"""What the exit code says: the same as the solver's."""
+
+from __future__ import annotations
+
+from ..errors import (
+    AddonError,
+    BackendMissing,
+    BakeFailed,
+    BatchInvalid,
+    BlenderMissing,
+    Cancelled,
+    ExporterMissing,
+    ExportFailed,
+    RenderFailed,
+    SolverStopped,
+)
+
+BROKEN = 4
+EPILOG = """\
+exit codes:
+  0    there is a result
+  2    the command line, the job file or a setting is wrong
+  3    a file is missing, damaged or unusable, or an output exists or cannot be written
+  4    the solver broke, or Blender is missing, cannot render or export here, or broke
+  130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
+A batch has the code of its worst take.
+
+With --json, standard output carries one JSON object a line: any number of {"event": "progress", ...} and then exactly
+one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}.
+"""
+_BROKEN = (RenderFailed, BlenderMissing, BackendMissing, BakeFailed, ExportFailed, ExporterMissing)
+
+
+def exit_code(error: AddonError) -> int:
+    """Return the exit code of a named error."""
+    if isinstance(error, SolverStopped):
+        return error.exit_code if error.exit_code in (2, 3, 130) else BROKEN
+    if isinstance(error, Cancelled):
+        return 130
+    if isinstance(error, BatchInvalid):
+        return 2
+    return BROKEN if isinstance(error, _BROKEN) else 3

@@ -1,0 +1,101 @@
+"""``export``: a motion file, or the takes of a Blender file, to files of other formats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import FileDamaged, FileMissing, NothingToExport, OutputExists
+from ..files.body_file import default_body_path, read_body
+from ..files.motion_file import read_motion
+from ..progress import Progress
+
+if TYPE_CHECKING:
+    import bpy
+
+
+@dataclass(frozen=True)
+class ExportJob:
+    """What to export."""
+
+    source: Path
+    """Motion file or Blender file; neither is changed."""
+    out: Path
+    """Folder of the files."""
+    formats: tuple[str, ...]
+    """Keys of ``export.formats.FORMATS``."""
+    body: Path | None = None
+    """Body file for a motion; None for the one that ships with the add-on."""
+    armature: str = ""
+    """Which armature of a Blender file; needed where there are several."""
+    overwrite: bool = False
+    """Replace files that are there."""
+
+
+def run_export(job: ExportJob, progress: Progress) -> dict[str, Any]:
+    """Write one file a format, named as the take is.
+
+    Returns:
+        The ``result`` event: outputs, frames and frames per second.
+
+    Raises:
+        AddonError: the source is missing or wrong, a file is there already, or an exporter fails.
+    """
+    from ..export.formats import export_take, format_of
+    from ..export.take import take_of
+
+    suffixes = {name: format_of(name).suffix for name in job.formats}
+    if not job.source.is_file():
+        raise FileMissing("There is no such file.", where=str(job.source), hint="Check the path.")
+    paths = {name: job.out / f"{job.source.stem}{suffix}" for name, suffix in suffixes.items()}
+    _check_free(job, list(paths.values()))
+    take = take_of(*(_open(job) if job.source.suffix.lower() == ".blend" else _baked(job, progress)))
+    for name, path in paths.items():
+        export_take(take, name, path, overwrite=job.overwrite, progress=progress)
+    outputs = [str(path) for path in paths.values()]
+    return {"event": "result", "outputs": outputs, "frames": take.num_frames, "fps": take.fps, "notes": []}
+
+
+def _check_free(job: ExportJob, paths: list[Path]) -> None:
+    """Refuse to start where a file would be overwritten, among them the source itself."""
+    existing = [path.name for path in paths if path.exists() and not job.overwrite]
+    existing += [path.name for path in paths if path.exists() and path.samefile(job.source)]
+    if existing:
+        raise OutputExists(
+            f"{', '.join(dict.fromkeys(existing))} would be overwritten.",
+            where=str(job.out),
+            hint="Choose another folder, or ask for overwriting.",
+        )
+
+
+def _baked(job: ExportJob, progress: Progress) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    from ..bake.scene import BakeSettings, bake_take
+    from ..bake.session import fresh_scene
+
+    motion = read_motion(job.source)
+    body = read_body(job.body or default_body_path())
+    scene = fresh_scene()
+    progress("baking", 0, 1)
+    take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))
+    progress("baking", 1, 1)
+    return scene, take.armature
+
+
+def _open(job: ExportJob) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    import bpy
+
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(job.source.resolve()), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        raise FileDamaged(f"Blender cannot open the file: {str(error).strip()}", where=str(job.source)) from error
+    scene = bpy.context.scene
+    found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
+    chosen = [job.armature] if job.armature else list(found)
+    if len(chosen) != 1 or chosen[0] not in found:
+        raise NothingToExport(
+            f"There is no animated armature '{job.armature}'." if job.armature else "One animated armature is wanted.",
+            where=str(job.source),
+            hint=f"Name one with --armature: {', '.join(found) or 'the file has none'}.",
+        )
+    return scene, found[chosen[0]]

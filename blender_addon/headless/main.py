@@ -1,0 +1,145 @@
+"""Runs one verb: parse, do, tell, and return the exit code."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from importlib.util import find_spec
+from types import FrameType
+from typing import Any
+
+from ..errors import AddonError, BakeFailed, BlenderMissing, Cancelled
+from ..progress import Progress, StreamProgress
+from ..quiet import own_streams
+from .arguments import parser
+from .bake import BakeJob, run_bake
+from .batch import BatchJob, run_batch
+from .body import BodyJob, run_body
+from .exit_codes import exit_code
+from .export import ExportJob, run_export
+from .solver import run_solver
+
+MODULE = "python -m blender_addon"
+
+
+def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
+    """Run the command line and return its exit code, see ``exit_codes.EPILOG``.
+
+    Args:
+        arguments: after the program's name; the process's own if left out.
+        program: what the command is called in its help.
+    """
+    parse = parser(program)
+    options, rest = parse.parse_known_args(arguments)
+    if rest and options.verb != "solve":
+        parse.error(f"unrecognized arguments: {' '.join(rest)}")
+    options.rest = rest
+    with own_streams(verbose=options.verbose) as (out, err):
+        progress = StreamProgress(out if options.json else err, as_json=options.json)
+        try:
+            result = _done(options, progress)
+        except AddonError as error:
+            if options.json:
+                progress.event(error.as_event())
+            else:
+                err.write(f"\nerror: {error.message}{f' ({error.where})' if error.where else ''}\n")
+                err.write(f"  try: {error.hint}\n" if error.hint else "")
+            return exit_code(error)
+        if options.json:
+            progress.event(result)
+        else:
+            err.writelines(f"{line}\n" for line in _said(result))
+            out.write("\n".join(result["outputs"]) + "\n")
+    return result.get("exit_code", 0)
+
+
+def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Do the verb; interruptions and what nobody foresaw become named errors."""
+    before = {number: signal.signal(number, _interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        return _VERBS[options.verb](options, progress)
+    except KeyboardInterrupt as stop:
+        raise Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.") from stop
+    except AddonError:
+        raise
+    except Exception as error:
+        traceback.print_exc()
+        kind = type(error).__name__
+        hint = "Please report this with the log above."
+        raise BakeFailed(f"The {options.verb} broke: {kind}: {error}", hint=hint) from error
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    result = run_solver("solve", options.rest, progress, python=options.python)
+    outputs = [result[key] for key in ("motion", "report") if result.get(key)]
+    return {**result, "outputs": outputs, "notes": list(result.get("problems", []))}
+
+
+def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    job = BakeJob(
+        options.motion, options.out, options.capture, options.body,
+        video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
+        keys_per_second=options.keys_per_second, asset=options.asset, overwrite=options.overwrite,
+    )  # fmt: skip
+    return run_bake(job, progress)
+
+
+def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    job = BakeJob(options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite)
+    return run_bake(job, progress)
+
+
+def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    formats = tuple(dict.fromkeys(options.formats))
+    job = ExportJob(options.source, options.out, formats, options.body, options.armature, options.overwrite)
+    return run_export(job, progress)
+
+
+def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    return run_body(BodyJob(options.out, options.body, options.betas), progress)
+
+
+def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    if options.bake or options.render or options.export:
+        _require_blender()
+    formats = tuple(dict.fromkeys(options.export))
+    job = BatchJob(
+        options.captures, options.out, options.job, options.bake, options.render, formats, options.body, options.python
+    )
+    return run_batch(job, progress)
+
+
+_VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
+    "solve": _solve, "bake": _bake, "render": _render, "export": _export, "body": _body,
+    "batch": _batch,
+}  # fmt: skip
+
+
+def _require_blender() -> None:
+    if find_spec("bpy") is None:
+        hint = "Install the package 'bpy' into it."
+        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
+
+
+def _said(result: dict[str, Any]) -> list[str]:
+    """Return what a person is told about a result, beside its files."""
+    lines = []
+    if "joints_deviation_mm" in result:
+        joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
+        lines.append(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
+    lines += [f"note: {note}" for note in result["notes"]]
+    return lines + ([result["table"]] if "table" in result else [])
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

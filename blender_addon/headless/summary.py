@@ -1,0 +1,50 @@
+"""The takes of a batch as a table, the worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+_HEAD = ("take", "status", "frames", "residual px", "unsure", "bridged", "seconds", "what happened")
+
+
+def worst_first(takes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the takes sorted: failed ones, then by residual, then by the share of frames that deserve a look."""
+    return sorted(
+        takes, key=lambda take: (take["status"] != "failed", -_residual(take), -_doubtful(take), take["take"])
+    )
+
+
+def table(takes: Sequence[dict[str, Any]]) -> str:
+    """Return the takes as aligned columns of text."""
+    rows = [_HEAD, *(_row(take) for take in takes)]
+    widths = [max(len(row[c]) for row in rows) for c in range(len(_HEAD))]
+    lines = ["  ".join(_padded(cell, widths[c], c) for c, cell in enumerate(row)).rstrip() for row in rows]
+    return "\n".join(lines)
+
+
+def _row(take: dict[str, Any]) -> tuple[str, ...]:
+    solved = take.get("solve") or {}
+    figures = (solved.get(key) for key in ("frames", "reprojection_median_px", "unsure_frames", "unseen_frames"))
+    said = take["error"]["message"] if take.get("error") else ""
+    return (take["take"], take["status"], *map(_text, figures), _text(take.get("seconds")), said)
+
+
+def _padded(cell: str, width: int, column: int) -> str:
+    return cell.rjust(width) if 2 <= column < len(_HEAD) - 1 else cell.ljust(width)
+
+
+def _text(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def _residual(take: dict[str, Any]) -> float:
+    return (take.get("solve") or {}).get("reprojection_median_px") or 0.0
+
+
+def _doubtful(take: dict[str, Any]) -> float:
+    solved = take.get("solve") or {}
+    frames = solved.get("frames") or 1
+    return (solved.get("unsure_frames", 0) + solved.get("unseen_frames", 0)) / frames

@@ -1,0 +1,144 @@
+"""Solve, render and export on the command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.headless.blender_command import Command, run
+from blender_addon.headless.main import main
+from solver_backend.io.capture_file import write_capture
+from solver_backend.io.motion_file import read_motion
+from solver_backend.synthetic.demo import demo_capture
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def said(capfd: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    return json.loads(capfd.readouterr().out.splitlines()[-1])
+
+
+@pytest.mark.slow
+def test_solve_is_the_solvers_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    capture, motion = tmp_path / "Aufnahme ü.npz", tmp_path / "motion.npz"
+    write_capture(capture, demo_capture(24))
+    job = tmp_path / "job.json"
+    job.write_text(json.dumps({"version": 1, "capture": capture.name, "out": motion.name, "settings": {"window": 12}}))
+    assert main(["solve", "--job", str(job), "--json"]) == 0
+    result = said(capfd)
+    assert result["event"] == "result" and result["outputs"] == [str(motion)] and result["frames"] == 24
+    assert read_motion(motion).provenance["settings"]["window"] == 12
+    assert main(["solve", "--job", str(job), "--json"]) == 3
+    assert said(capfd)["code"] == "output_exists"
+
+
+def test_the_solvers_errors_and_exit_codes_come_through(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    cases = [
+        ([str(tmp_path / "gone.npz"), "--out", str(tmp_path / "m.npz")], 3, "capture_not_recognised"),
+        (["--no-such-option"], 2, "command_line_invalid"),
+        ([str(tmp_path), "--out", str(tmp_path / "m.npz"), "--python", str(tmp_path / "python")], 4, "backend_missing"),
+    ]
+    for given, code, name in cases:
+        assert main(["solve", *given, "--json"]) == code
+        assert said(capfd)["code"] == name
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent differently there")
+def test_terminating_the_command_ends_the_solver_too(tmp_path: Path) -> None:
+    capture, motion = tmp_path / "capture.npz", tmp_path / "motion.npz"
+    write_capture(capture, demo_capture(240))
+    command = [sys.executable, "-m", "blender_addon", "solve", str(capture), "--out", str(motion), "--json"]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert process.stdout is not None
+    assert json.loads(process.stdout.readline())["event"] == "progress"
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    pids = [int(pid) for pid in children.read_text().split()] if children.is_file() else []
+    process.send_signal(signal.SIGTERM)
+    last = process.stdout.read().splitlines()[-1]
+    assert process.wait(timeout=30) == 130 and json.loads(last)["code"] == "cancelled"
+    process.stdout.close()
+    time.sleep(0.1)
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+    assert [p.name for p in tmp_path.iterdir()] == ["capture.npz"]
+
+
+def test_export_of_a_motion(files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "aus gabe ü"
+    given = ["export", str(files.motion_path), "--body", str(files.body_path), "--out", str(out), "--json"]
+    assert main([*given, "--format", "bvh", "csv", "amass"]) == 0
+    result = said(capfd)
+    assert (result["frames"], result["fps"]) == (60, 30.0)
+    assert sorted(p.name for p in out.iterdir()) == ["walk.bvh", "walk.csv", "walk.npz"]
+    joints = np.genfromtxt(out / "walk.csv", delimiter=",", skip_header=1)[:, 2:].reshape(60, 24, 3)
+    np.testing.assert_allclose(joints, files.motion.joints, atol=1e-4)
+    assert main([*given, "--format", "bvh"]) == 3
+    assert said(capfd)["code"] == "output_exists"
+    assert main([*given, "--format", "bvh", "--overwrite"]) == 0
+    same = ["export", str(files.motion_path), "--body", str(files.body_path), "--out", str(files.folder), "--json"]
+    capfd.readouterr()
+    assert main([*same, "--format", "amass", "--overwrite"]) == 3, "a source is never overwritten"
+    assert said(capfd)["code"] == "output_exists"
+
+
+def test_export_of_a_blender_file_leaves_it_alone(
+    files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    body = ["--body", str(files.body_path), "--out", str(tmp_path)]
+    assert main(["bake", str(files.motion_path), *body, "--no-pictures"]) == 0
+    blend = tmp_path / "walk.blend"
+    before = blend.read_bytes()
+    assert main(["export", str(blend), "--out", str(tmp_path), "--format", "trc", "fbx", "--json"]) == 0
+    assert blend.read_bytes() == before and (tmp_path / "walk.trc").is_file() and (tmp_path / "walk.fbx").is_file()
+    capfd.readouterr()
+    assert main(["export", str(blend), "--out", str(tmp_path), "--format", "csv", "--armature", "x", "--json"]) == 3
+    event = said(capfd)
+    assert event["code"] == "nothing_to_export" and "--armature: walk" in event["hint"]
+    (tmp_path / "no.blend").write_bytes(b"nothing")
+    assert main(["export", str(tmp_path / "no.blend"), "--out", str(tmp_path), "--format", "csv", "--json"]) == 3
+    assert said(capfd)["code"] == "file_damaged"
+
+
+@pytest.mark.slow
+def test_render_writes_pictures_alone(files: Any, tmp_path: Path) -> None:
+    arrays = dict(np.load(files.motion_path))
+    cut = {key: value[:4] if value.shape[:1] == (60,) else value for key, value in arrays.items()}
+    np.savez(tmp_path / "short.npz", **cut)
+    command = ["render", str(tmp_path / "short.npz"), "--body", str(files.body_path), "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["short.mp4", "short_contact.png"]
+
+
+def test_bake_with_few_keys_says_how_far_it_is_off(
+    files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
+    assert main([*command, "--keys-per-second", "2", "--asset", "--json"]) == 0
+    result = said(capfd)
+    assert any("keys are left: joints are up to" in note for note in result["notes"])
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk.blend"))
+    [action] = bpy.data.actions
+    assert action.asset_data is not None and action["keys_deviation_mm"] > 0
+    assert main([*command, "--keys-per-second", "2", "--json"]) == 3
+    assert said(capfd)["code"] == "output_exists"
+    with pytest.raises(SystemExit):
+        main([*command, "--keys-per-second", "-1"])
+
+
+def test_blenders_command_is_the_same_and_can_be_taken_back(capfd: pytest.CaptureFixture[str]) -> None:
+    command = Command()
+    for _ in range(2):
+        command.register()
+        command.unregister()
+    assert run(["--help"]) == 0
+    assert "usage: blender --command manifold_mocap" in capfd.readouterr().out
+    assert run(["bake"]) == 2
