@@ -24,15 +24,16 @@ def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
     kept = os.dup(1), os.dup(2)
     sink = os.dup(2) if verbose else os.open(os.devnull, os.O_WRONLY)
     out, err = (os.fdopen(os.dup(fd), "w", encoding="utf-8", buffering=1) for fd in kept)
-    python_streams = sys.stderr
+    python_streams = sys.stdout, sys.stderr
+    unheard = os.fdopen(os.dup(sink), "w", encoding="utf-8")
     try:
         os.dup2(sink, 1)
         os.dup2(sink, 2)
-        sys.stderr = err
+        sys.stdout, sys.stderr = unheard, err
         yield out, err
     finally:
-        sys.stdout.flush()
-        sys.stderr = python_streams
+        sys.stdout, sys.stderr = python_streams
+        unheard.close()
         out.close()
         err.close()
         for target, fd in enumerate(kept, start=1):

@@ -192,7 +192,9 @@ def test_a_real_batch_solves_bakes_and_exports(tmp_path: Path, capfd: pytest.Cap
     command = ["batch", str(captures), "--out", str(out), "--job", str(tmp_path / "job.json"), "--bake",
                "--export", "bvh", "csv", "--json"]  # fmt: skip
     assert main(command) == 3
-    lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    shown = capfd.readouterr().out.splitlines()
+    assert all(line.startswith("{") for line in shown), [x for x in shown if x[:1] != "{"]
+    lines = [json.loads(line) for line in shown]
     assert {line["event"] for line in lines[:-1]} == {"progress"} and lines[-1]["event"] == "result"
     failed, done = lines[-1]["takes"]
     assert failed["error"]["code"] == "file_damaged" and done["status"] == "done"
