@@ -23,7 +23,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
     common.add_argument("--verbose", action="store_true", help="show what Blender prints, on standard error")
     body = argparse.ArgumentParser(add_help=False)
-    body.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the add-on's own if left out")
+    body.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
     out = argparse.ArgumentParser(add_help=False)
     out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     writing = argparse.ArgumentParser(add_help=False)

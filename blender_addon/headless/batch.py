@@ -46,7 +46,7 @@ class BatchJob:
     formats: tuple[str, ...] = ()
     """Formats to export each take to."""
     body: Path | None = None
-    """Body file; None for the one that ships with the add-on."""
+    """Body file; None for the one each motion is solved for."""
     python: Path | None = None
     """Python to solve with; None for this one."""
 

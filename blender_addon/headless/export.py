@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileDamaged, FileMissing, NothingToExport, OutputExists
-from ..files.body_file import default_body_path, read_body
+from ..files.body_choice import body_path_of
+from ..files.body_file import read_body
 from ..files.motion_file import read_motion
 from ..progress import Progress
 
@@ -26,7 +27,7 @@ class ExportJob:
     formats: tuple[str, ...]
     """Keys of ``export.formats.FORMATS``."""
     body: Path | None = None
-    """Body file for a motion; None for the one that ships with the add-on."""
+    """Body file for a motion; None for the one the motion was solved for."""
     armature: str = ""
     """Which armature of a Blender file; needed where there are several."""
     overwrite: bool = False
@@ -74,7 +75,7 @@ def _baked(job: ExportJob, progress: Progress) -> tuple[bpy.types.Scene, bpy.typ
     from ..bake.session import fresh_scene
 
     motion = read_motion(job.source)
-    body = read_body(job.body or default_body_path())
+    body = read_body(job.body or body_path_of(motion.provenance))
     scene = fresh_scene()
     progress("baking", 0, 1)
     take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))
