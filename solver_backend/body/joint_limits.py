@@ -16,6 +16,7 @@ from solver_backend.geometry.quaternions import (
     quat_multiply,
     rotvec_from_quat,
 )
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 
 MARGIN_DEG = 15.0
@@ -73,6 +74,12 @@ def swing_and_twist(local: Array) -> Array:
     return rotvec_from_quat(twist) + rotvec_from_quat(swing)
 
 
+def from_swing_and_twist(angles: Array) -> Array:
+    """Return the (N, 21, 3, 3) rotations of (N, 21, 3) angles: the inverse of ``swing_and_twist``."""
+    twist = constant(_TWIST, angles) * angles
+    return array_namespace(angles).matmul(exp_so3(angles - twist), exp_so3(twist))
+
+
 def _table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     low, high, twist = (np.zeros((NUM_BODY_JOINTS, 3)) for _ in range(3))
     for column, joint in enumerate(SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]):
@@ -85,3 +92,5 @@ def _table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 _LOW, _HIGH, _TWIST = _table()
+JOINT_LIMITS: np.ndarray = np.radians(np.stack((_LOW - MARGIN_DEG, _HIGH + MARGIN_DEG), axis=-1))
+"""(21, 3, 2) rad: least and greatest angle of each joint, margin included."""

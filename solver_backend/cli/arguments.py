@@ -77,6 +77,17 @@ def _parser() -> argparse.ArgumentParser:
     demo = verbs.add_parser("demo-capture", parents=[writing, common], help="write the embedded synthetic capture")
     demo.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
 
+    train = verbs.add_parser("train", parents=[common], help="train a pose prior, or go on from its last checkpoint")
+    train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ...")
+    train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")
+    train.add_argument("--out", type=Path, default=Path("trained"), metavar="DIR", help="weights and model card")
+    train.add_argument("--work", type=Path, metavar="DIR", help="checkpoint and log; OUT/PRIOR_run if left out")
+    train.add_argument("--seed", type=int, default=0, help="of the first weights and every draw")
+    train.add_argument("--steps", type=int, help="gradient steps in all")
+    train.add_argument("--batch", type=int, help="windows a step")
+    train.add_argument("--learning-rate", type=float, help="at its height")
+    train.add_argument("--hidden", type=int, default=512, help="width of SPoser's decoder layers")
+
     evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")
     evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")

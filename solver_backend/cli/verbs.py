@@ -10,7 +10,7 @@ from typing import Any
 
 from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.outcome import Outcome
-from solver_backend.errors import CommandLineInvalid
+from solver_backend.errors import BackendMissing, CommandLineInvalid
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.stretch import Stretch
 from solver_backend.io.files import check_output
@@ -93,6 +93,27 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
     ratios = {"mpjpe_ratio": found.mpjpe_ratio, "accel_ratio": found.accel_ratio}
     figures = {name: round(value, 4) for name, value in {**asdict(found), **ratios}.items()}
     return Outcome("\n".join(found.lines()), figures)
+
+
+def train(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Train a prior and write its weights and model card."""
+    try:
+        from solver_backend.training.loop import TrainingSettings
+        from solver_backend.training.train import train as train_prior
+    except ModuleNotFoundError as error:
+        raise BackendMissing(
+            f"Training needs the package {error.name}, which is not installed.",
+            hint="pip install manifold-mocap[train]",
+        ) from error
+    names = ("steps", "batch", "learning_rate")
+    chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    finished = train_prior(
+        args.prior, args.data, args.out, seed=args.seed, settings=TrainingSettings(**chosen), hidden=args.hidden,
+        work=args.work, progress=progress,
+    )  # fmt: skip
+    figures = {name: round(value, 4) for name, value in finished.metrics.items()}
+    lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
+    return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
 
 
 def _job(args: argparse.Namespace) -> Job:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array
-from solver_backend.geometry.rotations import matrix_from_6d, matrix_from_6d_with_jacobian
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import log_so3, matrix_from_6d, matrix_from_6d_with_jacobian
 from solver_backend.priors.dense import DenseStack
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
@@ -39,6 +39,14 @@ def decoded_rotations_with_jacobian(decoder: DenseStack, z: Array) -> tuple[Arra
     if len(parts) == 1:
         return parts[0]
     return xp.concat([R for R, _ in parts], axis=0), xp.concat([J for _, J in parts], axis=0)
+
+
+def reconstruction_energy(rotations: Array, decoded: Array, sigma: Array) -> Array:
+    """Return the mean squared rotation between (N, 21, 3, 3) poses and what was decoded, by ``sigma`` (21, 3): (N,)."""
+    xp = array_namespace(rotations)
+    residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))
+    scaled = residual / constant(sigma, rotations)
+    return xp.mean(xp.reshape(scaled * scaled, (rotations.shape[0], 3 * NUM_BODY_JOINTS)), axis=-1)
 
 
 def _block(decoder: DenseStack, z: Array) -> tuple[Array, Array]:

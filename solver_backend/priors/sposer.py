@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.rotations import log_so3, matrix_to_6d
+from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.rotations import matrix_to_6d
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
 from solver_backend.priors.decoder import (
     decoded_rotations,
     decoded_rotations_with_jacobian,
     decoded_rotations_with_pullback,
+    reconstruction_energy,
 )
 from solver_backend.priors.dense import DenseStack
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
@@ -113,11 +114,7 @@ class SPoser(PosePrior):
 
     def energy(self, rotations: Array) -> Array:
         """Return the mean squared rotation between poses and their reconstructions by ``residual_sigma``: (N,)."""
-        xp = array_namespace(rotations)
-        decoded = self.decode(self.encode(rotations))
-        residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))
-        scaled = residual / constant(self.residual_sigma, rotations)
-        return xp.mean(xp.reshape(scaled * scaled, (rotations.shape[0], 3 * NUM_BODY_JOINTS)), axis=-1)
+        return reconstruction_energy(rotations, self.decode(self.encode(rotations)), self.residual_sigma)
 
     def sample(self, count: int, seed: int) -> np.ndarray:
         """Return ``count`` poses of codes drawn uniformly from the sphere."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.training.corpus import Corpus
 from solver_backend.training.points import rotation_points
 
 
@@ -38,6 +40,17 @@ def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
         1000 * float(per_pose.mean()), 1000 * float(worst.mean()), 100 * float((distance < 0.03).mean()),
         float(np.degrees(angle.mean())),
     )  # fmt: skip
+
+
+def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.ndarray]) -> dict[str, dict[str, float]]:
+    """Return the reconstruction figures of the distinct poses of every source."""
+    distinct = np.unique(corpus.distinct)
+    sources = corpus.sources[distinct]
+    figures = {}
+    for source in sorted(set(sources.tolist())):
+        truth = corpus.rotations[distinct[sources == source]].astype(np.float64)
+        figures[source] = reconstruction_accuracy(truth, reconstruct(truth)).as_dict() | {"poses": float(len(truth))}
+    return figures
 
 
 def joint_distances(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:

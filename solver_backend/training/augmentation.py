@@ -1,4 +1,4 @@
-"""Poses the corpus lacks: mirrored, with limbs exchanged between poses, with other collars and wrists."""
+"""Poses the corpus lacks: mirrored, with limbs exchanged between poses, varied joints, joints near their limits."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import torch
 
+from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.training.rest_skeleton import MIRROR
 
@@ -22,6 +23,12 @@ LIMBS: tuple[tuple[int, ...], ...] = (
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.3, 0.15)
 CLEARANCE_M = 0.07
 """Arm joints of an exchanged pose closer than this to trunk or legs are taken for penetration."""
+LIMIT_SHARE = (0.6, 1.0)
+"""How much of a joint's range a joint is moved to."""
+MOVED_JOINTS = 2
+"""Joints of a window that are moved towards their limits."""
+_ALLOWED_DEG = 10.0
+_REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
 _ARM_POINTS = (18, 19, 20, 21, 22, 23)
 _BODY_BONES = ((0, 6), (6, 12), (1, 4), (2, 5), (4, 7), (5, 8), (12, 15))
 
@@ -60,6 +67,36 @@ def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
     strength = torch.rand(len(windows), 1, 1, generator=generator) * 1.4
     turn = exp_so3(torch.randn(len(windows), 21, 3, generator=generator) * sigma * strength)
     return torch.matmul(windows, turn[:, None])
+
+
+def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Move two joints of every (B, K, 21, 3, 3) window towards the end of one of their ranges.
+
+    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
+    side in the window's second frame; what moves in the window goes on moving.
+    """
+    count, frames = windows.shape[:2]
+    joint = torch.stack([torch.randperm(21, generator=generator)[:MOVED_JOINTS] for _ in range(count)])
+    angle = torch.randint(3, (count, MOVED_JOINTS), generator=generator)
+    side = torch.randint(2, (count, MOVED_JOINTS), generator=generator)
+    low, high = LIMIT_SHARE
+    share = low + (high - low) * torch.rand(count, MOVED_JOINTS, generator=generator)
+    target = share * torch.as_tensor(JOINT_LIMITS)[joint, angle, side].to(share.dtype)
+    angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames))
+    row = torch.arange(count)[:, None]
+    moving = angles[row, :, joint, angle]
+    angles[row, :, joint, angle] = moving + (target - moving[..., 1])[..., None]
+    length = torch.linalg.vector_norm(angles, dim=-1)
+    reach = _REACH.to(angles.dtype)
+    moved = from_swing_and_twist((angles * (reach / torch.maximum(length, reach))[..., None]).flatten(0, 1))
+    out = windows.clone()
+    out[row, :, joint] = moved.unflatten(0, (count, frames))[row, :, joint]
+    return out
+
+
+def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
+    """Return (N,) whether a joint of (N, 21, 3, 3) poses is 10 degrees beyond its range."""
+    return (excess_deg(poses) > _ALLOWED_DEG).any(dim=1)
 
 
 def penetrating(joints: torch.Tensor) -> torch.Tensor:

@@ -3,39 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import FileMissing
-from solver_backend.progress import Progress, silent
-from solver_backend.training.gltf_clips import read_archive_clips
+from solver_backend.training.clips import KEYED, Clip
 from solver_backend.training.points import rotation_points
-from solver_backend.training.retarget import RecordedClip, body_rotations, read_clip, resample
-from solver_backend.training.shoulder_rhythm import with_shoulder_rhythm
 
-FPS = 30.0
-HELD_OUT = frozenset({"03", "08", "13", "60_61"})
+HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})
 """Subjects nothing is trained on."""
 NEAR_REPEAT_M = 0.012
 """Poses closer than this to a kept one (root mean square over the joints) are repeats."""
-KEYED = "keyed"
-"""Subject of hand-keyed animations."""
-KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 KEYED_REPEATS = 4
 """How often each pose of a hand-keyed animation counts, as they are few and hold what recordings lack."""
 _SAME_TAKE_M = 0.004
-_FOLDERS = ("mb2", "expmap", "max", "daz")
-
-
-@dataclass(frozen=True)
-class Clip:
-    """A clip ready for training."""
-
-    name: str
-    subject: str
-    rotations: np.ndarray
-    """(F, 21, 3, 3) float32, local, 30 Hz."""
 
 
 @dataclass(frozen=True)
@@ -57,39 +37,12 @@ class Corpus:
         """Frames with repeats."""
         return len(self.rotations)
 
-
-def load_clips(data: Path, progress: Progress = silent) -> list[Clip]:
-    """Read every clip under ``data/motion_cmu``, and the hand-keyed animations if their archive is there.
-
-    Raises:
-        FileMissing: the folder holds no clips.
-    """
-    paths = [path for folder in _FOLDERS for path in sorted((data / "motion_cmu" / folder).glob("*.npz"))]
-    if not paths:
-        raise FileMissing("No training clips were found.", where="motion_cmu", hint="--data takes the folder above it.")
-    clips = []
-    for number, path in enumerate(paths):
-        rotations = with_shoulder_rhythm(_at_corpus_rate(read_clip(path)))
-        clips.append(Clip(f"{path.parent.name}/{path.stem}", subject_of(path), rotations.astype(np.float32)))
-        progress("Reading clips", number + 1, len(paths))
-    archive = data / KEYED_ARCHIVE
-    keyed = read_archive_clips(archive) if archive.is_file() else []
-    clips += [Clip(f"{KEYED}/{clip.name}", KEYED, _at_corpus_rate(clip).astype(np.float32)) for clip in keyed]
-    return clips
-
-
-def _at_corpus_rate(clip: RecordedClip) -> np.ndarray:
-    return resample(body_rotations(clip)[:, 1:], clip.fps, FPS)
-
-
-def subject_of(path: Path) -> str:
-    """Return the CMU subject of a clip's file; "unknown" for conversions that do not keep it."""
-    folder, stem = path.parent.name, path.stem
-    if folder == "mb2" and stem[:2].isdigit():
-        return stem[:2]
-    if folder == "daz":
-        return "60_61" if stem.startswith("salsa") else "135"
-    return "131" if folder == "max" else "unknown"
+    @property
+    def sources(self) -> np.ndarray:
+        """(N,) source of each frame: what stands before the slash of its clip's name."""
+        starts, clip = np.unique(self.clip_start, return_inverse=True)
+        assert len(starts) == len(self.names)
+        return np.array([name.split("/")[0] for name in self.names])[clip]
 
 
 def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import math
 import time
 from dataclasses import asdict, dataclass
@@ -13,8 +12,12 @@ from typing import Protocol
 import torch
 from torch import nn
 
-from solver_backend.errors import TrainingMismatch
+from solver_backend.errors import FileDamaged, TrainingMismatch
 from solver_backend.progress import Progress, silent
+from solver_backend.training.event_log import EventLog
+
+_CURVE_EVERY = 20
+"""Steps between the points of the loss's curve."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +63,23 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
     """Train, or go on from the last checkpoint in ``folder``, and return the model with averaged weights.
 
     Raises:
-        TrainingMismatch: the checkpoint was made with other settings.
+        TrainingMismatch: the checkpoint was made with other settings or for another network.
+        FileDamaged: the checkpoint cannot be read.
     """
     folder.mkdir(parents=True, exist_ok=True)
     run = _Run(task, settings, folder)
     run.resume()
+    log = EventLog(folder, run.step)
     while run.step < settings.steps:
         run.advance()
+        if run.step % _CURVE_EVERY == 0:
+            log.scalars(run.step, {"training/loss": run.recent, "training/learning_rate": run.learning_rate})
         if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
-            run.log(task.evaluate(run.averaged))
+            log.figures(run.step, {"loss": run.recent, **task.evaluate(run.averaged)})
         if run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s:
             run.save()
         progress("Training", run.step, settings.steps)
+    log.close()
     return run.averaged
 
 
@@ -92,11 +100,15 @@ class _Run:
     def checkpoint(self) -> Path:
         return self.folder / "checkpoint.pt"
 
+    @property
+    def learning_rate(self) -> float:
+        """The rate of the step that comes."""
+        return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
+
     def advance(self) -> None:
         """Take one step."""
-        rate = self.settings.learning_rate * _schedule(self.step, self.settings.steps)
         for group in self.optimizer.param_groups:
-            group["lr"] = rate
+            group["lr"] = self.learning_rate
         loss = self.task.loss(self.step, self.generator)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -110,11 +122,6 @@ class _Run:
             for kept, fresh in zip(self.averaged.buffers(), self.task.model.buffers(), strict=True):
                 kept.copy_(fresh)
         self.recent += 0.02 * (float(loss.detach()) - self.recent) if self.recent else float(loss.detach())
-
-    def log(self, figures: dict[str, float]) -> None:
-        """Append one JSON line to ``log.jsonl``."""
-        with (self.folder / "log.jsonl").open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps({"step": self.step, "loss": self.recent, **figures}) + "\n")
 
     def save(self) -> None:
         """Write the checkpoint under a temporary name and rename it."""
@@ -137,14 +144,25 @@ class _Run:
         """Take over the last checkpoint, if there is one."""
         if not self.checkpoint.is_file():
             return
-        state = torch.load(self.checkpoint, weights_only=True)
+        try:
+            state = torch.load(self.checkpoint, weights_only=True)
+        except Exception as error:
+            raise FileDamaged(
+                "The checkpoint cannot be read.", where=self.checkpoint.name, hint="Train into another folder."
+            ) from error
         changed = [k for k, v in asdict(self.settings).items() if k != "checkpoint_s" and state["settings"].get(k) != v]
         if changed:
             raise TrainingMismatch(
                 f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
                 hint="Go on with the same settings, or train into another folder.",
             )  # fmt: skip
-        self.task.model.load_state_dict(state["model"])
+        try:
+            self.task.model.load_state_dict(state["model"])
+        except RuntimeError as error:
+            raise TrainingMismatch(
+                "The checkpoint holds another network.", where=self.checkpoint.name,
+                hint="Go on with the same prior and widths, or train into another folder.",
+            ) from error  # fmt: skip
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.generator.set_state(state["generator"])

@@ -7,27 +7,35 @@ from typing import Any
 
 _SOURCES = """## Data and licence
 
-- **CMU motion capture** (mocap.cs.cmu.edu), {train_clips} clips, {train_frames} frames at 30 Hz, of which
-  {train_distinct} are distinct (no two closer than {near_repeat_mm:.0f} mm, root mean square over the joints).
-  "The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF
-  EIA-0196217." Free to copy, modify and redistribute; not for direct resale.
-- **Hand-keyed animations** by Quaternius and Mesh2Motion (CC0): {keyed_clips} of these clips (rolling, sitting,
-  kneeling, crouching, swimming, falling), each distinct pose counted {keyed_repeats} times.
-- **Validation**: subjects {held_out}, {validation_clips} clips, {validation_frames} frames, {validation_distinct}
-  distinct; nothing is trained on them. Conversions that do not keep the subject's number are trained on unless their
-  frames repeat validation frames, so other takes of a validation subject may be among them.
+| source | side | clips | frames at 30 Hz | distinct |
+|---|---|---|---|---|
+{table}
+
+- **CMU motion capture** (mocap.cs.cmu.edu; sources `mb2`, `expmap`, `max`, `daz`, `amc`, and `makehuman` by way of
+  MakeHuman's CC0 files). "The data used in this project was obtained from mocap.cs.cmu.edu. The database was created
+  with funding from NSF EIA-0196217." Free to copy, modify and redistribute; not for direct resale.
+- **UI-PRMD** (`ui_prmd`; Vakanski et al. 2018): rehabilitation movements of eight people, optical markers, fitted here
+  with one shape and one set of marker offsets a person. Open Data Commons PDDL 1.0.
+- **Hand-keyed animations** (`keyed`) by Quaternius and Mesh2Motion (CC0): rolling, sitting, kneeling, crouching,
+  swimming, falling; each distinct pose counted {keyed_repeats} times.
+- **Validation**: subjects {held_out}; nothing is trained on them. Conversions that do not keep the subject's number are
+  trained on unless their frames repeat validation frames, so other takes of a validation subject may be among them.
+
+Poses are distinct when no two are closer than {near_repeat_mm:.0f} mm, root mean square over the joints. Frames in
+which a joint is more than 30° beyond its anatomical range were tracked wrongly and are left out, on both sides.
 
 How recordings became poses of the 21 body joints: each bone's rotation since the T-pose carries over whole; half of the
 hand's twist is given to the elbow. The CMU recordings' collar bones do not move and their hands hardly bend: collars
-follow the arms by a fixed rhythm (22 % of the elevation, 15 % of the forward swing).
+follow the arms by a fixed rhythm (22 % of the elevation, 15 % of the forward swing). Markers move collars and hands.
 """
 _AUGMENTATION = """
-Augmentation: mirrored left to right; arms, legs, head and spine exchanged between clips (kept when no arm joint comes
-within 7 cm of a trunk, head or leg bone); collars varied by 5°, wrists by 12°, spine, neck and head by 3°, the other
-joints by 1.5°.
+Augmentation: mirrored left to right; arms, legs, head and spine exchanged between clips; collars varied by 5°, wrists
+by 12°, spine, neck and head by 3°, the other joints by 1.5°; in 15 % of the windows two joints moved to 60 to 100 % of
+one of their ranges. Kept when no arm joint comes within 7 cm of a trunk, head or leg bone, and no moved joint goes 10°
+beyond its range.
 """
 _METHOD = """Measured with the weights as they ship, all distinct validation poses, 24 joints, pelvis fixed, on a
-skeleton of 1.70 m. `between_keys`: frames from SIDER2 of three keys' codes.
+skeleton of 1.70 m. `worst5`: the worst twentieth of poses. `between_keys`: frames from SIDER2 of three keys' codes.
 """
 _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct poses.
 """
@@ -42,7 +50,7 @@ def write_model_card(
         path: the card.
         title: name of the prior.
         summary: a few sentences on what it is.
-        metadata: ``data, command, settings, metrics, sha256``.
+        metadata: ``data, command, settings, metrics, sha256``, and perhaps ``by_source``.
         augmented: whether training drew augmented poses.
         method: how the metrics were measured, where that is not how the other priors' are.
     """
@@ -50,11 +58,34 @@ def write_model_card(
     augmentation = _AUGMENTATION if augmented else ""
     metrics = "\n".join(f"| `{key}` | {value:.4g} |" for key, value in metadata["metrics"].items())
     settings = "\n".join(f"| `{key}` | {value} |" for key, value in metadata["settings"].items())
+    sources = _SOURCES.format(table=_source_table(metadata["data"]["sources"]), **metadata["data"])
     text = (
-        f"# {title}\n\n{summary}\n\n{_SOURCES.format(**metadata['data'])}{augmentation}\n"
+        f"# {title}\n\n{summary}\n\n{sources}{augmentation}\n"
         f"## Training\n\n`{metadata['command']}`\n\n| setting | value |\n|---|---|\n{settings}\n\n"
         f"## Validation\n\n{method}\n"
-        f"| metric | value |\n|---|---|\n{metrics}\n\n"
+        f"| metric | value |\n|---|---|\n{metrics}\n\n{_accuracy_table(metadata.get('by_source', {}))}"
         f"Arrays' SHA-256: `{metadata['sha256']}`\n"
     )
     path.write_text(text, encoding="utf-8")
+
+
+def _source_table(sources: dict[str, dict[str, Any]]) -> str:
+    """Return the rows of the data's table; keys are "side/source"."""
+    rows = []
+    for key, counts in sources.items():
+        side, source = key.split("/")
+        rows.append(f"| {source} | {side} | {counts['clips']} | {counts['frames']} | {counts['distinct']} |")
+    return "\n".join(rows)
+
+
+def _accuracy_table(by_source: dict[str, dict[str, float]]) -> str:
+    """Return the reconstruction figures of every source of the validation poses."""
+    if not by_source:
+        return ""
+    head = "| source | poses | MPJPE mm | worst 5 % mm | PCK3 % | angle ° |\n|---|---|---|---|---|---|\n"
+    rows = [
+        f"| {source} | {f['poses']:.0f} | {f['mpjpe_mm']:.2f} | {f['worst5_mpjpe_mm']:.1f} | {f['pck3_percent']:.1f} "
+        f"| {f['angle_deg']:.2f} |\n"
+        for source, f in by_source.items()
+    ]
+    return head + "".join(rows) + "\n"

@@ -26,6 +26,8 @@ class Job:
     data: dict[str, object]
     """Counts of clips and frames, for the model card."""
     progress: Progress
+    hidden: int = 512
+    """Width of SPoser's decoder layers."""
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,18 @@ MAPS: tuple[SkeletonMap, ...] = (
         ),
         halfway=((3, 0, 6),),
     ),
+    SkeletonMap(
+        "makehuman",
+        (
+            "Hips", "LeftHip", "RightHip", "Chest", "LeftKnee", "RightKnee", "CS_BVH", "LeftAnkle", "RightAnkle",
+            "CS_BVH", "LeftAnkle", "RightAnkle", "Neck", "LeftCollar", "RightCollar", "Head", "LeftShoulder",
+            "RightShoulder", "LeftElbow", "RightElbow", "LeftWrist", "RightWrist",
+        ),
+        tuple(
+            (side + joint, (0.0, 0.0, 0.0)) for side in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle")
+        ),
+        halfway=((6, 3, 9),),
+    ),
 )  # fmt: skip
 
 

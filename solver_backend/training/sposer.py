@@ -24,7 +24,7 @@ class SPoserSettings:
     encoder_hidden: tuple[int, ...] = (512, 512)
     decoder_hidden: tuple[int, ...] = (512, 512)
     activation: str = "silu"
-    orthogonality: float = 0.5
+    orthogonality: float = 0.05
     """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` (6.4) next to squared distances of points in dm² (6.3)."""
     between: float = 0.5
     """Weight of the frame between keys against the keys themselves."""

@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import JobInvalid, MocapError
-from solver_backend.progress import ConsoleProgress, Progress, silent
-from solver_backend.training.corpus import (
-    HELD_OUT,
-    KEYED,
-    KEYED_REPEATS,
-    NEAR_REPEAT_M,
-    Corpus,
-    load_clips,
-    split_corpus,
-)
+from solver_backend.errors import JobInvalid
+from solver_backend.progress import Progress, silent
+from solver_backend.training.clips import load_clips
+from solver_backend.training.corpus import HELD_OUT, KEYED_REPEATS, NEAR_REPEAT_M, Corpus, split_corpus
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Finished, Job
 from solver_backend.training.train_gmm import train_gmm
 from solver_backend.training.train_pose_ndf import train_pose_ndf
 from solver_backend.training.train_sposer import train_sposer
-from solver_backend.training.train_vae import train_rvposer, train_vposer
+from solver_backend.training.train_vae import train_vae
 
 RECIPES: dict[str, Callable[[Job], Finished]] = {
     "gmm": train_gmm,
     "sposer": train_sposer,
-    "rvposer": train_rvposer,
-    "vposer": train_vposer,
     "pose_ndf": train_pose_ndf,
+    "rvposer": partial(train_vae, "rvposer"),
+    "vposer": partial(train_vae, "vposer"),
+    "svae": partial(train_vae, "svae"),
+    "lie_vae": partial(train_vae, "lie_vae"),
 }
 """What trains each prior."""
 
@@ -45,6 +39,7 @@ def train(
     *,
     seed: int = 0,
     settings: TrainingSettings | None = None,
+    hidden: int = 512,
     work: Path | str | None = None,
     progress: Progress = silent,
 ) -> Finished:
@@ -56,6 +51,7 @@ def train(
         out: folder of the weights and the model card.
         seed: of the initial weights and every draw.
         settings: steps, batch and the like; each prior has defaults of its own.
+        hidden: width of SPoser's decoder layers.
         work: folder of the checkpoint and the log; ``<out>/<prior>_run`` if None.
         progress: called as stages advance.
 
@@ -68,50 +64,29 @@ def train(
         raise JobInvalid(f"There is no prior {prior!r} (known: {', '.join(sorted(RECIPES))}).")
     out = Path(out)
     chosen = replace(settings or TrainingSettings(), seed=seed)
-    training, validation = split_corpus(load_clips(Path(data_dir), progress))
-    command = f"python -m solver_backend.training.train {prior} --data DIR --seed {seed} --steps {chosen.steps}"
+    training, validation = split_corpus(load_clips(Path(data_dir), progress, cache=out / "fitted_takes"))
+    command = f"python -m solver_backend train {prior} --data DIR --seed {seed} --steps {chosen.steps}"
+    command += f" --hidden {hidden}" if prior == "sposer" else ""
     job = Job(
         training, validation, chosen, out, Path(work) if work else out / f"{prior}_run", command,
-        _describe(training, validation), progress,
+        _describe(training, validation), progress, hidden,
     )  # fmt: skip
     return RECIPES[prior](job)
 
 
 def _describe(training: Corpus, validation: Corpus) -> dict[str, object]:
-    figures: dict[str, object] = {"held_out": ", ".join(sorted(HELD_OUT)), "near_repeat_mm": 1000 * NEAR_REPEAT_M}
-    figures |= {"keyed_clips": sum(n.startswith(f"{KEYED}/") for n in training.names), "keyed_repeats": KEYED_REPEATS}
-    for side, corpus in (("train", training), ("validation", validation)):
-        figures |= {
-            f"{side}_clips": len(corpus.names),
-            f"{side}_frames": corpus.num_frames,
-            f"{side}_distinct": len(np.unique(corpus.distinct)),
-        }
-    return figures
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run from the command line."""
-    defaults = TrainingSettings()
-    parser = argparse.ArgumentParser(prog="python -m solver_backend.training.train", description=__doc__)
-    parser.add_argument("prior", choices=sorted(RECIPES))
-    parser.add_argument("--data", required=True, type=Path, help="folder that holds motion_cmu")
-    parser.add_argument("--out", type=Path, default=Path("trained"), help="folder of the weights and the model card")
-    parser.add_argument("--work", type=Path, help="folder of the checkpoint and the log")
-    for name, value in asdict(defaults).items():
-        parser.add_argument(f"--{name.replace('_', '-')}", type=type(value), default=value)
-    chosen = parser.parse_args(arguments)
-    settings = TrainingSettings(**{name: getattr(chosen, name) for name in asdict(defaults)})
-    try:
-        finished = train(
-            chosen.prior, chosen.data, chosen.out, seed=settings.seed, settings=settings, work=chosen.work,
-            progress=ConsoleProgress(),
-        )  # fmt: skip
-    except MocapError as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    sys.stdout.write(f"{finished.weights}\n" + "".join(f"{k}: {v:.4g}\n" for k, v in finished.metrics.items()))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    """Return what the model card says of the data."""
+    sources = {}
+    for side, corpus in (("training", training), ("validation", validation)):
+        of_frame, distinct = corpus.sources, np.unique(corpus.distinct)
+        for source in sorted(set(of_frame.tolist())):
+            sources[f"{side}/{source}"] = {
+                "clips": len({name for name in corpus.names if name.startswith(f"{source}/")}),
+                "frames": int((of_frame == source).sum()),
+                "distinct": int((of_frame[distinct] == source).sum()),
+            }
+    held_out = ", ".join(sorted(HELD_OUT))
+    return {
+        "held_out": held_out, "near_repeat_mm": 1000 * NEAR_REPEAT_M, "keyed_repeats": KEYED_REPEATS,
+        "sources": sources,
+    }  # fmt: skip

@@ -9,8 +9,14 @@ import numpy as np
 
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.sposer import SPoser, load_sposer
-from solver_backend.training.accuracy import joint_distances, reconstruction_accuracy, reconstruction_statistics
-from solver_backend.training.corpus import FPS, Corpus
+from solver_backend.training.accuracy import (
+    accuracy_by_source,
+    joint_distances,
+    reconstruction_accuracy,
+    reconstruction_statistics,
+)
+from solver_backend.training.clips import FPS
+from solver_backend.training.corpus import Corpus
 from solver_backend.training.export import export_prior, stack_arrays
 from solver_backend.training.loop import run_training
 from solver_backend.training.model_card import write_model_card
@@ -23,8 +29,9 @@ mean in R^32. It is trained to reproduce poses (6.3, 6.4; points are joints and 
 to reproduce the frame between keys up to 0.3 s apart from SIDER2 of the keys' codes, as the solver interpolates."""
 
 
-def train_sposer(job: Job, settings: SPoserSettings = SPoserSettings()) -> Finished:
+def train_sposer(job: Job, settings: SPoserSettings | None = None) -> Finished:
     """Train, export, measure the exported weights and write the model card."""
+    settings = settings or SPoserSettings(decoder_hidden=(job.hidden, job.hidden))
     task = SPoserTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
     model = cast(SphericalAutoencoder, run_training(task, job.settings, job.work, job.progress))
     return export_sposer(model, job, settings)
@@ -47,6 +54,7 @@ def export_sposer(model: SphericalAutoencoder, job: Job, settings: SPoserSetting
     export_prior(path, "sposer", arrays, metadata)
     shipped = load_sposer(path)
     metadata["metrics"] = measure(shipped, truth, job.validation)
+    metadata["by_source"] = accuracy_by_source(job.validation, lambda R: shipped.decode(shipped.encode(R)))
     metadata["sha256"] = export_prior(path, "sposer", arrays, metadata)
     write_model_card(path.with_suffix(".md"), "SPoser", SUMMARY, metadata)
     return Finished(path, metadata["metrics"])

@@ -1,43 +1,49 @@
-"""VPoser and RVPoser from corpus to weights."""
+"""The variational autoencoders from corpus to weights."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
 from torch import nn
 
-from solver_backend.priors.gaussian_vae import load_vae
-from solver_backend.training.accuracy import reconstruction_accuracy
+from solver_backend.priors.base import PosePrior
+from solver_backend.priors.catalogue import load_prior
+from solver_backend.training.accuracy import accuracy_by_source, reconstruction_accuracy, reconstruction_statistics
 from solver_backend.training.export import export_prior, stack_arrays
+from solver_backend.training.latents import Kind
 from solver_backend.training.loop import run_training
 from solver_backend.training.model_card import write_model_card
 from solver_backend.training.recipe import Finished, Job
 from solver_backend.training.spherical_autoencoder import linear_layers
-from solver_backend.training.variational_autoencoder import HIDDEN, VaeSettings, VaeTask, VariationalAutoencoder
+from solver_backend.training.variational_autoencoder import (
+    HIDDEN,
+    VaeSettings,
+    VaeTask,
+    VariationalAutoencoder,
+    decode_all,
+)
 
-_SUMMARIES = {
+_SUMMARIES: dict[Kind, str] = {
     "vposer": """VPoser (Pavlakos et al. 2019): a variational autoencoder of the 21 body joints' rotations with a
 standard normal code of 32 dimensions, batch normalisation, dropout and a leaky last layer; retrained on our corpus.""",
     "rvposer": """RVPoser (thesis 4.2.4): VPoser without batch normalisation, decoder dropout and last activation, its
 divergence under a Charbonnier penalty (4.16-4.19).""",
+    "svae": """SVAE (Davidson et al. 2018; thesis table 6.5): a variational autoencoder of the 21 body joints' rotations
+whose codes are unit vectors in R^32, von Mises-Fisher about each pose's direction and uniform over all of them. Layers
+as RVPoser's.""",
+    "lie_vae": """LieVAE (Falorsi et al. 2018; thesis table 6.5): a variational autoencoder of the 21 body joints'
+rotations whose codes are ten rotations, normal in the tangent space of each pose's and uniform on the group over all.
+Layers as RVPoser's.""",
 }
-_TITLES = {"vposer": "VPoser", "rvposer": "RVPoser"}
+_TITLES: dict[Kind, str] = {"vposer": "VPoser", "rvposer": "RVPoser", "svae": "SVAE", "lie_vae": "LieVAE"}
 
 
-def train_vposer(job: Job) -> Finished:
-    """Train and export VPoser."""
-    return _train(job, VaeSettings("vposer"))
-
-
-def train_rvposer(job: Job) -> Finished:
-    """Train and export RVPoser."""
-    return _train(job, VaeSettings("rvposer"))
-
-
-def _train(job: Job, settings: VaeSettings) -> Finished:
+def train_vae(kind: Kind, job: Job) -> Finished:
+    """Train and export one of the variational autoencoders."""
+    settings = VaeSettings(kind)
     task = VaeTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
     model = cast(VariationalAutoencoder, run_training(task, job.settings, job.work, job.progress))
     return export_vae(model, job, settings)
@@ -45,9 +51,11 @@ def _train(job: Job, settings: VaeSettings) -> Finished:
 
 def export_vae(model: VariationalAutoencoder, job: Job, settings: VaeSettings) -> Finished:
     """Write weights and model card of a trained network."""
-    kind: Literal["vposer", "rvposer"] = settings.kind
+    kind = settings.kind
     path = job.out / f"{kind}.npz"
+    truth = job.validation.rotations[job.validation.distinct].astype(np.float64)
     arrays = stack_arrays(folded_encoder(model), "encoder") | stack_arrays(model.decoder, "decoder")
+    arrays["residual_sigma"] = reconstruction_statistics(truth, decode_all(model, truth)).astype(np.float32)
     metadata: dict[str, Any] = {
         "encoder_hidden": (HIDDEN, HIDDEN),
         "decoder_hidden": (HIDDEN, HIDDEN),
@@ -58,12 +66,16 @@ def export_vae(model: VariationalAutoencoder, job: Job, settings: VaeSettings) -
         "data": job.data,
     }
     export_prior(path, kind, arrays, metadata)
-    truth = job.validation.rotations[job.validation.distinct].astype(np.float64)
-    shipped = load_vae(kind, path)
-    metadata["metrics"] = reconstruction_accuracy(truth, shipped.decode(shipped.encode(truth))).as_dict()
+    shipped = load_prior(kind, path)
+    metadata["metrics"] = reconstruction_accuracy(truth, _reconstructed(shipped, truth)).as_dict()
+    metadata["by_source"] = accuracy_by_source(job.validation, lambda R: _reconstructed(shipped, R))
     metadata["sha256"] = export_prior(path, kind, arrays, metadata)
     write_model_card(path.with_suffix(".md"), _TITLES[kind], _SUMMARIES[kind], metadata)
     return Finished(path, metadata["metrics"])
+
+
+def _reconstructed(prior: PosePrior, rotations: np.ndarray) -> np.ndarray:
+    return prior.decode(prior.encode(rotations))
 
 
 def folded_encoder(model: VariationalAutoencoder) -> nn.Sequential:

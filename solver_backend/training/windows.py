@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from solver_backend.training.augmentation import exchanged_limbs, maybe_mirrored, penetrating, varied_joints
+from solver_backend.training.augmentation import (
+    beyond_reach,
+    exchanged_limbs,
+    maybe_mirrored,
+    near_limits,
+    penetrating,
+    varied_joints,
+)
 from solver_backend.training.corpus import Corpus
 from solver_backend.training.points import rotation_points
 
@@ -35,6 +42,7 @@ class WindowSampler:
     distinct: torch.Tensor
     exchange_chance: float = 0.6
     variation_chance: float = 0.7
+    limit_chance: float = 0.15
 
     @classmethod
     def of(cls, corpus: Corpus) -> WindowSampler:
@@ -61,5 +69,8 @@ class WindowSampler:
         mixed = exchanged_limbs(plain, generator, self.exchange_chance)
         vary = torch.rand(len(mixed), 1, 1, 1, 1, generator=generator) < self.variation_chance
         mixed = torch.where(vary, varied_joints(mixed, generator), mixed)
+        at_limits = torch.rand(len(mixed), generator=generator) < self.limit_chance
+        mixed[at_limits] = near_limits(mixed[at_limits], generator)
         bad = penetrating(rotation_points(mixed[:, 1])[:, :24])
+        bad[at_limits] |= beyond_reach(mixed[at_limits, 1])
         return torch.where(bad[:, None, None, None, None], plain, mixed)

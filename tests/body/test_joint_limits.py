@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.body.joint_limits import excess_deg, swing_and_twist
+from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types.joint_sets import SMPL_JOINTS
 
@@ -67,3 +67,13 @@ def test_swing_and_twist_of_pure_turns_and_of_half_a_turn() -> None:
     np.testing.assert_allclose(swing_and_twist(twist)[0, 0], [0, 1.2, 0], atol=1e-12)  # a hip turns about its bone
     half = exp_so3(np.tile([np.pi, 0.0, 0.0], (1, 21, 1)))
     assert np.isfinite(swing_and_twist(half)).all()
+
+
+def test_angles_make_the_rotation_again() -> None:
+    R = exp_so3(0.8 * np.random.default_rng(1).standard_normal((50, 21, 3)))
+    np.testing.assert_allclose(from_swing_and_twist(swing_and_twist(R)), R, atol=1e-9)
+    angles = np.random.default_rng(2).uniform(JOINT_LIMITS[..., 0], JOINT_LIMITS[..., 1], (20, 21, 3))
+    angles *= np.minimum(1.0, 2.5 / np.linalg.norm(angles, axis=-1, keepdims=True))
+    torched = from_swing_and_twist(torch.as_tensor(angles)).numpy()
+    np.testing.assert_allclose(swing_and_twist(torched), angles, atol=1e-9)
+    assert excess_deg(torched).max() < 1e-9

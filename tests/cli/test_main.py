@@ -196,3 +196,11 @@ def test_bodies_lists_what_can_be_chosen(tmp_path, monkeypatch, capsys):
     assert list(result["bodies"]) == ["neutral", "tall"] and result["folder"] == str(tmp_path)
     assert main(["bodies"]) == 0
     assert str(tmp_path / "tall.npz") in capsys.readouterr().out
+
+
+def test_training_names_what_is_wrong(tmp_path, capsys):
+    assert main(["train", "poser", "--data", str(tmp_path)]) == 2
+    assert "no prior 'poser' (known: " in capsys.readouterr().err
+    assert main(["train", "sposer", "--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 3
+    assert "No training clips" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

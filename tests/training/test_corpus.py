@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 import torch
 
+from solver_backend.body.joint_limits import JOINT_LIMITS, swing_and_twist
 from solver_backend.errors import FileDamaged, FileMissing, MotionInvalid, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.training.augmentation import exchanged_limbs, mirrored, penetrating
-from solver_backend.training.corpus import HELD_OUT, Clip, build_corpus, distinct_poses, load_clips, split_corpus
+from solver_backend.training.accuracy import accuracy_by_source
+from solver_backend.training.augmentation import beyond_reach, exchanged_limbs, mirrored, near_limits, penetrating
+from solver_backend.training.clips import Clip, load_clips, without_faults
+from solver_backend.training.corpus import HELD_OUT, build_corpus, distinct_poses, split_corpus
 from solver_backend.training.points import rotation_points
 from solver_backend.training.rest_skeleton import MIRROR, REST_JOINTS
 from solver_backend.training.retarget import RecordedClip, body_rotations, read_clip, resample
@@ -160,6 +163,33 @@ def test_bad_clips_are_named(tmp_path: Path) -> None:
         body_rotations(read_clip(path))
     with pytest.raises(FileMissing, match="No training clips"):
         load_clips(tmp_path)
+
+
+def test_joints_are_moved_towards_their_limits() -> None:
+    windows = torch.as_tensor(poses(40, scale=0.1, seed=6)).unflatten(0, (10, 4)).float()
+    moved = near_limits(windows, torch.Generator().manual_seed(0))
+    same = torch.isclose(moved, windows, atol=1e-6).all(-1).all(-1).all(1)
+    assert (~same).sum(1).tolist() == [2] * 10
+    angles = swing_and_twist(moved[:, 1].double().numpy())
+    range_share = (angles / np.where(angles < 0, JOINT_LIMITS[..., 0], JOINT_LIMITS[..., 1])).max(-1)
+    assert (range_share[~same.numpy()] > 0.5).all() and (range_share[~same.numpy()] < 1.05).all()
+    assert not beyond_reach(moved[:, 1]).any()
+    broken = moved[:, 1].clone()
+    broken[3, 3] = torch.as_tensor(exp_so3(np.array([-0.6, 0.0, 0.0]))).float()
+    assert beyond_reach(broken).tolist() == [i == 3 for i in range(10)]
+
+
+def test_stretches_with_faults_are_left_out() -> None:
+    R = poses(30, scale=0.1).astype(np.float32)
+    R[10:13, 3] = exp_so3(np.array([-1.5, 0.0, 0.0]))
+    R[28, 3] = exp_so3(np.array([-1.5, 0.0, 0.0]))
+    pieces = without_faults(Clip("mb2/x", "02", R))
+    assert [len(p.rotations) for p in pieces] == [10, 15]
+    np.testing.assert_array_equal(pieces[1].rotations, R[13:28])
+    corpus = build_corpus(pieces)
+    assert set(corpus.sources.tolist()) == {"mb2"} and len(corpus.sources) == 25
+    figures = accuracy_by_source(corpus, lambda rotations: rotations)
+    assert figures["mb2"]["mpjpe_mm"] == 0.0 and figures["mb2"]["poses"] == len(corpus.distinct)
 
 
 @pytest.mark.shared

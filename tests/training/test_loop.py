@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import nn
 
-from solver_backend.errors import TrainingMismatch
+from solver_backend.errors import FileDamaged, TrainingMismatch
 from solver_backend.training.loop import TrainingSettings, run_training
 
 SETTINGS = TrainingSettings(steps=40, batch=8, evaluate_every=10, checkpoint_s=0.0)
@@ -49,6 +49,42 @@ def test_killed_run_resumes_to_the_same_weights(tmp_path: Path) -> None:
         np.testing.assert_array_equal(a.detach().numpy(), b.detach().numpy())
     lines = [logged(tmp_path / d) for d in ("whole", "killed")]
     assert lines[0] == lines[1] and [x["step"] for x in lines[0]] == [10, 20, 30, 40]
+
+
+def test_run_killed_between_log_and_checkpoint_logs_no_step_twice(tmp_path: Path) -> None:
+    rarely = replace(SETTINGS, checkpoint_s=1e9)
+    whole = run_training(LineTask(), rarely, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        run_training(LineTask(33), rarely, tmp_path / "killed")
+    assert [x["step"] for x in logged(tmp_path / "killed")] == [10, 20, 30]
+    again = run_training(LineTask(), rarely, tmp_path / "killed")
+    assert logged(tmp_path / "killed") == logged(tmp_path / "whole")
+    assert all(torch.equal(a, b) for a, b in zip(whole.parameters(), again.parameters(), strict=True))
+
+
+def test_tensorboard_reads_the_curves(tmp_path: Path) -> None:
+    accumulators = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    with pytest.raises(KeyboardInterrupt):
+        run_training(LineTask(35), SETTINGS, tmp_path)
+    run_training(LineTask(), SETTINGS, tmp_path)
+    read = accumulators.EventAccumulator(str(tmp_path / "events"))
+    read.Reload()
+    assert [point.step for point in read.Scalars("training/loss")] == [20, 40]
+    assert [point.step for point in read.Scalars("validation/weight")] == [10, 20, 30, 40]
+    last = logged(tmp_path)[-1]
+    assert read.Scalars("training/loss")[-1].value == pytest.approx(last["loss"], rel=1e-6)
+    assert read.Scalars("validation/weight")[-1].value == pytest.approx(last["weight"], rel=1e-6)
+
+
+def test_damaged_checkpoints_and_other_networks_are_named(tmp_path: Path) -> None:
+    run_training(LineTask(), SETTINGS, tmp_path)
+    other = LineTask()
+    other.model = nn.Sequential(nn.Linear(2, 8), nn.Tanh(), nn.Dropout(0.2), nn.Linear(8, 1))
+    with pytest.raises(TrainingMismatch, match="another network"):
+        run_training(other, SETTINGS, tmp_path)
+    (tmp_path / "checkpoint.pt").write_bytes(b"half a file")
+    with pytest.raises(FileDamaged, match=r"cannot be read.*checkpoint\.pt"):
+        run_training(LineTask(), SETTINGS, tmp_path)
 
 
 def test_finished_run_is_not_trained_again(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_distance import pose_distance
 from solver_backend.priors.pose_ndf import load_pose_ndf
 from solver_backend.progress import silent
-from solver_backend.training.corpus import Clip, Corpus, build_corpus
+from solver_backend.training.clips import Clip
+from solver_backend.training.corpus import Corpus, build_corpus
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.nearest_poses import NearestPoses, unit_quats
 from solver_backend.training.pose_ndf import (

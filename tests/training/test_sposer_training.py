@@ -11,23 +11,25 @@ from torch import nn
 
 from solver_backend.errors import JobInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.gaussian_vae import load_vae
+from solver_backend.priors.catalogue import load_prior
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.progress import silent
 from solver_backend.training.accuracy import reconstruction_accuracy, reconstruction_statistics
-from solver_backend.training.corpus import Clip, Corpus, build_corpus
+from solver_backend.training.clips import Clip
+from solver_backend.training.corpus import Corpus, build_corpus
+from solver_backend.training.latents import Kind
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Job
 from solver_backend.training.spherical_autoencoder import linear_layers
 from solver_backend.training.sposer import SPoserSettings, pose_loss
 from solver_backend.training.train import train
 from solver_backend.training.train_sposer import train_sposer
-from solver_backend.training.train_vae import folded_encoder, train_rvposer, train_vposer
+from solver_backend.training.train_vae import folded_encoder, train_vae
 from solver_backend.training.variational_autoencoder import VariationalAutoencoder
 
 DATA = {
-    "train_clips": 1, "train_frames": 1, "train_distinct": 1, "validation_clips": 1, "validation_frames": 1,
-    "validation_distinct": 1, "keyed_clips": 0, "keyed_repeats": 4, "near_repeat_mm": 12.0, "held_out": "08",
+    "sources": {"training/sway": {"clips": 1, "frames": 40, "distinct": 40}}, "keyed_repeats": 4,
+    "near_repeat_mm": 12.0, "held_out": "08",
 }  # fmt: skip
 
 
@@ -66,16 +68,21 @@ def test_sposer_learns_and_exports_what_it_learned(tmp_path: Path) -> None:
     assert prior.metadata["sha256"] in finished.weights.with_suffix(".md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("recipe", "name"), [(train_vposer, "vposer"), (train_rvposer, "rvposer")])
-def test_vae_exports_what_it_learned(tmp_path: Path, recipe, name) -> None:
-    finished = recipe(job(tmp_path, 60))
-    prior = load_vae(name, finished.weights)
-    z = np.random.default_rng(0).standard_normal((3, 32))
+@pytest.mark.parametrize("kind", ["vposer", "rvposer", "svae", "lie_vae"])
+def test_vae_exports_what_it_learned(tmp_path: Path, kind: Kind) -> None:
+    finished = train_vae(kind, job(tmp_path, 60))
+    prior = load_prior(kind, finished.weights)
+    truth = swaying(0).rotations[::4].astype(np.float64)
+    z = prior.encode(truth)
     R, J = prior.decode_with_jacobian(z)
-    assert J.shape == (3, 21, 3, 32)
+    assert J.shape == (len(truth), 21, 3, prior.latent_dim)
     np.testing.assert_allclose(R, prior.decode(z), atol=1e-12)
-    mean, deviation = prior.posterior(swaying(0).rotations[:5].astype(np.float64))
-    assert mean.shape == deviation.shape == (5, 32) and (deviation > 0).all()
+    figures = reconstruction_accuracy(truth, R)
+    distinct = swaying(0).rotations[swaying(0).distinct].astype(np.float64)
+    whole = reconstruction_accuracy(distinct, prior.decode(prior.encode(distinct)))
+    assert finished.metrics["mpjpe_mm"] == pytest.approx(whole.mpjpe_mm) and figures.mpjpe_mm < 120.0
+    card = finished.weights.with_suffix(".md").read_text(encoding="utf-8")
+    assert "| sway |" in card and str(prior.metadata["sha256"]) in card
 
 
 def test_statistics_find_the_spread() -> None:
@@ -97,9 +104,9 @@ def test_folded_encoder_is_the_trained_one() -> None:
     poses = torch.as_tensor(swaying(1).rotations)
     model.train()
     for _ in range(20):
-        model.posterior(poses)
+        model.encode(poses)
     model.eval()
-    mean, _ = model.posterior(poses)
+    mean = model.encode(poses)
     first, second, third = linear_layers(folded_encoder(model))
     hidden = nn.functional.leaky_relu(first(log_so3(poses).flatten(-2)))
     folded = third(nn.functional.leaky_relu(second(hidden)))[:, :32]

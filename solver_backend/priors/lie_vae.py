@@ -1,0 +1,104 @@
+"""LieVAE: a variational autoencoder of poses whose codes are rotations (Falorsi et al. 2018)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.quaternions import matrix_from_quat
+from solver_backend.geometry.rotations import log_so3, matrix_from_6d
+from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.decoder import decoded_rotations, decoded_rotations_with_jacobian, reconstruction_energy
+from solver_backend.priors.dense import DenseStack
+from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
+
+FACTORS = 10
+"""Rotations of a code: SO(3)^10 has 30 dimensions, as SPoser's sphere."""
+_DIM = 9 * FACTORS
+
+
+class LieVAE(PosePrior):
+    """Poses as ten rotations; the code is their matrices' 90 entries, and the prior uniform on the group."""
+
+    def __init__(
+        self, encoder: DenseStack, decoder: DenseStack, residual_sigma: np.ndarray, metadata: dict[str, Any]
+    ) -> None:
+        self._encoder, self._decoder = encoder, decoder
+        self.residual_sigma = residual_sigma
+        """(21, 3) rad: spread of the left rotation from decoded to true poses, on unseen subjects."""
+        self.metadata = metadata
+
+    @property
+    def name(self) -> str:
+        """``"lie_vae"``."""
+        return "lie_vae"
+
+    @property
+    def latent_dim(self) -> int:
+        """90."""
+        return _DIM
+
+    def posterior(self, rotations: Array) -> tuple[Array, Array]:
+        """Return mean rotations (N, 10, 3, 3) and the spread (N, 10, 3) rad in their own axes, of (N, 21, 3, 3) poses.
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        check_rotations(rotations)
+        xp = array_namespace(rotations)
+        count = rotations.shape[0]
+        features = xp.reshape(log_so3(rotations), (count, 3 * NUM_BODY_JOINTS))
+        out = self._encoder.like(rotations)(features)
+        mean = matrix_from_6d(xp.reshape(out[:, : 6 * FACTORS], (count, FACTORS, 6)))
+        return mean, xp.exp(0.5 * xp.reshape(out[:, 6 * FACTORS :], (count, FACTORS, 3)))
+
+    def encode(self, rotations: Array) -> Array:
+        """Return the mean rotations' entries (N, 90)."""
+        mean = self.posterior(rotations)[0]
+        return array_namespace(mean).reshape(mean, (mean.shape[0], _DIM))
+
+    def decode(self, z: Array) -> Array:
+        """Return (N, 21, 3, 3) local rotations of (N, 90) codes.
+
+        Raises:
+            PoseInvalid: NaN or another code length.
+        """
+        check_codes(z, _DIM)
+        return decoded_rotations(self._decoder.like(z), z)
+
+    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Return ``decode(z)`` and its left tangents by the matrices' entries, (N, 21, 3, 90)."""
+        check_codes(z, _DIM)
+        return decoded_rotations_with_jacobian(self._decoder.like(z), z)
+
+    def energy(self, rotations: Array) -> Array:
+        """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
+
+        Codes say nothing: all are as likely.
+        """
+        return reconstruction_energy(rotations, self.decode(self.encode(rotations)), self.residual_sigma)
+
+    def sample(self, count: int, seed: int) -> np.ndarray:
+        """Return ``count`` poses of rotations drawn uniformly."""
+        quats = np.random.default_rng(seed).standard_normal((count, FACTORS, 4))
+        quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
+        return self.decode(matrix_from_quat(quats).reshape(count, _DIM))
+
+
+def load_lie_vae(path: Path | str = ASSETS / "lie_vae.npz") -> LieVAE:
+    """Load LieVAE's weights.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
+    """
+    weights = read_weights(Path(path), "lie_vae")
+    encoder = read_stack(weights, "encoder", 3 * NUM_BODY_JOINTS, 9 * FACTORS)
+    decoder = read_stack(weights, "decoder", _DIM, 6 * NUM_BODY_JOINTS)
+    sigma = weights.array("residual_sigma", (NUM_BODY_JOINTS, 3))
+    return LieVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
