@@ -76,6 +76,8 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
     side in the window's second frame; what moves in the window goes on moving.
     """
     count, frames = windows.shape[:2]
+    if count == 0:
+        return windows
     joint = torch.stack([torch.randperm(21, generator=generator)[:MOVED_JOINTS] for _ in range(count)])
     angle = torch.randint(3, (count, MOVED_JOINTS), generator=generator)
     side = torch.randint(2, (count, MOVED_JOINTS), generator=generator)
