@@ -11,6 +11,7 @@ from ..backend_environment import PACKAGE, backend_folder
 from ..errors import BodyInvalid
 from .arrays import read_arrays, text
 from .skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
+from .smpl_family import on_24_joints
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
 _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
@@ -62,14 +63,18 @@ def default_body_path() -> Path:
 
 
 def read_body(path: Path) -> BodyFile:
-    """Read a body with SMPL's key names and 24 joints.
+    """Read a body with SMPL's key names, of the SMPL, SMPL-H or SMPL-X family; 24 joints are kept.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
         BodyInvalid: an array has the wrong shape, another tree, or values that are not finite.
     """
     path = Path(path)
-    arrays = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
+    if path.suffix.lower() == ".pkl":
+        raise BodyInvalid(
+            "Blender reads bodies from .npz files, not from pickles.", where=str(path), hint="Take the model's .npz."
+        )
+    arrays = on_24_joints(read_arrays(path, required=_REQUIRED, optional=_OPTIONAL), path)
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
     _check(arrays, path)
     weights = np.asarray(arrays["weights"], np.float64)
