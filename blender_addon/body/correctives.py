@@ -13,7 +13,7 @@ from ..bake.coordinates import R_ARMATURE_BODY
 from ..files.body_file import BodyFile
 from ..files.skeleton import JOINTS
 from .armature import rotation_from_body_axes
-from .shape import add_offset_key
+from .shape import add_key, rest_positions
 
 _FEATURES = (
     "-2*(y*y+z*z)", "2*(x*y-w*z)", "2*(x*z+w*y)",
@@ -37,14 +37,17 @@ def add_correctives(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bo
     if body.posedirs is None:
         return 0
     added = 0
-    C = rotation_from_body_axes(armature)
-    for j, joint in enumerate(JOINTS[1:], start=1):
-        block = _in_bone_axes(body.posedirs[:, :, 9 * (j - 1) : 9 * j], C[j])
+    C, rest = rotation_from_body_axes(armature), rest_positions(mesh)
+    blocks = body.posedirs.astype(np.float32).reshape(len(rest), 3, -1, 9).transpose(2, 0, 1, 3).copy()
+    for joint, block, axes in zip(JOINTS[1:], blocks, C[1:], strict=True):
+        moved = np.flatnonzero(block.reshape(len(rest), -1).any(axis=1))
+        offsets = _in_bone_axes(block[moved], axes)
         for m, feature in enumerate(_FEATURES):
-            if _LARGEST_FEATURE * np.linalg.norm(block[:, :, m], axis=1).max() < _LEAST_M:
+            if _LARGEST_FEATURE * np.linalg.norm(offsets[:, :, m], axis=1).max(initial=0.0) < _LEAST_M:
                 continue
-            key = add_offset_key(mesh, f"{joint} {m}", block[:, :, m], _LARGEST_FEATURE)
-            _drive(key, feature, armature, joint)
+            positions = rest.copy()
+            positions[moved] += offsets[:, :, m]
+            _drive(add_key(mesh, f"{joint} {m}", positions, _LARGEST_FEATURE), feature, armature, joint)
             added += 1
     return added
 

@@ -54,8 +54,8 @@ def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
 
 
 def _coordinates(key: bpy.types.ShapeKey) -> np.ndarray:
-    co = np.empty(3 * len(key.data), dtype=np.float32)
-    key.data.foreach_get("co", co)
+    co = np.empty(3 * len(key.points), dtype=np.float32)
+    key.points.foreach_get("co", co)
     return co.astype(np.float64)
 
 

@@ -28,25 +28,31 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
     """Add the basis and ten sliders to a mesh from ``create_mesh`` and set them to a shape."""
     directions, _ = shape_directions(body)
     mesh.shape_key_add(name="Basis", from_mix=False)
+    rest = rest_positions(mesh)
     for k in range(NUM_BETAS):
-        add_offset_key(mesh, slider_name(k), directions[:, :, k], LARGEST_BETA)
+        add_key(mesh, slider_name(k), rest + directions[:, :, k], LARGEST_BETA)
     set_betas(mesh, betas)
 
 
-def add_offset_key(mesh: bpy.types.Object, name: str, offsets: np.ndarray, limit: float) -> bpy.types.ShapeKey:
-    """Add a relative shape key that moves each vertex by ``value * offsets``.
+def rest_positions(mesh: bpy.types.Object) -> np.ndarray:
+    """Return the (V, 3) float32 vertices of a mesh at rest, in metres."""
+    co = np.empty(3 * len(mesh.data.vertices), dtype=np.float32)
+    mesh.data.vertices.foreach_get("co", co)
+    return co.reshape(-1, 3)
+
+
+def add_key(mesh: bpy.types.Object, name: str, positions: np.ndarray, limit: float) -> bpy.types.ShapeKey:
+    """Add a relative shape key that moves the vertices from rest to these positions at a value of 1.
 
     Args:
         mesh: a mesh object with a basis.
         name: name of the key.
-        offsets: (V, 3) metres per unit of value.
+        positions: (V, 3) metres.
         limit: values reach from -limit to limit.
     """
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
-    rest = np.empty(offsets.size, dtype=np.float32)
-    mesh.data.vertices.foreach_get("co", rest)
-    key.data.foreach_set("co", (rest + offsets.ravel()).astype(np.float32))
+    key.points.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
     return key
 
 
