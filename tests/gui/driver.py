@@ -118,6 +118,21 @@ class User:
         yield from self.click(x, y)
         self.note(f"clicked {words}")
 
+    def accept_file(self, path: str) -> Steps:
+        """Name a file in the file browser that is open, and accept it."""
+        yield from self.until(lambda: self._browser() is not None, "the file browser is open", 20)
+        window, area = self._browser() or (None, None)
+        params = area.spaces.active.params
+        params.directory, params.filename = str(Path(path).parent).encode(), Path(path).name
+        yield 0.3
+        with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
+            bpy.ops.file.execute()
+        yield 0.5
+
+    def _browser(self) -> tuple[bpy.types.Window, bpy.types.Area] | None:
+        areas = [(w, area) for w in bpy.context.window_manager.windows for area in w.screen.areas]
+        return next(((w, area) for w, area in areas if area.type == "FILE_BROWSER"), None)
+
     def until(self, condition: Callable[[], Any], what: str, seconds: float = 300) -> Steps:
         """Wait for something to become true."""
         end = time.monotonic() + seconds

@@ -11,7 +11,7 @@ TRIAL = Path("/work_io/Aufnahme ü/S00_P00_SingleParticipant/S00_P00_T01_Balanci
 
 
 def steps(user: Any) -> Any:
-    """Drop, look, solve, cancel, solve again, review, pin, undo, redo."""
+    """Drop, look, solve, cancel, solve again, undo, redo, review, pin, export, solve a range again."""
     scene = bpy.context.scene
     mocap = scene.mocap
     for obj in list(bpy.data.objects):
@@ -68,3 +68,24 @@ def steps(user: Any) -> Any:
     yield from user.press("mocap.show_confidence()")
     assert bpy.context.mode == "POSE" and mocap.review.colours
     yield from user.shot("confidence")
+
+    mocap.review.below = 0.65
+    yield from user.press("mocap.next_bad_range(backwards=False)", 0.75)
+    first, last = mocap.review.first, mocap.review.last
+    assert scene.frame_current == first <= last
+    yield from user.press("mocap.pin_pose()")
+    assert [pin.frame for pin in mocap.review.pins] == [first]
+    yield from user.shot("pinned")
+
+    yield from user.press("mocap.select_body()")
+    assert bpy.context.mode == "OBJECT"
+    yield from user.press("format='fbx'", 0.25)
+    yield from user.shot("export")
+    yield from user.accept_file("/work_io/body ü.fbx")
+    yield from user.until(lambda: Path("/work_io/body ü.fbx").is_file(), "the body is exported", 120)
+
+    takes = len(bpy.data.actions)
+    yield from user.press("mocap.resolve_range()")
+    yield from user.until(lambda: not bpy.ops.mocap.cancel.poll(), "the range is solved again", 600)
+    assert len(bpy.data.actions) == takes + 1
+    yield from user.shot("solved_again")
