@@ -12,7 +12,6 @@ from ..solving.run import Run, sentence, start
 from .preferences import chosen_python
 
 _INTERVAL_S = 0.1
-_AREAS = frozenset({"VIEW_3D", "STATUSBAR"})
 
 
 class Current:
@@ -83,10 +82,11 @@ class FollowsRun:
         run = current.run
         if run is None:  # abandoned
             self._stop_timer(context)
+            _show(context, None)
             return {"CANCELLED"}
         if event.type == "TIMER":
             run.poll()
-            _redraw(context)
+            _show(context, f"Motion capture: {run.headline} ({run.share:.0%})")
         if not run.finished:
             return {"PASS_THROUGH"}
         self._stop_timer(context)
@@ -101,7 +101,7 @@ class FollowsRun:
         run = current.run
         assert run is not None
         current.finish()
-        _redraw(context)
+        _show(context, None)
         if run.result is None:
             error = run.error or {}
             self.report({"INFO" if error.get("code") == "cancelled" else "ERROR"}, sentence(error))
@@ -139,17 +139,11 @@ class MOCAP_OT_cancel(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _redraw(context: bpy.types.Context) -> None:
+def _show(context: bpy.types.Context, status: str | None) -> None:
+    """Redraw the sidebars, and write a line into the status bar or give it back."""
     for window in context.window_manager.windows:
+        if not bpy.app.background:
+            window.workspace.status_text_set(status)
         for area in window.screen.areas:
-            if area.type in _AREAS:
+            if area.type == "VIEW_3D":
                 area.tag_redraw()
-
-
-def draw_status(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw the run's progress in the status bar."""
-    if current.run is not None:
-        row = self.layout.row()
-        row.ui_units_x = 14
-        row.progress(factor=current.run.share, text=current.run.headline)
-        row.operator(MOCAP_OT_cancel.bl_idname, text="", icon="X")

@@ -74,7 +74,6 @@ TABLE: tuple[Entry, ...] = (
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_operators.draw_export_menu),
     Entry(command.register, command.unregister),
-    _draw(bpy.types.STATUSBAR_HT_header, following.draw_status),
 )
 """In the order of registration."""
 

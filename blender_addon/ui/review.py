@@ -14,6 +14,9 @@ from ..review.ranges import bad_ranges, next_range
 from .bone_colours import colour_bones
 from .solve import current_take
 
+_MARGIN = 5
+"""Scene frames a range reaches beyond a doubtful stretch, whose neighbours it must meet."""
+
 
 class _NeedsTake:
     """Poll of operators that need a solved take."""
@@ -47,7 +50,8 @@ class MOCAP_OT_next_bad_range(_NeedsTake, bpy.types.Operator):
         found = next_range(ranges, scene.frame_current, backwards=self.backwards)
         assert found is not None
         review = scene.mocap.review
-        review.first, review.last = found
+        review.first = max(found[0] - _MARGIN, scene.frame_start)
+        review.last = min(found[1] + _MARGIN, scene.frame_end)
         scene.frame_set(found[0])
         self.report({"INFO"}, f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}")
         return {"FINISHED"}

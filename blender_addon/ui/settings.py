@@ -131,6 +131,9 @@ class MocapSolve(bpy.types.PropertyGroup):
         default=3.0, min=0.1, max=100,
     )  # fmt: skip
     backend: bpy.props.EnumProperty(name="Arrays", description="What computes", items=_BACKEND_ITEMS)
+    body: bpy.props.StringProperty(
+        name="Body", description="Name of a body, or the path of a body file; empty for the one that ships"
+    )
     keep_shape: bpy.props.BoolProperty(
         name="Keep Shape",
         description="Solve with the shape the body's sliders show; without it the shape is estimated anew",
@@ -140,11 +143,13 @@ class MocapSolve(bpy.types.PropertyGroup):
 
     def values(self) -> dict[str, Any]:
         """Return the job file's settings."""
-        backend = {"backend": self.backend} if self.backend != "numpy" else {}
+        chosen = {"backend": self.backend} if self.backend != "numpy" else {}
+        if self.body:
+            chosen["body"] = self.body
         if self.preset != "CUSTOM":
-            return {**PRESETS[self.preset], **backend}
+            return {**PRESETS[self.preset], **chosen}
         names = ("method", "window", "refine_window", "residual_rotations", "iterations", "robust_scale")
-        return {**{name: getattr(self, name) for name in names}, **backend}
+        return {**{name: getattr(self, name) for name in names}, **chosen}
 
 
 class MocapPin(bpy.types.PropertyGroup):

@@ -61,7 +61,7 @@ class VIEW3D_PT_mocap_solve_settings(MocapPanel, bpy.types.Panel):
         for name in ("method", "window", "refine_window", "residual_rotations", "iterations", "robust_scale"):
             column.prop(solve, name)
         layout.separator()
-        for name in ("keep_shape", "report", "backend"):
+        for name in ("keep_shape", "report", "body", "backend"):
             layout.prop(solve, name)
         layout.prop(context.scene.mocap, "folder")
 

@@ -165,7 +165,7 @@ def test_next_doubtful_range_goes_there_and_selects_it(mocap, take):
     for backwards in (False, False, False, True):
         assert bpy.ops.mocap.next_bad_range(backwards=backwards) == {"FINISHED"}
         visited.append((bpy.context.scene.frame_current, review.first, review.last))
-    assert visited == [(5, 5, 8), (25, 25, 25), (5, 5, 8), (25, 25, 25)]
+    assert visited == [(5, 1, 13), (25, 20, 30), (5, 1, 13), (25, 20, 30)]
     review.below = 0.1
     assert bpy.ops.mocap.next_bad_range() == {"CANCELLED"}
 
