@@ -70,7 +70,25 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
                 process.wait()
     record = json.loads((pictures / "record.json").read_text()) if (pictures / "record.json").exists() else {}
     record["console"] = [line for line in (out / "console.log").read_text().splitlines() if _is_error(line)]
+    record["left_behind"] = _left_behind(time.monotonic() + 10)
     return record
+
+
+def _left_behind(end: float) -> list[str]:
+    """Return the solvers that outlive Blender by ten seconds."""
+    while True:
+        commands = [_command(path) for path in Path("/proc").glob("[0-9]*/cmdline")]
+        found = [command for command in commands if "solver_backend" in command and f"{_INSIDE}/" in command]
+        if not found or time.monotonic() > end:
+            return found
+        time.sleep(0.2)
+
+
+def _command(path: Path) -> str:
+    try:
+        return path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+    except OSError:
+        return ""  # it ended just now
 
 
 def _serve(process: subprocess.Popen[bytes], pictures: Path, suite: str, out: Path, end: float) -> None:
@@ -123,7 +141,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that Blender and its screen end too
     record = run(options.suite, options.out.resolve(), options.script)
     print(json.dumps(record, indent=1))
-    return 1 if record.get("failure", "Blender ended early") or record["console"] else 0
+    return 1 if record.get("failure", "Blender ended early") or record["console"] or record["left_behind"] else 0
 
 
 if __name__ == "__main__":

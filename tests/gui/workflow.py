@@ -23,6 +23,14 @@ def steps(user: Any) -> Any:
     yield from user.open_tab("MoCap")
     yield from user.shot("empty")
 
+    bpy.ops.preferences.addon_show(module="bl_ext.user_default.manifold_mocap")
+    yield 1.0
+    bpy.ops.mocap.test_python()
+    yield from user.shot("preferences")
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+        bpy.ops.wm.window_close()
+    yield 0.5
+
     with user.override:
         files = [{"name": "Config.toml"}]
         bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=str(TRIAL), files=files)
@@ -92,3 +100,9 @@ def steps(user: Any) -> Any:
     yield from user.until(lambda: not bpy.ops.mocap.cancel.poll(), "the range is solved again", 600)
     assert len(bpy.data.actions) == takes + 1
     yield from user.shot("solved_again")
+
+    yield from user.press("mocap.solve.preset", 0.92)
+    yield from user.press("mocap.solve()")
+    yield 1.5
+    assert bpy.ops.mocap.cancel.poll()
+    user.note("Blender is closed during a solve")

@@ -1,0 +1,98 @@
+"""What every operator, panel and property of the add-on keeps to."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+import pytest
+
+import blender_addon
+from blender_addon.ui import registration, settings
+
+ADDON = Path(blender_addon.__file__).parent
+
+
+def classes_of(base: type) -> list[type]:
+    """Return the add-on's own classes below one of Blender's."""
+    found = [cls for cls in base.__subclasses__() if cls.__module__.startswith("blender_addon")]
+    mixed = [cls for cls in found if cls.__name__.startswith(("MOCAP_", "VIEW3D_"))]
+    assert mixed
+    return mixed
+
+
+@pytest.fixture
+def registered(scene: bpy.types.Scene) -> Iterator[None]:
+    registration.register()
+    yield
+    registration.unregister()
+
+
+def test_operators_are_named_after_their_class_and_say_what_they_do(registered):
+    for cls in classes_of(bpy.types.Operator):
+        assert cls.bl_idname == f"mocap.{cls.__name__.removeprefix('MOCAP_OT_')}"
+        assert cls.bl_label and len(cls.bl_description) > len(cls.bl_label) and not cls.bl_description.endswith(".")
+        assert hasattr(bpy.types, cls.__name__), f"{cls.__name__} is not in the table"
+
+
+def test_operators_that_change_the_scene_can_be_undone(registered):
+    keeps = {
+        "MOCAP_OT_cancel",
+        "MOCAP_OT_test_python",
+        "MOCAP_OT_show_log",
+        "MOCAP_OT_open_report",
+        "MOCAP_OT_export_take",
+    }
+    for cls in classes_of(bpy.types.Operator):
+        undo = "UNDO" in getattr(cls, "bl_options", set())
+        assert undo == (cls.__name__ not in keeps), cls.__name__
+
+
+def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
+    panels = classes_of(bpy.types.Panel)
+    assert {panel.bl_category for panel in panels} == {"MoCap"}
+    top = sorted((panel for panel in panels if not hasattr(panel, "bl_parent_id")), key=lambda panel: panel.bl_order)
+    assert [panel.bl_label for panel in top] == ["Capture", "Cameras", "Solve", "Review", "Export"]
+    parents = {panel.bl_idname for panel in top}
+    assert all(panel.bl_parent_id in parents for panel in panels if panel not in top)
+    assert all(hasattr(bpy.types, panel.__name__) for panel in panels)
+
+
+def test_settings_hang_on_one_pointer_and_are_described(registered):
+    assert isinstance(bpy.context.scene.mocap, settings.MocapSettings)
+    shown = (settings.MocapReading, settings.MocapSolve)
+    for cls in shown:
+        for name, prop in cls.bl_rna.properties.items():
+            assert name in ("rna_type", "name") or prop.description, f"{cls.__name__}.{name}"
+
+
+def test_no_keys_are_taken(registered):
+    assert bpy.context.window_manager.keyconfigs.addon is None or not any(
+        item.idname.startswith("mocap.")
+        for keymap in bpy.context.window_manager.keyconfigs.addon.keymaps
+        for item in keymap.keymap_items
+    )
+
+
+@pytest.mark.parametrize("path", sorted(ADDON.rglob("*.py")), ids=lambda path: path.relative_to(ADDON).as_posix())
+def test_nothing_is_looked_up_by_an_english_name(path):
+    """``bpy.data.objects["Cube"]`` finds nothing in a German Blender."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if (
+            isinstance(node, ast.Subscript)
+            and isinstance(node.slice, ast.Constant)
+            and isinstance(node.slice.value, str)
+        ):
+            assert not ast.unparse(node.value).startswith("bpy.data."), ast.unparse(node)
+
+
+@pytest.mark.parametrize("path", sorted(ADDON.rglob("*.py")), ids=lambda path: path.relative_to(ADDON).as_posix())
+def test_nothing_reaches_for_the_network(path):
+    names = {"urllib", "http", "socket", "requests", "ftplib", "ssl", "asyncio"}
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            assert not names & {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            assert (node.module or "").split(".")[0] not in names
