@@ -1,4 +1,4 @@
-"""``python -m solver_backend``: solve, info, convert, demo-capture, evaluate."""
+"""``python -m solver_backend VERB``: solve, info, convert, demo-capture, evaluate, and what Pose-NDF is good for."""
 
 import os
 import sys

@@ -8,6 +8,7 @@ from typing import NoReturn
 
 from solver_backend import __version__
 from solver_backend.cli.exit_codes import EPILOG
+from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.errors import CommandLineInvalid
 
 
@@ -91,4 +92,5 @@ def _parser() -> argparse.ArgumentParser:
     evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")
     evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
+    add_pose_verbs(verbs, writing, common)
     return parser

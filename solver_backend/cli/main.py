@@ -15,6 +15,7 @@ from solver_backend.cli.arguments import parse
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
+from solver_backend.cli.pose_arguments import POSE_VERBS
 from solver_backend.errors import MocapError, SolverFailed
 from solver_backend.progress import Progress
 
@@ -71,7 +72,8 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    verbs = importlib.import_module("solver_backend.cli.verbs")
+    module = "pose_verbs" if name in POSE_VERBS else "verbs"
+    verbs = importlib.import_module(f"solver_backend.cli.{module}")
     return getattr(verbs, name.replace("-", "_"))
 
 

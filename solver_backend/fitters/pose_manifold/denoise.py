@@ -12,12 +12,15 @@ from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose
 from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.progress import Progress, silent
 
+WEIGHTS = ManifoldWeights(data=1.0, manifold=0.05, smoothness=4.0)
+"""Chosen on a take of a training subject with noise of 10 degrees."""
+
 
 @dataclass(frozen=True)
 class DenoiseSettings:
     """Weights of (7) and how long to search."""
 
-    weights: ManifoldWeights = ManifoldWeights(data=1.0, manifold=0.002, smoothness=4.0)
+    weights: ManifoldWeights = WEIGHTS
     """At 30 frames a second."""
     iterations: int = 20
     """Linearisations at most for each stretch of frames."""

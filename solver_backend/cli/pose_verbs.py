@@ -1,0 +1,93 @@
+"""The verbs that use Pose-NDF: denoise, complete, sample, interpolate; motion files in and out."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.errors import JobInvalid
+from solver_backend.io.files import check_output
+from solver_backend.progress import Progress
+from solver_backend.types import Motion
+
+
+def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Make a motion smooth and its poses plausible."""
+    from solver_backend.fitters.pose_manifold.denoise import DenoiseSettings
+    from solver_backend.fitters.pose_manifold.motions import denoised_motion
+
+    settings = DenoiseSettings(move_root=not args.keep_root)
+    given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
+    for name, value in given.items():
+        if not 0 <= value < float("inf"):
+            raise JobInvalid(f"--{name} {value} is no weight; a number from 0 is expected.", where=name)
+    settings = replace(settings, weights=replace(settings.weights, **given))
+    return _made(args, lambda body, prior: denoised_motion(_read(args), body, prior, settings, progress))
+
+
+def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find the rotations of joints that are not known."""
+    from solver_backend.fitters.pose_manifold.complete import CompleteSettings, missing_joints
+    from solver_backend.fitters.pose_manifold.motions import completed_motion
+
+    missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
+    missing_joints(missing)
+    return _made(args, lambda body, prior: completed_motion(_read(args), body, prior, missing, settings, progress))
+
+
+def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write plausible poses drawn at random."""
+    from solver_backend.fitters.pose_manifold.motions import sampled_motion
+
+    def work(body: Any, prior: Any) -> Motion:
+        progress("Sampling", 0, args.count)
+        motion = sampled_motion(body, prior, args.count, args.seed)
+        progress("Sampling", args.count, args.count)
+        return motion
+
+    return _made(args, work)
+
+
+def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Fill the way between two frames with plausible poses."""
+    from solver_backend.fitters.pose_manifold.motions import interpolated_motion
+
+    first, last = args.frames
+    return _made(
+        args, lambda body, prior: interpolated_motion(_read(args), body, prior, first, last, args.count, progress)
+    )
+
+
+def _read(args: argparse.Namespace) -> Motion:
+    from solver_backend.io.motion_file import read_motion
+
+    return read_motion(args.motion)
+
+
+def _made(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outcome:
+    """Check the output, do the work and write its motion."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    from solver_backend.body.body import load_body
+    from solver_backend.io.motion_file import write_motion
+    from solver_backend.priors.pose_ndf import load_pose_ndf
+
+    body, prior = load_body(), load_pose_ndf() if args.prior is None else load_pose_ndf(args.prior)
+    motion = work(body, prior)
+    write_motion(args.out, motion, overwrite=overwrite)
+    distance = prior.energy(_local(motion, body))
+    data = {
+        "motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps,
+        "distance_median_rad": round(float(sorted(distance)[len(distance) // 2]), 4),
+    }  # fmt: skip
+    text = f"{args.verb}: {motion.num_frames} frames, median distance to plausible poses {data['distance_median_rad']}"
+    return Outcome(f"{text}\n  written     {args.out}", data)
+
+
+def _local(motion: Motion, body: Any) -> Any:
+    from solver_backend.fitters.pose_manifold.motions import frames_of
+
+    return frames_of(motion, body).local

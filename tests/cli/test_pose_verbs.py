@@ -1,0 +1,155 @@
+"""denoise, complete, sample and interpolate from the command line: files, provenance, errors and exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.cli.main import main
+from solver_backend.errors import Cancelled
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.motion_file import read_motion, write_motion
+from solver_backend.types import Motion
+from tests.io.scenes import small_motion
+from tests.priors.pose_ndf_weights import random_prior
+
+FRAMES = 8
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> str:
+    random_prior(tmp_path)
+    return str(tmp_path / "pose_ndf.npz")
+
+
+@pytest.fixture
+def take(tmp_path: Path) -> str:
+    body, rng = load_body(), np.random.default_rng(0)
+    pose = np.concatenate([0.3 * rng.standard_normal((FRAMES, 63)), 0.1 * np.ones((FRAMES, 6))], axis=1)
+    root, transl = 0.1 * rng.standard_normal((FRAMES, 3)), 0.1 * rng.standard_normal((FRAMES, 3))
+    local = exp_so3(pose[:, :63].reshape(FRAMES, 21, 3))
+    joints = forward_kinematics(body, np.zeros(10), exp_so3(root), local, transl).joints
+    contacts = rng.uniform(size=(FRAMES, 2)) > 0.5
+    motion = Motion(
+        np.zeros(10), root, pose, transl, 30.0, body.id, joints, contacts=contacts,
+        provenance={"sources": ["take"], "edits": [{"verb": "earlier"}]},
+    )  # fmt: skip
+    return str(write_motion(tmp_path / "take.npz", motion))
+
+
+def result(capsys) -> dict:
+    return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_denoise_writes_a_smoother_motion_that_remembers_where_it_came_from(take, weights, tmp_path, capsys):
+    out = tmp_path / "new" / "clean.npz"
+    assert main(["denoise", take, str(out), "--prior", weights, "--smoothness", "9", "--json"]) == 0
+    told = result(capsys)
+    before, after = read_motion(take), read_motion(out)
+    assert told["event"] == "result" and told["frames"] == FRAMES and told["motion"] == str(out)
+    speed = [np.linalg.norm(np.diff(m.joints, axis=0), axis=-1).mean() for m in (before, after)]
+    assert speed[1] < 0.5 * speed[0]
+    assert [e["verb"] for e in after.provenance["edits"]] == ["earlier", "denoise"]
+    assert after.provenance["sources"] == ["take"] and len(after.provenance["edits"][1]["weights"]) == 64
+    np.testing.assert_array_equal(after.contacts, before.contacts)
+    np.testing.assert_allclose(after.body_pose[:, 63:], before.body_pose[:, 63:])
+    body = load_body()
+    local = exp_so3(after.body_pose[:, :63].reshape(FRAMES, 21, 3))
+    joints = forward_kinematics(body, after.betas, exp_so3(after.global_orient), local, after.transl).joints
+    np.testing.assert_allclose(after.joints, joints, atol=1e-5)
+
+
+def test_denoise_can_leave_the_root_alone(take, weights, tmp_path):
+    out = tmp_path / "clean.npz"
+    assert main(["denoise", take, str(out), "--prior", weights, "--keep-root", "--manifold", "0.1"]) == 0
+    before, after = read_motion(take), read_motion(out)
+    np.testing.assert_allclose(after.transl, before.transl, atol=1e-6)
+    np.testing.assert_allclose(after.global_orient, before.global_orient, atol=1e-5)
+
+
+def test_complete_changes_the_missing_limb_alone(take, weights, tmp_path):
+    out = tmp_path / "whole.npz"
+    assert main(["complete", take, str(out), "--prior", weights, "--missing", "left_leg", "head"]) == 0
+    before, after = read_motion(take), read_motion(out)
+    turned = exp_so3(after.body_pose.reshape(FRAMES, 23, 3)) @ np.swapaxes(
+        exp_so3(before.body_pose.reshape(FRAMES, 23, 3)), -1, -2
+    )
+    moved = np.linalg.norm(log_so3(turned), axis=-1).max(axis=0) > 1e-4
+    assert set(np.flatnonzero(moved)) == {0, 3, 6, 9, 14}
+    assert after.provenance["edits"][-1]["missing"] == ["left_leg", "head"]
+
+
+def test_samples_stand_on_the_floor_and_repeat_with_their_seed(weights, tmp_path):
+    paths = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
+    for path, seed in zip(paths, ("3", "3", "4"), strict=True):
+        assert main(["sample", str(path), "--count", "5", "--seed", seed, "--prior", weights]) == 0
+    a, b, c = (read_motion(path) for path in paths)
+    np.testing.assert_array_equal(a.body_pose, b.body_pose)
+    assert a.num_frames == 5 and np.abs(a.body_pose - c.body_pose).max() > 0.1
+    local = exp_so3(a.body_pose[:, :63].reshape(5, 21, 3))
+    mesh = pose_mesh(load_body(), a.betas, exp_so3(a.global_orient), local, a.transl)
+    np.testing.assert_allclose(mesh[..., 2].min(axis=1), 0.0, atol=1e-4)
+    assert (mesh[..., 2].max(axis=1) > 0.3).all()
+
+
+def test_interpolation_begins_and_ends_with_the_frames(take, weights, tmp_path):
+    out = tmp_path / "between.npz"
+    assert main(["interpolate", take, str(out), "--frames", "6", "1", "--count", "3", "--prior", weights]) == 0
+    before, after = read_motion(take), read_motion(out)
+    assert after.num_frames == 5
+    for frame, source in ((0, 6), (-1, 1)):
+        np.testing.assert_allclose(
+            exp_so3(after.body_pose[frame, :63].reshape(21, 3)), exp_so3(before.body_pose[source, :63].reshape(21, 3)),
+            atol=1e-5,
+        )  # fmt: skip
+        np.testing.assert_allclose(after.transl[frame], before.transl[source], atol=1e-6)
+    steps = np.diff(after.transl, axis=0)
+    np.testing.assert_allclose(steps, np.broadcast_to(steps[0], steps.shape), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("argv", "code", "name"),
+    [
+        (["complete", "TAKE", "OUT", "--missing", "tail"], 2, "job_invalid"),
+        (["complete", "TAKE", "OUT"], 2, "command_line_invalid"),
+        (["interpolate", "TAKE", "OUT", "--frames", "0", "8", "--count", "3"], 2, "job_invalid"),
+        (["interpolate", "TAKE", "OUT", "--frames", "2", "2", "--count", "3"], 2, "job_invalid"),
+        (["interpolate", "TAKE", "OUT", "--frames", "0", "3", "--count", "0"], 2, "job_invalid"),
+        (["sample", "OUT", "--count", "0"], 2, "job_invalid"),
+        (["denoise", "TAKE", "OUT", "--smoothness", "-1"], 2, "job_invalid"),
+        (["denoise", "TAKE", "OUT", "--manifold", "nan"], 2, "job_invalid"),
+        (["denoise", "missing.npz", "OUT"], 3, "file_missing"),
+        (["denoise", "TAKE", "TAKE"], 3, "output_exists"),
+        (["sample", "OUT", "--prior", "missing.npz"], 3, "file_missing"),
+    ],
+)
+def test_what_is_wrong_is_named_and_nothing_is_written(take, weights, tmp_path, capsys, argv, code, name):
+    out = tmp_path / "out.npz"
+    argv = [{"TAKE": take, "OUT": str(out)}.get(a, a) for a in argv]
+    argv += [] if "--prior" in argv or name == "command_line_invalid" else ["--prior", weights]
+    assert main([*argv, "--json"]) == code
+    assert result(capsys)["code"] == name
+    assert not out.exists()
+
+
+def test_a_motion_of_another_body_is_refused(weights, tmp_path, capsys):
+    path = write_motion(tmp_path / "other.npz", small_motion())
+    assert main(["denoise", str(path), str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 3
+    told = result(capsys)
+    assert told["code"] == "motion_invalid" and "belongs to the body" in told["message"]
+
+
+def test_cancelling_leaves_nothing_behind(take, weights, tmp_path, monkeypatch, capsys):
+    def cancelled(*_):
+        raise Cancelled("The work was cancelled.")
+
+    monkeypatch.setattr("solver_backend.fitters.pose_manifold.motions.denoise", cancelled)
+    assert main(["denoise", take, str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 130
+    assert result(capsys)["code"] == "cancelled"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["pose_ndf.npz", "take.npz"]
