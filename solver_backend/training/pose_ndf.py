@@ -39,8 +39,8 @@ class PoseNdfSettings:
     """Share of a batch that are recorded poses, of distance 0."""
     pool: int = 40_000
     """Negatives drawn anew for each stage."""
-    stages: tuple[float, ...] = (3 / 9, 2 / 9, 2 / 9, 2 / 9)
-    """Share of the steps: far from the manifold, nearer, and what projections meet, twice."""
+    stages: tuple[float, ...] = (3 / 7, 2 / 7, 2 / 7)
+    """Share of the steps: far from the manifold, nearer, and what projections meet; further ones meet more."""
     validation: int = 3000
     """Perturbed poses of unseen subjects that are measured on."""
     samples: int = 2000

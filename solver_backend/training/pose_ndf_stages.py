@@ -20,6 +20,7 @@ from solver_backend.training.pose_negatives import (
     joined,
     labelled,
     projected_poses,
+    spread,
     turned_poses,
 )
 from solver_backend.training.recipe import Job
@@ -50,10 +51,15 @@ def possible_poses(corpus: Corpus) -> np.ndarray:
     return poses[(excess_deg(poses.astype(np.float64)) == 0).all(axis=1)]
 
 
-def perturbed_validation(validation: Corpus, manifold: Manifold, count: int) -> Labelled:
-    """Return turned poses of unseen subjects with their distance to the training poses."""
+def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, even: bool = True) -> Labelled:
+    """Return poses of unseen subjects with their distance to the training poses, turned by 1 to 60 degrees.
+
+    The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
+    8 degrees, and what tells them apart is mostly how the subjects differ.
+    """
     poses = unit_quats(torch.as_tensor(possible_poses(validation)))
-    turned = turned_poses(poses, count, ALL_DEG, torch.Generator().manual_seed(1))
+    generator = torch.Generator().manual_seed(1)
+    turned = turned_poses(poses, spread(count, ALL_DEG, generator, even=even), generator)
     return labelled(turned, manifold.nearest)
 
 
@@ -80,10 +86,10 @@ class Stages:
         generator = torch.Generator().manual_seed(1000 * self._seed + stage)
         poses, count = self._manifold.quats, self._settings.pool
         if stage == 0:
-            quats = turned_poses(poses, count, FAR_DEG, generator)
+            quats = turned_poses(poses, spread(count, FAR_DEG, generator), generator)
         elif stage == 1:
             third = count // 3
-            turned = turned_poses(poses, count - third, NEAR_DEG, generator)
+            turned = turned_poses(poses, spread(count - third, NEAR_DEG, generator), generator)
             quats = torch.cat((turned, blended_poses(poses, third, generator)))
         else:
             quats = projected_poses(as_prior(before[stage - 1]), poses, count, generator)

@@ -25,23 +25,26 @@ class Labelled:
     """(N,) rad: the mean over the nearest recorded poses (``NearestPoses.mean_distance``)."""
 
 
-def turned_poses(
-    poses: torch.Tensor, count: int, degrees: tuple[float, float], generator: torch.Generator
-) -> torch.Tensor:
-    """Return recorded poses whose joints are turned about random axes.
+def spread(count: int, degrees: tuple[float, float], generator: torch.Generator, *, even: bool = False) -> torch.Tensor:
+    """Return (count,) standard deviations in rad from a range in degrees, even in their logarithm or themselves."""
+    low, high = (math.radians(d) if even else math.log(math.radians(d)) for d in degrees)
+    drawn = low + (high - low) * torch.rand(count, 1, 1, generator=generator)
+    return (drawn if even else torch.exp(drawn))[:, 0, 0]
+
+
+def turned_poses(poses: torch.Tensor, sigma: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return recorded poses whose joints are turned about random axes, half of them in some joints only.
 
     Args:
         poses: (M, 21, 4) to draw from.
-        count: how many.
-        degrees: range of the standard deviation about each axis, drawn evenly in its logarithm.
-        generator: of every draw; half of the poses have only some joints turned.
+        sigma: (N,) rad, standard deviation about each axis.
+        generator: of every draw.
     """
-    low, high = (math.log(math.radians(d)) for d in degrees)
-    sigma = torch.exp(low + (high - low) * torch.rand(count, 1, 1, generator=generator))
+    count = len(sigma)
     some = torch.rand(count, 1, 1, generator=generator)
     share = torch.where(torch.rand(count, 1, 1, generator=generator) < 0.5, some, torch.ones(()))
     moved = torch.rand(count, 21, 1, generator=generator) < share
-    turn = torch.randn(count, 21, 3, generator=generator) * sigma * moved
+    turn = torch.randn(count, 21, 3, generator=generator) * sigma[:, None, None] * moved
     return quat_multiply(quat_from_rotvec(turn), _drawn(poses, count, generator))
 
 
@@ -60,7 +63,7 @@ def projected_poses(prior: PoseNDF, poses: torch.Tensor, count: int, generator: 
     """
     third = count // 3
     random = quat_from_rotvec(math.radians(START_DEG) / 3**0.5 * torch.randn(third, 21, 3, generator=generator))
-    starts = torch.cat((random, turned_poses(poses, 2 * third, (5.0, 60.0), generator)))
+    starts = torch.cat((random, turned_poses(poses, spread(2 * third, (5.0, 60.0), generator), generator)))
     starts = starts[torch.randperm(len(starts), generator=generator)]
     rotations = matrix_from_quat(starts)
     parts = [

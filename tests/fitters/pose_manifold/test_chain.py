@@ -150,7 +150,7 @@ def test_completion_moves_the_missing_joints_alone_and_does_not_look_at_them(pri
     person, known = subject(), frames(5, 7, spread=0.05)
     missing = missing_joints(["left_arm", "head"])
     assert missing == (14, 15, 17, 19)
-    settings = CompleteSettings(iterations=6, starts=2)
+    settings = CompleteSettings(smoothness=0.0, iterations=6, starts=2)
     found = complete(person, prior, known, missing, 30.0, settings)
     others = [j for j in range(21) if j not in missing]
     np.testing.assert_array_equal(found.local[:, others], known.local[:, others])
@@ -160,7 +160,7 @@ def test_completion_moves_the_missing_joints_alone_and_does_not_look_at_them(pri
     np.testing.assert_array_equal(again.local, found.local)
     start = known.local.copy()
     start[:, list(missing)] = np.eye(3)
-    assert prior.energy(found.local).mean() < prior.energy(start).mean()
+    assert (prior.energy(found.local) ** 2).mean() < 0.9 * (prior.energy(start) ** 2).mean()
 
 
 def test_bad_input_is_named(prior: PoseNDF) -> None:
