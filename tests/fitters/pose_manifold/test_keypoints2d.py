@@ -76,13 +76,14 @@ def test_bending_the_wrong_way_is_what_costs() -> None:
 
 
 def test_numpy_against_torch(tmp_path: Path) -> None:
-    prior, betas, truth = random_prior(tmp_path), np.zeros(10), frames(4, 0.15)
-    start, settings = frames(5, 0.1), KeypointSettings(iterations=3)
-    here = fit_keypoints(subject(betas), prior, term(truth, betas, 2), start, settings)
-    person = subject(betas)
+    prior, betas, truth, at = random_prior(tmp_path), 0.2 * np.ones(10), frames(4, 0.15), frames(5, 0.1)
+    settings, person = KeypointSettings(), subject(betas)
+    here = KeypointObjective(person, prior, term(truth, betas, 2), settings, 9.0).linearise((at, betas))
     tensors = Subject(person.body, person.landmarks, torch.as_tensor(betas), torch.as_tensor(person.offsets))
-    like = torch.zeros(1, dtype=torch.float64)
-    begun = PosedFrames(*(torch.as_tensor(x) for x in (start.root, start.local, start.transl)))
-    there = fit_keypoints(tensors, prior, term(truth, betas, 2, like), begun, settings)
-    assert there.cost == pytest.approx(here.cost, rel=1e-4)
-    np.testing.assert_allclose(there.frames.local.numpy(), here.frames.local, atol=2e-3)
+    observed = term(truth, betas, 2, torch.zeros(1, dtype=torch.float64))
+    moved = PosedFrames(*(torch.as_tensor(x) for x in (at.root, at.local, at.transl)))
+    there = KeypointObjective(tensors, prior, observed, settings, 9.0).linearise((moved, tensors.betas))
+    assert float(there[0][0]) == pytest.approx(float(here[0][0]), rel=1e-9)
+    for name in ("blocks", "coupling", "shared", "g_blocks", "g_shared"):
+        expected = getattr(here[1], name)
+        np.testing.assert_allclose(getattr(there[1], name).numpy(), expected, atol=1e-8 * np.abs(expected).max())
