@@ -118,7 +118,7 @@ def _shape_figures(body: BakedBody) -> Iterator[Figure]:
     yield Figure("beta 0: chest + waist + buttock girth per unit", 1e3 * float(change[0][trunk].sum()), "mm", -2, 2)
     yield Figure("beta 1: stature per unit", 1e3 * change[1][stature], "mm", -2, 2)
     yield Figure("beta 1: chest + waist + buttock girth per unit", 1e3 * float(change[1][trunk].sum()), "mm", 150, 350)
-    for name in ("waistcircumference", "chestcircumference", "buttockcircumference"):
+    for name in (f"{part}circumference" for part in ("neck", "waist", "chest", "buttock")):
         k = MEASURES.index(name)
         gap = measured(np.zeros(10))[k] - statistics.mean[k]
         yield Figure(f"neutral {name} against the population's mean", 1e3 * float(gap), "mm", -5, 5)

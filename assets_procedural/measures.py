@@ -81,7 +81,7 @@ class Measures:
 
 _OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
 _UP, _ASIDE, _NECK_AXIS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.943, 0.333)
-_TAPES = {  # plane normal, point on it (m), half width of the box around it (0: the left side only)
+_TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width of the box around it (0: left side)
     "headcircumference": (_UP, (0.0, 1.610, 0.0), 0.30),
     "neckcircumference": (_NECK_AXIS, (0.0, 1.462, 0.015), 0.085),
     "chestcircumference": (_UP, (0.0, 1.265, 0.0), 0.24),
@@ -97,7 +97,7 @@ _TAPES = {  # plane normal, point on it (m), half width of the box around it (0:
 
 
 def place_measures(vertices: Array, faces: Array, joints: Array) -> Measures:
-    """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0.
+    """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0, any place in z.
 
     Args:
         vertices: (V, 3) metres.
@@ -114,7 +114,10 @@ def place_measures(vertices: Array, faces: Array, joints: Array) -> Measures:
         fingertip=int(np.argmax(vertices[:, 0])),
         toe=int(foot[np.argmax(vertices[foot, 2])]),
         heel=int(foot[np.argmin(vertices[foot, 2])]),
-        tapes={name: place_tape(vertices, faces, *rule) for name, rule in _TAPES.items()},
+        tapes={
+            name: place_tape(vertices, faces, normal, (x, y, z + joints[JOINT["neck"], 2]), box)
+            for name, (normal, (x, y, z), box) in _TAPES.items()
+        },
         offsets=_OFFSETS,
     )
 

@@ -47,6 +47,9 @@ def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
         (at("pelvis"), at("pelvis", 0.0, -0.13, 0.0)),
         (at("pelvis", 0.06, -0.03, -0.06), at("pelvis", -0.06, -0.03, -0.06)),
     ]
+    for name, above in (("spine1", "spine2"), ("spine2", "spine3")):
+        middle = 0.5 * (at(name) + at(above))
+        segments[JOINT[name]] += [(middle + [-0.08, 0.0, z], middle + [0.08, 0.0, z]) for z in (-0.04, 0.03)]
     segments[JOINT["spine3"]] = [
         (at("spine3"), at("neck", 0.0, -0.04, 0.0)),
         (at("spine3", -0.08, 0.02, 0.03), at("spine3", 0.08, 0.02, 0.03)),

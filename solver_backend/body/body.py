@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -107,10 +108,12 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
     """Check SMPL-named arrays and build a body.
 
     Raises:
-        BodyInvalid: an array has the wrong shape, the wrong number of joints, or values that are not finite.
+        BodyInvalid: an array has the wrong shape, the wrong number of joints, or values that are not finite numbers;
+            a face names a vertex that is not there; the tree has not one root with parents before their children.
     """
-    v_template = np.asarray(arrays["v_template"], dtype=np.float64)
-    kintree = np.asarray(arrays["kintree_table"]).astype(np.int64)
+    body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
+    arrays = {key: _numbers(key, arrays[key], where) for key in (*REQUIRED_KEYS, "posedirs") if key in arrays}
+    v_template, kintree = arrays["v_template"], arrays["kintree_table"].astype(np.int64)
     count, num_joints = len(v_template), kintree.shape[-1] if kintree.ndim == 2 else 0
     if num_joints not in FAMILIES:
         known = ", ".join(f"{n} ({name})" for n, name in FAMILIES.items())
@@ -125,28 +128,48 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
         )  # fmt: skip
     expected = {
         "v_template": (v_template, (count, 3)),
-        "shapedirs": (np.asarray(arrays["shapedirs"], dtype=np.float64)[..., :NUM_BETAS], (count, 3, NUM_BETAS)),
-        "posedirs": (np.asarray(posedirs, dtype=np.float64), (count, 3, 9 * (num_joints - 1))),
-        "J_regressor": (np.asarray(arrays["J_regressor"], dtype=np.float64), (num_joints, count)),
-        "weights": (np.asarray(arrays["weights"], dtype=np.float64), (count, num_joints)),
+        "shapedirs": (arrays["shapedirs"][..., :NUM_BETAS], (count, 3, NUM_BETAS)),
+        "posedirs": (posedirs, (count, 3, 9 * (num_joints - 1))),
+        "J_regressor": (arrays["J_regressor"], (num_joints, count)),
+        "weights": (arrays["weights"], (count, num_joints)),
         "kintree_table": (kintree, (2, num_joints)),
     }
     for name, (value, shape) in expected.items():
         if value.shape != shape:
             raise BodyInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where=where)
-        if not np.isfinite(value).all():
-            raise BodyInvalid(f"{name} holds NaN or infinite values.", where=where)
-    parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in expected["kintree_table"][0][0])
-    if any(p >= j for j, p in enumerate(parents)):
-        raise BodyInvalid(f"Parents {parents} do not come before their children.", where=where)
-    weights = expected["weights"][0]
+    weights, shares = arrays["weights"], arrays["weights"].sum(axis=1, keepdims=True)
+    if count == 0 or shares.min() <= 0:
+        raise BodyInvalid("weights leaves vertices without a joint; every row is expected to sum to 1.", where=where)
+    parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in kintree[0])
+    if any(p >= j for j, p in enumerate(parents)) or parents.count(-1) != 1:
+        raise BodyInvalid(
+            f"Parents {parents} are no tree; one root (-1) and parents before their children are expected.",
+            where=where,
+        )
+    faces = arrays["f"].astype(np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.min(initial=0) < 0 or faces.max(initial=0) >= count:
+        raise BodyInvalid(
+            f"f has shape {faces.shape} and entries {faces.min(initial=0)} to {faces.max(initial=0)}; (triangles, 3) "
+            f"with vertices 0 to {count - 1} is expected.",
+            where=where,
+        )
     return Body(
-        id=str(arrays["body_id"]) if "body_id" in arrays else default_id,
+        id=body_id,
         v_template=v_template,
         shapedirs=expected["shapedirs"][0],
         posedirs=expected["posedirs"][0],
         J_regressor=expected["J_regressor"][0],
-        weights=weights / weights.sum(axis=1, keepdims=True),
+        weights=weights / shares,
         parents=parents,
-        faces=np.asarray(arrays["f"]).astype(np.int64),
+        faces=faces,
     )
+
+
+def _numbers(name: str, value: Any, where: str) -> np.ndarray:
+    """Return an array of a body file as float64, or refuse it by name."""
+    value = np.asarray(value)
+    if value.ndim == 0 or value.dtype.kind not in "fiub":
+        raise BodyInvalid(f"{name} holds {value.dtype} of shape {value.shape}; numbers are expected.", where=where)
+    if not np.isfinite(value).all():
+        raise BodyInvalid(f"{name} holds NaN or infinite values.", where=where)
+    return value.astype(np.float64)

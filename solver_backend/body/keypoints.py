@@ -6,10 +6,13 @@ Detectors repeat what people clicked, which is not the centre of a joint. Source
   that the neck turns about, and its big toe is short of the tip. Measured by triangulating BODY_25B in Pose2Sim's
   recording of four calibrated cameras (one person, trunk as long as ours): hips 205 mm apart where the joint centres
   are 160, thigh 424 (396), shank 382 (404), heel to big toe 209 (241), upper neck 57 above the shoulders (94).
-- OpenPose's neck and middle of the hips are midpoints of the keypoints beside them (its BODY_25 definition).
-- Human3.6M's published bone lengths at a stature near 1.75 m: hips 133 mm beside the middle, spine 233 above it, thorax
-  257 above that (level with the shoulders), nose 121 higher, and a "head" 115 above that, which is the forehead.
-- MediaPipe's hand points are the first joints of little and index finger and the thumb's second joint (BlazePose GHUM).
+- OpenPose's neck and middle of the hips are midpoints of the keypoints beside them (its authors, openpose issue 1537).
+- Human3.6M's skeleton as published with Martinez et al. 2017 (``forward_kinematics.py``), mm: hips 133 beside the
+  middle, thigh 443, shank 454, spine 233 above the hips, thorax 257 above that, shoulders 151 beside it, upper arm 279,
+  forearm 252, nose 121 above the thorax, and a "head" 115 above that, which is the forehead. Its legs are a tenth
+  longer than ours, so its person is taller; what is set here is its hips' breadth, its spine, nose and head.
+- MediaPipe's hand points are the first knuckles of little and index finger and the thumb's second (Google's landmark
+  list of BlazePose GHUM).
 
 A detector and a person differ from these; the solver learns what is left over, per take, as an offset of each landmark.
 """

@@ -121,6 +121,17 @@ def spoil(arrays, **changes):
             r"kintree_table has 30 joints; 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)",
         ),
         ({"posedirs": np.zeros((60, 3, 93))}, "This is a STAR model"),
+        ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor holds NaN or infinite"),
+        ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table holds NaN"),
+        ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"no tree; one root \(-1\)"),
+        ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents before their children are expected"),
+        ({"v_template": np.array(["a", "b"])}, r"v_template holds <U1 of shape \(2,\); numbers are expected"),
+        ({"v_template": np.float64(3)}, r"v_template holds float64 of shape \(\); numbers"),
+        ({"weights": np.zeros((60, 24))}, "weights leaves vertices without a joint"),
+        ({"shapedirs": np.zeros((60, 3, 5))}, r"shapedirs has shape \(60, 3, 5\); \(60, 3, 10\) is expected"),
+        ({"f": np.full((4, 3), 60)}, r"f has shape \(4, 3\) and entries 0 to 60; .* with vertices 0 to 59 is expected"),
+        ({"f": np.full((4, 3), -1)}, "entries -1 to 0; "),
+        ({"f": np.zeros((4, 2), int)}, r"f has shape \(4, 2\)"),
     ],
 )
 def test_spoiled_files_say_what_was_expected_and_found(changes, message, tmp_path):
