@@ -84,8 +84,7 @@ class FollowsRun:
             self._stop_timer(context)
             _show(context, None)
             return {"CANCELLED"}
-        if event.type == "TIMER":
-            run.poll()
+        if event.type == "TIMER" and run.poll():
             _show(context, f"Motion capture: {run.headline} ({run.share:.0%})")
         if not run.finished:
             return {"PASS_THROUGH"}
@@ -145,5 +144,6 @@ def _show(context: bpy.types.Context, status: str | None) -> None:
         if not bpy.app.background:
             window.workspace.status_text_set(status)
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+            for region in area.regions if area.type == "VIEW_3D" else ():
+                if region.type == "UI":  # the view itself may be slow to draw
+                    region.tag_redraw()

@@ -11,6 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from mathutils import Quaternion
 
 import blender_addon
 import solver_backend
@@ -253,6 +254,26 @@ def test_solving_a_range_again_writes_the_job_the_solver_is_promised(mocap, take
     review.first, review.last = 40, 90
     with pytest.raises(RuntimeError, match="lie outside the take"):
         bpy.ops.mocap.resolve_range()
+
+
+def test_a_range_solved_again_goes_through_the_pin_and_leaves_the_rest(mocap, take):
+    scene, review = bpy.context.scene, mocap.review
+    scene.frame_set(15)
+    knee = review.armature.pose.bones["left_knee"]
+    turn = Quaternion((1.0, 0.0, 0.0), 0.35)
+    knee.rotation_quaternion = knee.rotation_quaternion @ turn
+    bpy.context.view_layer.update()
+    assert bpy.ops.mocap.pin_pose() == {"FINISHED"}
+    pinned = np.array(json.loads(review.pins[0].job_values)["body_pose"]).reshape(23, 3)[3]
+    review.first, review.last = 8, 22
+    assert bpy.ops.mocap.resolve_range() == {"FINISHED"}
+    again = review.armature.animation_data.action
+    assert again != take and take.use_fake_user
+    before, after = read_motion(Path(take["motion_file"])), read_motion(Path(again["motion_file"]))
+    outside = np.r_[0:7, 22:30]
+    assert np.abs(before.rotvec[outside] - after.rotvec[outside]).max() < 1e-5
+    assert np.abs(before.transl[outside] - after.transl[outside]).max() < 1e-5
+    assert np.abs(after.rotvec[14, 4] - pinned).max() < 0.05 < np.abs(before.rotvec[14, 4] - pinned).max()
 
 
 def test_takes_follow_the_shape_they_were_solved_with(mocap, take, solved, tmp_path):
