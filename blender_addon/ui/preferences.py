@@ -29,9 +29,11 @@ class MocapPreferences(bpy.types.AddonPreferences):
         """Draw the path, the test and what it found."""
         column = self.layout.column()
         column.label(text="The solver works with Blender's own Python. Nothing needs to be installed.", icon="INFO")
-        row = column.row(align=True)
-        row.prop(self, "python")
-        row.operator(MOCAP_OT_test_python.bl_idname, icon="CHECKMARK")
+        column.separator()
+        column.label(text="For faster solves, name a Python that has PyTorch:")
+        row = column.split(factor=0.8, align=True)
+        row.prop(self, "python", text="")
+        row.operator(MOCAP_OT_test_python.bl_idname, icon="PLAY")
         for line in self.found.splitlines():
             column.label(text=line, icon="CHECKMARK", translate=False)
         if self.failed:
