@@ -32,16 +32,17 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
 
     filter_glob: bpy.props.StringProperty(default="*.npz;*.json;*.toml;*.qca.txt", options={"HIDDEN"})
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Read what was dropped, or let the user choose."""
-        if self.filepath and Path(self.filepath).exists():
+        if self.files or (self.filepath and Path(self.filepath).exists()):
             return self.execute(context)
         return ImportHelper.invoke(self, context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start reading; a solved motion is baked at once instead."""
-        chosen = Path(bpy.path.abspath(self.filepath or self.directory))
+        chosen = self._chosen()
         if _is_motion(chosen):
             return bpy.ops.mocap.import_motion(filepath=str(chosen))
         settings = context.scene.mocap
@@ -61,6 +62,12 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
         except AddonError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+
+    def _chosen(self) -> Path:
+        """Return the first file that was dropped, or what was chosen: a file or a folder."""
+        if self.files and self.files[0].name:
+            return Path(bpy.path.abspath(self.directory)) / self.files[0].name
+        return Path(bpy.path.abspath(self.filepath or self.directory))
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage, and keep what was recognised for the panels."""

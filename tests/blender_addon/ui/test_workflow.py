@@ -25,7 +25,7 @@ from blender_addon.files.motion_file import read_motion
 from blender_addon.solving.presets import PRESETS
 from blender_addon.solving.run import start
 from blender_addon.ui import locations, solve
-from blender_addon.ui.following import current
+from blender_addon.ui.following import FollowsRun, current
 from blender_addon.ui.import_capture import take_capture
 from blender_addon.ui.settings import MocapSolve
 from blender_addon.ui.solve import take_motion
@@ -93,6 +93,25 @@ def test_import_says_what_was_recognised_and_sets_the_stage(mocap, solved, tmp_p
     assert all(item.detections.parent == item.object and item.seen_percent > 50 for item in capture.cameras)
     assert Path(capture.file).is_relative_to(tmp_path / "Aufnahmen ü")
     assert (mocap.review.first, mocap.review.last) == (11, 40)
+
+
+def test_a_dropped_file_stands_for_its_folder(mocap, solved, tmp_path, monkeypatch):
+    """Blender hands a folder and names; a frame of detections means the capture it belongs to."""
+    camera = tmp_path / "trial" / "pose" / "cam01_json"
+    camera.mkdir(parents=True)
+    for frame in range(2):
+        (camera / f"frame_{frame}.json").touch()
+    asked: list[list[str]] = []
+
+    def launch(self: FollowsRun, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
+        asked.append(arguments)
+        return {"FINISHED"}
+
+    monkeypatch.setattr(FollowsRun, "launch", launch)
+    bpy.ops.mocap.import_capture(directory=str(camera), files=[{"name": "frame_0.json"}])
+    assert asked[0][0] == str(tmp_path / "trial")
+    bpy.ops.mocap.import_capture(directory=f"{tmp_path}/trial/")
+    assert asked[1][0] == str(tmp_path / "trial")
 
 
 def test_a_solve_arrives_as_an_action_with_its_provenance(mocap, solved, tmp_path):
