@@ -19,6 +19,9 @@ import numpy as np
 from tests.benchmarks.captures import TAKES
 from tests.benchmarks.methods import PUBLISHED
 from tests.benchmarks.metric import Metric
+from tests.benchmarks.passage import hardest
+from tests.benchmarks.passage_video import render_apart
+from tests.benchmarks.plots import error_against_time, knee_flexion
 from tests.benchmarks.requirements import requirements
 from tests.benchmarks.runs import ROOT, outcomes
 from tests.benchmarks.sections import SECTIONS, Found, Scope, Section, medians, quick
@@ -27,7 +30,8 @@ OUT = ROOT / "build" / "bench_bundle"
 UNITS = {
     "mpjpe_mm": "MPJPE", "pa_mpjpe_mm": "PA-MPJPE", "rmse_mm": "RMSE", "mae_deg": "MAE °", "pck3": "PCK3",
     "pck7": "PCK7", "accel_m_s2": "accel", "kp_mpjpe_mm": "points", "kp_accel_m_s2": "p.accel",
-    "skating_cm_f": "skating", "reproj_px": "reproj", "undone": "undone", "seconds": "s", "peak_mb": "MB",
+    "skating_cm_f": "skating", "reproj_px": "reproj", "undone": "undone", "seconds": "s",
+    "cpu_s": "CPU s", "peak_mb": "MB",
 }  # fmt: skip
 """Headings: mm, degrees, percent, m/s², cm a frame, px."""
 
@@ -48,17 +52,18 @@ def _cell(value: float) -> str:
     return f"{value:10.3f}" if abs(value) < 1 else f"{value:10.2f}" if abs(value) < 1000 else f"{value:10.0f}"
 
 
-def measured(names: list[str], scope: Scope) -> tuple[dict[str, Section], Found]:
+def measured(names: list[str], scope: Scope, jobs: int = 1) -> tuple[dict[str, Section], Found]:
     """Return the sections and what came of their runs."""
     sections = {name: SECTIONS[name](scope) for name in names}
     runs = list(dict.fromkeys(run for section in sections.values() for run in section.runs))
-    return sections, outcomes(runs, lambda line: _say(line + "\n", sys.stderr))
+    return sections, outcomes(runs, lambda line: _say(line + "\n", sys.stderr), jobs)
 
 
 def run() -> list[Metric]:
     """Print every table; the figures of ours, and their ratios to the published method."""
     sections, found = measured(list(SECTIONS), Scope())
     report(sections, found)
+    illustrate(sections["methods"], found)
     rows = sections["methods"].medians(found)
     ours, published = rows["ours, global"], rows[PUBLISHED]
     return [
@@ -81,6 +86,17 @@ def report(sections: dict[str, Section], found: Found) -> None:
     _say(f"\n{machine()}\n")
     OUT.mkdir(parents=True, exist_ok=True)
     (OUT / "results.json").write_text(json.dumps(_plain(sections, found), indent=1) + "\n", encoding="utf-8")
+
+
+def illustrate(section: Section, found: Found, *, video: bool = True) -> None:
+    """Write the plots, and the video of the hardest passage if wanted."""
+    error_against_time(OUT / "error_against_time.svg", section.medians(found))
+    passage = hardest(section, found)
+    knee_flexion(OUT / "knee_flexion.svg", passage)
+    if video:
+        render_apart(passage, OUT / "passage.mp4")
+    errors = ", ".join(f"{label} {error:.0f} mm" for label, error in list(passage.errors_mm().items())[1:])
+    _say(f"Hardest passage: {passage.take} from its frame {passage.first}: {errors}. Written to {OUT.name}.\n")
 
 
 def machine() -> str:
@@ -115,12 +131,17 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--takes", type=int, default=3, help=f"how many, at most {len(TAKES)}")
     parser.add_argument("--frames", type=int, help="cut every take to so many")
     parser.add_argument("--quick", action="store_true", help="one take of 200 frames")
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time; times are honest with one alone")
+    parser.add_argument("--no-video", action="store_true", help="leave out the comparison video")
     args = parser.parse_args(argv)
     names = args.tables.split(",")
     if unknown := sorted(set(names) - set(SECTIONS)):
         parser.error(f"there is no table {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
     scope = Scope(TAKES[: args.takes], args.frames)
-    report(*measured(names, quick(scope) if args.quick else scope))
+    sections, found = measured(names, quick(scope) if args.quick else scope, args.jobs)
+    report(sections, found)
+    if "methods" in sections:
+        illustrate(sections["methods"], found, video=not args.no_video)
     return 0
 
 

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -60,7 +61,7 @@ class Outcome:
     """What came of it."""
 
     row: Row
-    """Figures of the judgement, and ``seconds`` and ``peak_mb``."""
+    """Figures of the judgement, ``seconds``, ``cpu_s`` (which a busy machine does not change) and ``peak_mb``."""
     notes: list[str]
     """What went wrong, in words."""
     worst: list[Any]
@@ -72,7 +73,6 @@ class Outcome:
 def outcome(run: Run) -> Outcome:
     """Return what came of a run, now or earlier."""
     if not run.path.exists():
-        filmed(run.take, run.settings, run.bad)
         order = json.dumps({**asdict(run), "out": str(run.path)})
         done = subprocess.run(
             [sys.executable, "-m", "tests.benchmarks.runs", order],
@@ -88,18 +88,19 @@ def outcome(run: Run) -> Outcome:
     return Outcome(stored["row"], stored["notes"], stored["worst"], motion if motion.exists() else None)
 
 
-def outcomes(runs: list[Run], tell: Callable[[str], None]) -> dict[Run, Outcome]:
-    """Return what came of all runs; says before each how far it is, and when it will be done."""
-    found, begin, fresh = {}, time.monotonic(), 0
-    missing = sum(not run.path.exists() for run in runs)
-    for number, run in enumerate(runs):
-        if not run.path.exists():
-            left = f", {(time.monotonic() - begin) / fresh * (missing - fresh) / 60:.1f} min left" if fresh else ""
-            tell(f"[{number + 1}/{len(runs)}{left}] {run.method.name}, {run.take} {run.bad or ''}, "
+def outcomes(runs: list[Run], tell: Callable[[str], None], jobs: int = 1) -> dict[Run, Outcome]:
+    """Return what came of all runs, ``jobs`` at a time; says of each how far it is, and when all will be done."""
+    for run in runs:
+        filmed(run.take, run.settings, run.bad)
+    missing, begin = [run for run in runs if not run.path.exists()], time.monotonic()
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(outcome, run): run for run in missing}
+        for number, future in enumerate(as_completed(waiting), start=1):
+            future.result()
+            run, left = waiting[future], (time.monotonic() - begin) / number * (len(missing) - number)
+            tell(f"[{number}/{len(missing)}, {left / 60:.1f} min left] {run.method.name}, {run.take} {run.bad or ''}, "
                  f"{run.settings.num_views} views")  # fmt: skip
-            fresh += 1
-        found[run] = outcome(run)
-    return found
+    return {run: outcome(run) for run in runs}
 
 
 @cache
@@ -142,11 +143,11 @@ def main(order: str) -> int:
     if asdict(settings)["detector"] != detector | {"swap_frames": tuple(detector["swap_frames"])}:
         raise ValueError("Runs are made with the detector's own settings alone.")
     capture, solve = filmed(told["take"], settings, told["bad"]), method.solver()
-    begin = time.perf_counter()
+    begin, begin_cpu = time.perf_counter(), time.process_time()
     result = solve(capture)
-    seconds = time.perf_counter() - begin
+    seconds, cpu_s = time.perf_counter() - begin, time.process_time() - begin_cpu
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    row = judged(capture, result) | {"seconds": seconds, "peak_mb": peak_mb}
+    row = judged(capture, result) | {"seconds": seconds, "cpu_s": cpu_s, "peak_mb": peak_mb}
     notes = list(result.motion.provenance.get("notes", [])) if result.motion is not None else []
     out = Path(told["out"])
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,104 @@
+"""A real recording of four cameras against the recording tool's own OpenSim result: knee and elbow flexion.
+
+Inverse kinematics of a skeleton with its own joint axes, driven by triangulated and filtered points, stands beside the
+angles hip-knee-ankle and shoulder-elbow-wrist of each method. Definitions differ by a constant, so the mean difference
+is told apart from what is left without it. The tool gives two results (with and without marker augmentation); how far
+these are from each other is how well the reference knows itself. Needs the recordings (MOCAP_SHARED_DATA).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.io.load import load_capture
+from solver_backend.types import Capture
+from tests.benchmarks.bench_held_out import DATA, TRIAL
+from tests.benchmarks.methods import FILTER, OURS, PUBLISHED, Method
+from tests.benchmarks.metric import BenchmarkSkipped, Metric
+from tests.benchmarks.open_sim import read_mot
+
+RESULTS = Path("multiview", "pose2sim", "S00_P00_SingleParticipant", "S00_P00_OpenSim")
+STEM = "S00_P00_T01_BalancingTrial_filt_butterworth_0-100"
+REFERENCES = ("LSTM", "body25b")
+ANGLES = {
+    "knee": (("hip", "knee", "ankle"), "knee_angle"),
+    "elbow": (("shoulder", "elbow", "wrist"), "elbow_flex"),
+}
+"""Points of each hinge, and OpenSim's coordinate."""
+Angles = dict[str, np.ndarray]
+
+
+def run() -> list[Metric]:
+    """Print the table; the figures of ours against the augmented result."""
+    found, references = measured()
+    sys.stdout.write(table(found, references) + "\n")
+    differences = compare(found["ours"], references[REFERENCES[0]])
+    return [Metric(f"{angle}_deg", values[1], "°", rel_tol=0.15) for angle, values in differences.items()]
+
+
+def measured() -> tuple[dict[str, Angles], dict[str, Angles]]:
+    """Return the angles of every method and of both references.
+
+    Raises:
+        BenchmarkSkipped: the recording is not here.
+    """
+    data = Path(os.environ.get("MOCAP_SHARED_DATA", DATA))
+    if not (data / TRIAL).is_dir():
+        raise BenchmarkSkipped("The recording is not here.", hint="Set MOCAP_SHARED_DATA to the folder of recordings.")
+    capture = load_capture(data / TRIAL)
+    methods = {"ours": Method(OURS), PUBLISHED: Method(PUBLISHED), "MuVS": Method("MuVS"), FILTER: Method(FILTER)}
+    found = {name: solved_angles(method, capture) for name, method in methods.items()}
+    return found, {kind: reference_angles(data / RESULTS / f"{STEM}_{kind}.mot") for kind in REFERENCES}
+
+
+def solved_angles(method: Method, capture: Capture) -> Angles:
+    """Return flexion by angle and side, (F,) degrees, from the solved keypoints."""
+    points = method.solver()(capture).keypoints3d
+    names = capture.require_multiview()[1].joint_set.keypoints
+    return {
+        f"{side} {angle}": flexion_deg(*(points[:, names.index(f"{side}_{part}")] for part in parts))
+        for angle, (parts, _) in ANGLES.items()
+        for side in ("left", "right")
+    }
+
+
+def reference_angles(path: Path) -> Angles:
+    """Return OpenSim's coordinates under the same names."""
+    columns = read_mot(path)
+    return {
+        f"{side} {angle}": columns[f"{coordinate}_{side[0]}"]
+        for angle, (_, coordinate) in ANGLES.items()
+        for side in ("left", "right")
+    }
+
+
+def flexion_deg(above: np.ndarray, hinge: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Return (F,) degrees by which a hinge of (F, 3) points is bent, 0 when straight."""
+    u, v = hinge - above, below - hinge
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), (u * v).sum(-1)))
+
+
+def compare(found: Angles, reference: Angles) -> dict[str, tuple[float, float]]:
+    """Return for each angle, over both sides, the mean absolute offset and the RMS around the offset, degrees."""
+    figures = {}
+    for angle in ANGLES:
+        pairs = [(found[name], reference[name]) for name in found if name.endswith(angle)]
+        difference = [a[: len(b)] - b[: len(a)] for a, b in pairs]
+        offset = float(np.mean([abs(d.mean()) for d in difference]))
+        figures[angle] = (offset, float(np.sqrt(np.mean([np.var(d) for d in difference]))))
+    return figures
+
+
+def table(found: dict[str, Angles], references: dict[str, Angles]) -> str:
+    """Return offsets and what is left, of every method against both references, as text."""
+    rows = {**found, f"OpenSim, {REFERENCES[1]}": references[REFERENCES[1]]}
+    heads = [f"{angle} {figure} ({kind})" for kind in REFERENCES for angle in ANGLES for figure in ("offset", "rms")]
+    lines = [f"{'':<28}" + "".join(f"{head:>24}" for head in heads)]
+    for name, angles in rows.items():
+        cells = [value for kind in REFERENCES for pair in compare(angles, references[kind]).values() for value in pair]
+        lines.append(f"{name:<28}" + "".join(f"{cell:24.1f}" for cell in cells))
+    return "\n".join(lines)
