@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.baselines import BaselineResult
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import (
@@ -18,15 +21,15 @@ from solver_backend.metrics import (
     rmse_mm,
 )
 from solver_backend.synthetic.keypoint_detector import limb_columns
-from solver_backend.types import SMPL_JOINTS, Capture, JointSet
+from solver_backend.types import SMPL_JOINTS, Capture, JointSet, Motion
 
 Row = dict[str, float]
 COLUMNS = (
     "mpjpe_mm", "pa_mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2", "kp_mpjpe_mm", "kp_accel_m_s2",
     "skating_cm_f", "reproj_px", "undone", "held50", "held80", "held95",
 )  # fmt: skip
-"""``kp`` are the detector's keypoints, for methods without a body; ``undone`` the share of exchanges of three frames or
-more that left no trace; ``held`` the share of true joints inside the told 50, 80 and 95 % balls."""
+"""``kp`` are the keypoints on the body, for methods without joints; ``undone`` the share of exchanges of three frames
+or more that left no trace; ``held`` the share of true joints inside the told 50, 80 and 95 % balls."""
 HELD = {"held50": 2.366, "held80": 4.642, "held95": 7.815}
 """Quantiles of the chi-square distribution with three degrees of freedom."""
 SHORTEST_EXCHANGE = 3
@@ -40,11 +43,12 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
     cameras, keypoints = capture.require_multiview()
     toes = [JointSet.BODY_25.keypoints.index(f"{side}_big_toe") for side in ("left", "right")]
     row = dict.fromkeys(COLUMNS, float("nan"))
-    row["kp_mpjpe_mm"] = mpjpe_mm(result.keypoints3d, truth["keypoints3d"])
-    row["kp_accel_m_s2"] = accel_error_m_s2(result.keypoints3d, truth["keypoints3d"], fps)
-    row["skating_cm_f"] = foot_skating_cm_per_frame(result.keypoints3d[:, toes])
+    points = result.keypoints3d if result.motion is None else body_points(result.motion)
+    row["kp_mpjpe_mm"] = mpjpe_mm(points, truth["keypoints3d"])
+    row["kp_accel_m_s2"] = accel_error_m_s2(points, truth["keypoints3d"], fps)
+    row["skating_cm_f"] = foot_skating_cm_per_frame(points[:, toes])
     row["reproj_px"] = reprojection_median_px(reprojection_px(cameras, result.keypoints3d, keypoints))
-    row["undone"] = exchanges_undone(capture, result.keypoints3d)
+    row["undone"] = exchanges_undone(capture, points)
     if result.motion is None:
         return row
     joints, found = truth["joints"], result.motion.joints
@@ -56,6 +60,14 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
         "mae_deg": angle_mae_deg(*rotations), "accel_m_s2": accel_error_m_s2(found, joints, fps),
     }  # fmt: skip
     return row | coverage(found, joints, result.motion.joint_sigma)
+
+
+def body_points(motion: Motion) -> np.ndarray:
+    """Return the (F, K, 3) keypoints of the solved body itself, without any detector's bias that a method learned."""
+    body = load_body()
+    landmarks = keypoint_landmarks(body, JointSet.BODY_25)
+    local = exp_so3(motion.body_pose[:, :63].reshape(-1, 21, 3))
+    return pose_landmarks(body, landmarks, motion.betas, exp_so3(motion.global_orient), local, motion.transl).points
 
 
 def coverage(found: np.ndarray, joints: np.ndarray, sigma: np.ndarray | None) -> Row:

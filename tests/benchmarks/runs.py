@@ -21,10 +21,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from solver_backend.io.motion_file import write_motion
+import numpy as np
+
+from solver_backend.fitters.baselines import BaselineResult
+from solver_backend.io.motion_file import read_motion, write_motion
 from solver_backend.priors.weights import ASSETS
 from solver_backend.synthetic.benchmark import BenchmarkSettings
-from tests.benchmarks import judgement
 from tests.benchmarks.captures import capture_path, filmed
 from tests.benchmarks.judgement import Row, judged, worst_joints
 from tests.benchmarks.methods import Method
@@ -50,7 +52,7 @@ class Run:
         """Where the result is kept."""
         parts = [
             code_version(self.method.module), json.dumps(self.method.changes), self.method.kind,
-            capture_path(self.take, self.settings, self.bad).name, Path(judgement.__file__).read_text(encoding="utf-8"),
+            capture_path(self.take, self.settings, self.bad).name,
             os.environ.get("OMP_NUM_THREADS", ""),
         ]  # fmt: skip
         return FOLDER / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()[:16]}.json"
@@ -71,21 +73,30 @@ class Outcome:
 
 
 def outcome(run: Run) -> Outcome:
-    """Return what came of a run, now or earlier."""
-    if not run.path.exists():
-        order = json.dumps({**asdict(run), "out": str(run.path)})
-        done = subprocess.run(
-            [sys.executable, "-m", "tests.benchmarks.runs", order],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode != 0:
-            raise RuntimeError(f"{run.method.name} on {run.take} failed:\n{done.stderr[-2000:]}")
+    """Return what came of a run, now or earlier; it is judged anew."""
+    solve_apart(run)
     stored = json.loads(run.path.read_text(encoding="utf-8"))
-    motion = run.path.with_suffix(".npz")
-    return Outcome(stored["row"], stored["notes"], stored["worst"], motion if motion.exists() else None)
+    capture, path = filmed(run.take, run.settings, run.bad), run.path.with_suffix(".npz")
+    if stored["body"]:
+        motion = read_motion(path)
+        assert motion.keypoints3d is not None
+        result = BaselineResult(motion.keypoints3d, motion)
+    else:
+        with np.load(path, allow_pickle=False) as arrays:
+            result = BaselineResult(arrays["keypoints3d"].astype(np.float64))
+    row = judged(capture, result) | stored["spent"]
+    return Outcome(row, stored["notes"], worst_joints(capture, result), path if stored["body"] else None)
+
+
+def solve_apart(run: Run) -> None:
+    """Do a run in a process of its own, unless it was done."""
+    if run.path.exists():
+        return
+    order = json.dumps({**asdict(run), "out": str(run.path)})
+    command = [sys.executable, "-m", "tests.benchmarks.runs", order]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{run.method.name} on {run.take} failed:\n{done.stderr[-2000:]}")
 
 
 def outcomes(runs: list[Run], tell: Callable[[str], None], jobs: int = 1) -> dict[Run, Outcome]:
@@ -94,7 +105,7 @@ def outcomes(runs: list[Run], tell: Callable[[str], None], jobs: int = 1) -> dic
         filmed(run.take, run.settings, run.bad)
     missing, begin = [run for run in runs if not run.path.exists()], time.monotonic()
     with ThreadPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(outcome, run): run for run in missing}
+        waiting = {pool.submit(solve_apart, run): run for run in missing}
         for number, future in enumerate(as_completed(waiting), start=1):
             future.result()
             run, left = waiting[future], (time.monotonic() - begin) / number * (len(missing) - number)
@@ -147,13 +158,15 @@ def main(order: str) -> int:
     result = solve(capture)
     seconds, cpu_s = time.perf_counter() - begin, time.process_time() - begin_cpu
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    row = judged(capture, result) | {"seconds": seconds, "cpu_s": cpu_s, "peak_mb": peak_mb}
-    notes = list(result.motion.provenance.get("notes", [])) if result.motion is not None else []
-    out = Path(told["out"])
+    out, motion = Path(told["out"]), result.motion
     out.parent.mkdir(parents=True, exist_ok=True)
-    if result.motion is not None:
-        write_motion(out.with_suffix(".npz"), result.motion, overwrite=True)
-    text = json.dumps({"row": row, "notes": notes, "worst": worst_joints(capture, result)})
+    if motion is None:
+        np.savez(out.with_suffix(".npz"), keypoints3d=result.keypoints3d)
+    else:
+        write_motion(out.with_suffix(".npz"), motion, overwrite=True)
+    spent = {"seconds": seconds, "cpu_s": cpu_s, "peak_mb": peak_mb}
+    notes = [] if motion is None else list(motion.provenance.get("notes", []))
+    text = json.dumps({"spent": spent, "notes": notes, "body": motion is not None})
     partial = out.with_suffix(".partial")
     partial.write_text(text, encoding="utf-8")
     partial.replace(out)
