@@ -9,7 +9,8 @@ pytest.importorskip("scipy", reason="baking a body needs SciPy")
 
 from assets_procedural import anny_body
 from assets_procedural.anny_rig import TOPOLOGIES, Rig
-from solver_backend.body.body import load_body
+from solver_backend.body.body import DEFAULT_BODY, load_body
+from solver_backend.body.choices import list_bodies, load_chosen_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
 from solver_backend.errors import BackendMissing, JobInvalid
@@ -85,3 +86,14 @@ def test_the_baked_body_is_like_ours(tmp_path):
     assert len(marker_landmarks(body, MARKER_LAYOUTS["MANIFOLD_53"])) == 53
     for joint_set in JointSet:
         keypoint_landmarks(body, joint_set)
+
+
+def test_command_makes_the_body_a_choice(tmp_path, monkeypatch):
+    with np.load(DEFAULT_BODY, allow_pickle=False) as data:
+        arrays = dict(data)
+    monkeypatch.setenv("MANIFOLD_MOCAP_BODIES", str(tmp_path / "bodies"))
+    monkeypatch.setattr(anny_body, "bake", lambda topology: {**arrays, "body_id": np.array(f"anny_{topology}")})
+    monkeypatch.setattr("sys.argv", ["anny_body", "--topology", "makehuman"])
+    anny_body.main()
+    assert [body.name for body in list_bodies()] == ["neutral", "anny"]
+    assert load_chosen_body("anny").id == "anny_makehuman"
