@@ -24,8 +24,10 @@ _COLLECTIONS = {
     "Leg Left": ("left_hip", "left_knee", "left_ankle", "left_foot"),
     "Leg Right": ("right_hip", "right_knee", "right_ankle", "right_foot"),
 }
-_PALETTES = {"left": "THEME04", "right": "THEME01"}
-_MIDDLE_PALETTE = "THEME09"
+_COLOURS = {"left": (0.22, 0.55, 1.0), "right": (1.0, 0.30, 0.24)}
+_MIDDLE_COLOUR = (1.0, 0.76, 0.18)
+_SELECTED, _ACTIVE = 0.5, 0.8
+"""Shares of white in the colours of selected bones and of the active one."""
 
 
 def deform_bone(joint: str) -> str:
@@ -102,6 +104,12 @@ def _group_bones(data: bpy.types.Armature) -> None:
 
 def _set_up_control(bone: bpy.types.PoseBone) -> None:
     bone.rotation_mode = "QUATERNION"
-    bone.bone.color.palette = _PALETTES.get(bone.name.split("_")[0], _MIDDLE_PALETTE)
+    _colour(bone.bone.color, np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)))
     bone.lock_location = (bone.parent is not None,) * 3
     bone.lock_scale = (True, True, True)
+
+
+def _colour(target: bpy.types.BoneColor, colour: np.ndarray) -> None:
+    target.palette = "CUSTOM"
+    target.custom.normal = colour
+    target.custom.select, target.custom.active = (colour + share * (1 - colour) for share in (_SELECTED, _ACTIVE))

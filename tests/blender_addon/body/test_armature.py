@@ -92,8 +92,10 @@ def test_every_bone_has_its_collection_and_colour(rig: Rig) -> None:
     assert sorted(name for names in held.values() for name in names) == sorted(JOINTS)
     assert set(held) == {"Root", "Torso", "Head", "Arm Left", "Arm Right", "Leg Left", "Leg Right"}
     assert [c.name for c in collections if not c.is_visible] == [DEFORM_COLLECTION]
-    palettes = {joint: rig.armature.data.bones[joint].color.palette for joint in JOINTS}
-    assert palettes["left_knee"] == palettes["left_hand"] != palettes["right_knee"] != palettes["head"] != "DEFAULT"
+    colours = {joint: tuple(rig.armature.data.bones[joint].color.custom.normal) for joint in JOINTS}
+    assert {rig.armature.data.bones[joint].color.palette for joint in JOINTS} == {"CUSTOM"}
+    assert colours["left_knee"] == colours["left_hand"] != colours["right_knee"] == colours["right_hand"]
+    assert len(set(colours.values())) == 3 and min(map(max, colours.values())) > 0.9
 
 
 def test_joints_cannot_be_pulled_apart_by_hand(rig: Rig) -> None:
