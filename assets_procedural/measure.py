@@ -22,6 +22,8 @@ from assets_procedural.skinning import volume
 from assets_procedural.statistics import MEASURES, load_statistics
 
 Array = np.ndarray
+_SHOULDER_LIMIT = 16.0
+"""Percent: more would need a swelling that makes pads of the shoulders when the arms hang."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ def figures(body: BakedBody, path: Path) -> Iterator[Figure]:
     yield Figure("influences per vertex", float(np.max(np.sum(body.weights > 0, axis=1))), "", 1, 6)
     yield from _shape_figures(body)
     yield from _bend_figures(body)
+    yield from _local_bend_figures(body)
     yield from _twist_figures(body)
     yield from _corrective_figures(body)
     yield from _regressor_figures(body, path)
@@ -130,6 +133,19 @@ def _bend_figures(body: BakedBody) -> Iterator[Figure]:
         for angle in (90, 120):
             change = volume_l(body.posed(rotations(pose, angle)), body.faces) / rest - 1.0
             yield Figure(f"volume, both {name}s at {angle}°", 100 * change, "%", -3, 3)
+
+
+def _local_bend_figures(body: BakedBody) -> Iterator[Figure]:
+    """Yield how the cone from a joint to the skin on which it acts changes; the rest of the limb moves rigidly."""
+    masks = joint_masks(body.weights)
+    for name, pose in BENDS.items():
+        joint, left = JOINT[f"left_{name}"], {f"left_{name}": pose[f"left_{name}"]}
+        faces, apex = body.faces[np.any(masks[body.faces, joint - 1] > 0, axis=1)], body.joints[joint]
+        rest = volume(body.vertices - apex, faces)
+        for angle in (90, 120):
+            change = volume(body.posed(rotations(left, angle)) - apex, faces) / rest - 1.0
+            limit = _SHOULDER_LIMIT if name == "shoulder" else 5.0
+            yield Figure(f"volume of the skin that the {name} moves, at {angle}°", 100 * change, "%", -limit, limit)
 
 
 def _twist_figures(body: BakedBody) -> Iterator[Figure]:

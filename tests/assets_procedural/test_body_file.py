@@ -123,7 +123,8 @@ def test_rebuilding_from_the_committed_numbers_gives_the_committed_file() -> Non
         assert set(data.files) == set(rebuilt)
         for key, value in rebuilt.items():
             if value.dtype.kind == "f":
-                np.testing.assert_allclose(value, data[key], rtol=0, atol=1e-5, err_msg=key)
+                tolerance = 1e-4 if key == "posedirs" else 1e-5  # correctives under 5e-5 m are cut off
+                np.testing.assert_allclose(value, data[key], rtol=0, atol=tolerance, err_msg=key)
             else:
                 np.testing.assert_array_equal(value, data[key], err_msg=key)
 
