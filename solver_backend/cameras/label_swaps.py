@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.cameras.disagreement import runs
 from solver_backend.cameras.leave_one_out import Predictions, predict_views
 from solver_backend.cameras.triangulation import Triangulation, triangulate
 from solver_backend.cameras.two_state_chain import best_states
@@ -115,7 +116,7 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangu
         unary[..., 1] += STATE_COST
         transition = _over_time(a, b, step_px)
         states = best_states(unary, transition)
-        for view, first, last in _runs(states):
+        for view, first, last in runs(states):
             gain = _gain(unary[view], transition[view], first, last)
             if gain >= LEAST_GAIN:
                 found.append(LabelSwap(view, limb, first, last, gain))
@@ -170,14 +171,6 @@ def _penalty(squared: np.ndarray) -> np.ndarray:
     """Return Geman and McClure's ``½ s² r² / (r² + s²)``."""
     scale = ROBUST_SIGMAS**2
     return 0.5 * scale * squared / (squared + scale)
-
-
-def _runs(states: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return view, first and last frame of each run of true states (C, F)."""
-    padded = np.pad(states.astype(np.int8), ((0, 0), (1, 1)))
-    change = np.diff(padded, axis=1)
-    first, last = np.argwhere(change > 0), np.argwhere(change < 0)
-    return [(int(c), int(f), int(stop) - 1) for (c, f), (_, stop) in zip(first, last, strict=True)]
 
 
 def _gain(unary: np.ndarray, transition: np.ndarray, first: int, last: int) -> float:

@@ -4,12 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from solver_backend.cameras.contradicted import ViewFault, leave_out, reconcile
+from solver_backend.cameras.disagreement import runs
 from solver_backend.cameras.label_swaps import undo_swaps
+from solver_backend.cameras.synchronisation import estimate_delays, synchronised
+from solver_backend.cameras.triangulation import Triangulation, triangulate
+from solver_backend.cameras.view_faults import Mirrored, NamedLike
 from solver_backend.fitters.initial import Observations, observations_of
 from solver_backend.progress import Progress
-from solver_backend.types import Capture, Fault, FaultKind, Remedy
+from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
 
 STAGE = "Checking the cameras"
+STEPS = 4
+LEAST_DELAY_FRAMES = 0.5
+"""Smaller delays are not worth a word ..."""
+LEAST_DELAY_SIGMAS = 4.0
+"""... nor those that are not told surely."""
+AWAY_S = 0.25
+"""Shorter absences are not named, only bridged and flagged."""
 
 
 @dataclass(frozen=True)
@@ -24,27 +38,76 @@ class CheckedCapture:
     """What was found, by first frame."""
 
 
-def check_capture(capture: Capture, observations: Observations, progress: Progress) -> CheckedCapture:
+def check_capture(
+    capture: Capture, observations: Observations, progress: Progress, *, estimate_sync: bool = False
+) -> CheckedCapture:
     """Find faults of single views and put them right.
+
+    Whole views first (names, mirrored, turned), then time, then limbs, and what is still wrong is left out.
 
     Args:
         capture: as it was read.
         observations: of that capture.
         progress: told how far the checks are.
+        estimate_sync: move each camera's detections by its estimated delay.
     """
     cameras, keypoints = capture.require_multiview()
-    progress(STAGE, 0, 1)
-    sides = undo_swaps(cameras, keypoints, observations.triangulation)
+    progress(STAGE, 0, STEPS)
+    views = reconcile(cameras, keypoints, observations.triangulation)
+    progress(STAGE, 1, STEPS)
+    timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
+    progress(STAGE, 2, STEPS)
+    sides = undo_swaps(cameras, timed, triangulation)
+    progress(STAGE, 3, STEPS)
+    rest = leave_out(cameras, sides.keypoints, sides.triangulation)
+    observations = observations_of(rest.triangulation)
+    progress(STAGE, 4, STEPS)
+    faults = [_fault_of(cameras, fault) for fault in views.faults] + late
+    for swap in sides.swaps:
+        where = cameras.names[swap.view], swap.first, swap.last
+        faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
+    for stretch in rest.stretches:
+        where = cameras.names[stretch.view], stretch.first, stretch.last
+        faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
+    faults += _absences(observations.seen, keypoints.fps)
+    faults.sort(key=lambda fault: (fault.first, fault.camera, fault.kind))
+    return CheckedCapture(replace(capture, keypoints=rest.keypoints), observations, tuple(faults))
+
+
+def _in_time(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, apply: bool
+) -> tuple[Keypoints2D, Triangulation, list[Fault]]:
+    """Return the detections, moved in time if asked for, their triangulation, and the cameras that are late."""
+    delays = estimate_delays(cameras, keypoints, triangulation.sigma_px)
+    least = np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
+    views = np.flatnonzero(np.abs(delays.frames) >= least)
+    remedy, last = Remedy.REPAIRED if apply else Remedy.REPORTED, keypoints.num_frames - 1
     faults = [
-        Fault(
-            FaultKind.LIMBS_EXCHANGED, cameras.names[swap.view], swap.first, swap.last, round(swap.gain, 1),
-            Remedy.REPAIRED, swap.limb,
-        )
-        for swap in sides.swaps
-    ]  # fmt: skip
-    progress(STAGE, 1, 1)
-    return CheckedCapture(
-        replace(capture, keypoints=sides.keypoints),
-        observations_of(sides.triangulation),
-        tuple(sorted(faults, key=lambda fault: (fault.first, fault.camera))),
-    )
+        Fault(FaultKind.UNSYNCHRONISED, cameras.names[v], 0, last, round(float(delays.frames[v]), 2), remedy)
+        for v in views
+    ]
+    if apply and faults:
+        keypoints = synchronised(keypoints, np.nan_to_num(delays.frames))
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    return keypoints, triangulation, faults
+
+
+def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
+    """Return what is said about a view that was put right."""
+    where = cameras.names[fault.stretch.view], fault.stretch.first, fault.stretch.last
+    cause = fault.explanation
+    if isinstance(cause, Mirrored):
+        kind = FaultKind.IMAGE_MIRRORED if cause.image else FaultKind.SIDES_EXCHANGED
+        return Fault(kind, *where, 0.0, Remedy.REPAIRED)
+    if isinstance(cause, NamedLike):
+        return Fault(FaultKind.NAMES_EXCHANGED, *where, 0.0, Remedy.REPAIRED, cameras.names[cause.other])
+    return Fault(FaultKind.CAMERA_TURNED, *where, round(cause.degrees, 2), Remedy.REPAIRED)
+
+
+def _absences(seen: np.ndarray, fps: float) -> list[Fault]:
+    """Return the stretches in which no two cameras see the person."""
+    return [
+        Fault(FaultKind.PERSON_AWAY, "", first, last, 0.0, Remedy.BRIDGED)
+        for _, first, last in runs(~seen[None])
+        if last - first + 1 >= AWAY_S * fps
+    ]

@@ -94,7 +94,7 @@ def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> tu
     progress("Triangulating", 0, 1)
     observations = observe(cameras, keypoints)
     progress("Triangulating", 1, 1)
-    checked = check_capture(capture, observations, progress)
+    checked = check_capture(capture, observations, progress, estimate_sync=settings.estimate_sync)
     capture, observations = checked.capture, checked.observations
     cameras, keypoints = capture.require_multiview()
     if not observations.seen.any():

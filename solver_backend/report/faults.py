@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from solver_backend.types import Fault, FaultKind, Motion, Remedy
@@ -14,6 +14,7 @@ _DONE = {
     Remedy.REPAIRED: "put right",
     Remedy.EXCLUDED: "the view is not used there",
     Remedy.REPORTED: "nothing was changed",
+    Remedy.BRIDGED: "bridged",
 }
 
 
@@ -51,15 +52,47 @@ def frames_text(runs: Sequence[tuple[int, int]], fps: float) -> str:
 def _text(group: list[Fault], fps: float) -> FaultText:
     fault = group[0]
     where = frames_text([(f.first, f.last) for f in group], fps)
-    what, advice = _WORDS[fault.kind](fault)
-    return FaultText(f"{what} in {where}: {_DONE[fault.remedy]}.", advice, fault.remedy is not Remedy.REPAIRED)
+    words = _WORDS[fault.kind]
+    what = words.what.format(camera=fault.camera, detail=fault.detail, size=abs(fault.figure))
+    if fault.kind is FaultKind.UNSYNCHRONISED:
+        what += " early" if fault.figure < 0 else " late"
+    return FaultText(f"{what} in {where}: {_DONE[fault.remedy]}.", words.advice, fault.remedy is not Remedy.REPAIRED)
 
 
-def _limbs_exchanged(fault: Fault) -> tuple[str, str]:
-    return (
-        f"Camera {fault.camera}: left and right {fault.detail} are exchanged",
+@dataclass(frozen=True)
+class _Words:
+    what: str
+    advice: str
+
+
+_WORDS: dict[FaultKind, _Words] = {
+    FaultKind.LIMBS_EXCHANGED: _Words(
+        "Camera {camera}: left and right {detail} are exchanged",
         "Nothing to do; compare with the footage if the limbs look wrong there.",
-    )
-
-
-_WORDS: dict[FaultKind, Callable[[Fault], tuple[str, str]]] = {FaultKind.LIMBS_EXCHANGED: _limbs_exchanged}
+    ),
+    FaultKind.SIDES_EXCHANGED: _Words(
+        "Camera {camera}: left and right are exchanged", "Check the names of the keypoints in this view's files."
+    ),
+    FaultKind.IMAGE_MIRRORED: _Words(
+        "Camera {camera}: the image is mirrored", "Turn off mirroring in the camera or in what records it."
+    ),
+    FaultKind.NAMES_EXCHANGED: _Words(
+        "Camera {camera} and camera {detail} are exchanged",
+        "Give their folders of detections, or their calibrations, each other's names.",
+    ),
+    FaultKind.CAMERA_TURNED: _Words(
+        "Camera {camera} is turned by {size:.1f}° against its calibration",
+        "It was bumped or moved: calibrate it anew.",
+    ),
+    FaultKind.UNSYNCHRONISED: _Words(
+        "Camera {camera} runs {size:.1f} frames",
+        "Synchronise the recordings, or solve with estimate_sync.",
+    ),
+    FaultKind.CONTRADICTS: _Words(
+        "Camera {camera} shows something else than the others",
+        "Look at its footage there: somebody else, a mirror, or a bump.",
+    ),
+    FaultKind.PERSON_AWAY: _Words(
+        "No two cameras see the person", "The pose is bridged from its neighbours; animate the stretch by hand."
+    ),
+}

@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.report.faults import fault_texts, faults_of, frames_text
 from solver_backend.report.statistics import Residuals, detected_share, stretches
-from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, FaultKind, Motion
 
 BELOW_FLOOR_M = 0.05
 """Depth of a foot joint under the floor beyond which the floor is doubted."""
@@ -33,7 +33,7 @@ def findings_of(capture: Capture, motion: Motion, residuals: Residuals | None) -
     found = [Finding(problem, "Reported by the reader of the capture.", "bad") for problem in capture.problems]
     found += [
         Finding(fault.what, fault.advice, "bad" if fault.bad else "look")
-        for fault in fault_texts(faults_of(motion), motion.fps)
+        for fault in fault_texts([f for f in faults_of(motion) if f.kind is not FaultKind.PERSON_AWAY], motion.fps)
     ]
     found += _flagged(motion)
     if residuals is not None:

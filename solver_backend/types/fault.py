@@ -8,10 +8,24 @@ from typing import Any
 
 
 class FaultKind(StrEnum):
-    """What can be wrong with a view; the value is the name written to files."""
+    """What can be wrong with a recording; the value is the name written to files."""
 
     LIMBS_EXCHANGED = "limbs_exchanged"
-    """The detector took left for right limbs for a while."""
+    """The detector took left for right limbs for a while. The figure is the gain in cost."""
+    SIDES_EXCHANGED = "sides_exchanged"
+    """All left and right keypoints of a view are exchanged. No figure."""
+    IMAGE_MIRRORED = "image_mirrored"
+    """The image is mirrored, or its x runs from right to left. No figure."""
+    NAMES_EXCHANGED = "names_exchanged"
+    """The view has the detections (or the calibration) of another, which the detail names. No figure."""
+    CAMERA_TURNED = "camera_turned"
+    """The camera was turned after its calibration. The figure is in degrees."""
+    UNSYNCHRONISED = "unsynchronised"
+    """The camera runs late. The figure is in frames, negative where it runs early."""
+    CONTRADICTS = "contradicts"
+    """The view shows something else than the others do, such as another person. No figure."""
+    PERSON_AWAY = "person_away"
+    """No two cameras see the person; there is no camera to name. No figure."""
 
 
 class Remedy(StrEnum):
@@ -21,6 +35,8 @@ class Remedy(StrEnum):
     """The detections or the camera were put right."""
     EXCLUDED = "excluded"
     """The view's detections were not used in these frames."""
+    BRIDGED = "bridged"
+    """The motion was interpolated."""
     REPORTED = "reported"
     """Nothing was changed."""
 
@@ -32,13 +48,13 @@ class Fault:
     kind: FaultKind
     """What is wrong."""
     camera: str
-    """Name of the camera."""
+    """Name of the camera, empty where it is all."""
     first: int
     """First frame."""
     last: int
     """Last frame."""
     figure: float
-    """The evidence; the unit goes with the kind."""
+    """Its size; the unit goes with the kind."""
     remedy: Remedy
     """What was done."""
     detail: str = ""
