@@ -15,7 +15,7 @@ LASTING_S = 1.0
 """What is explained lasts: names, sides and cameras do not change for less. Limbs may (see ``label_swaps``)."""
 BRIEF_S = 0.25
 """Shorter contradictions are left to the robust penalty."""
-USUAL_SIGMA_SHARE = 0.0065
+USUAL_SIGMA_SHARE = 0.005
 """Detectors scatter by this share of the image's longer side; views that scatter more may agree on a wrong world."""
 SUSPECT_SHARE = 0.6
 """A view with this share of the worst view's outliers may be to blame as well."""

@@ -16,9 +16,13 @@ SAMPLED_FRAMES = 200
 """Frames on which views are compared."""
 REACH_FRAMES = 8
 """Largest delay looked for in one round."""
-ROUNDS = 5
-SETTLED_FRAMES = 0.1
+ROUNDS = 10
+IN_STEP_FRAMES, SETTLED_FRAMES = 0.4, 0.03
+"""Cameras whose first estimates are all below the one are in step; else rounds go on until they move by the other."""
 ROBUST_SIGMAS = 3.0
+MOTION_FRAMES = 4
+LEAST_MOTION = 6.0
+"""Mean square, in variances, of the way of a keypoint over twice so many frames: less may be noise alone."""
 LARGEST_SIGMA_FRAMES = 0.2
 """A delay less certain than this, as if all detections erred independently, cannot be told: too little moves."""
 MEDIAN_FRAMES = 5
@@ -65,7 +69,7 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarr
             step, sigma[view] = _shift(tracks[view], frames + delay[view], predictions, view, sigma_px)
             delay[view] += step
         delay -= _median(delay[np.isfinite(sigma)])
-        if np.abs(delay - before).max() < SETTLED_FRAMES:
+        if np.abs(delay - before).max() < (SETTLED_FRAMES if np.abs(delay).max() > IN_STEP_FRAMES else IN_STEP_FRAMES):
             break
     return Delays(np.where(np.isfinite(sigma), delay, np.nan), sigma)
 
@@ -112,9 +116,9 @@ def _at(tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray) -> np.ndarray
 def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return a track (F, ...) at times in frames, NaN beyond its ends and where a neighbour is."""
     last = len(track) - 1
-    low = np.clip(np.floor(times).astype(int), 0, max(last - 1, 0))
+    low = np.clip(np.floor(times).astype(int), 0, last)
     share = (times - low).reshape(-1, *[1] * (track.ndim - 1))
-    between = (1 - share) * track[low] + share * track[np.minimum(low + 1, last)]
+    between = np.where(share > 0, (1 - share) * track[low] + share * track[np.minimum(low + 1, last)], track[low])
     return np.where((times < 0).reshape(share.shape) | (times > last).reshape(share.shape), np.nan, between)
 
 
@@ -134,6 +138,10 @@ def _shift(
         known = np.isfinite(square)
         return float((square[known] / (square[known] + ROBUST_SIGMAS**2)).mean()) if known.any() else np.inf
 
+    way = _view_at(track, times + MOTION_FRAMES) - _view_at(track, times - MOTION_FRAMES)
+    square = ((way / sigma_px[:, None]) ** 2).sum(-1)
+    if not np.isfinite(square).any() or float(np.nanmean(square)) < LEAST_MOTION:
+        return 0.0, float("nan")
     whole = np.arange(-REACH_FRAMES, REACH_FRAMES + 1)
     best = float(whole[int(np.argmin([cost(float(s)) for s in whole]))])
     motion = 0.0

@@ -20,8 +20,8 @@ STAGE = "Checking the cameras"
 STEPS = 4
 LEAST_DELAY_FRAMES = 0.5
 """Smaller delays are not worth a word ..."""
-LEAST_DELAY_SIGMAS = 4.0
-"""... nor those that are not told surely."""
+LEAST_DELAY_SIGMAS = 12.0
+"""... nor those that are not told surely: neighbouring frames err alike, so that the true deviation is larger."""
 AWAY_S = 0.25
 """Shorter absences are not named, only bridged and flagged."""
 
