@@ -72,7 +72,7 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise BakeFailed(f"The {options.verb} broke: {kind}: {error}", hint=hint) from error
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)  # Blender's own handler is unknown to Python
 
 
 def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -53,6 +53,13 @@ def test_the_solvers_errors_and_exit_codes_come_through(tmp_path: Path, capfd: p
         assert said(capfd)["code"] == name
 
 
+def test_a_handler_that_python_does_not_know_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender installs its own for Ctrl-C, in C."""
+    real = signal.signal
+    monkeypatch.setattr(signal, "signal", lambda number, handler: real(number, handler) and None)
+    assert main(["export", str(tmp_path / "gone.npz"), "--out", str(tmp_path), "--format", "csv"]) == 3
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals are sent differently there")
 def test_terminating_the_command_ends_the_solver_too(tmp_path: Path) -> None:
     capture, motion = tmp_path / "capture.npz", tmp_path / "motion.npz"
