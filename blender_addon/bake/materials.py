@@ -32,7 +32,8 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55) -> bp
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
-    material.use_nodes = True
+    if bpy.app.version < (5, 0):  # later materials always have nodes, and saying so is deprecated
+        material.use_nodes = True
     shader = next((n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled"), None)
     if shader is not None:
         shader.inputs["Base Color"].default_value = colour

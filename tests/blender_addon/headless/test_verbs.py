@@ -15,8 +15,14 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon.errors import SolverStopped
 from blender_addon.headless.blender_command import Command, run
+from blender_addon.headless.exit_codes import exit_code
 from blender_addon.headless.main import main
+from blender_addon.headless.solver import run_solver
+from blender_addon.progress import silent
+from blender_addon.solving.child import SolverProcess
+from blender_addon.solving.run import Run
 from solver_backend.io.capture_file import write_capture
 from solver_backend.io.motion_file import read_motion
 from solver_backend.synthetic.demo import demo_capture
@@ -51,6 +57,43 @@ def test_the_solvers_errors_and_exit_codes_come_through(tmp_path: Path, capfd: p
     for given, code, name in cases:
         assert main(["solve", *given, "--json"]) == code
         assert said(capfd)["code"] == name
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes are killed differently there")
+def test_a_killed_solver_is_an_error_with_a_hint(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    child = [sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"]
+    killed = Run("solve", SolverProcess(child, dict(os.environ), tmp_path))
+    monkeypatch.setattr("blender_addon.headless.solver.start", lambda *_: killed)
+    with pytest.raises(
+        SolverStopped, match=r"ended without a result.*signal 9.*your scene and earlier takes"
+    ) as caught:
+        run_solver("solve", [], silent)
+    assert (caught.value.code, exit_code(caught.value)) == ("solver_died", 4)
+
+
+def test_folders_that_cannot_be_written_are_named(
+    files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "captures").mkdir()
+    (tmp_path / "captures" / "take.npz").write_bytes(b"x")
+    out = ["--out", str(tmp_path / "file" / "out"), "--json"]
+    motion = [str(files.motion_path), "--body", str(files.body_path)]
+    for command in (["bake", *motion, "--no-pictures"], ["render", *motion], ["export", *motion, "--format", "csv"],
+                    ["batch", str(tmp_path / "captures")]):  # fmt: skip
+        assert main([*command, *out]) == 3
+        event = said(capfd)
+        assert event["code"] == "output_not_writable" and "Choose a folder you may write to" in event["hint"]
+
+
+def test_a_capture_that_moved_is_named(files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    job = tmp_path / "job.json"
+    job.write_text(json.dumps({"version": 1, "capture": "moved.npz", "out": "motion.npz"}))
+    assert main(["solve", "--job", str(job), "--json"]) == 3
+    assert said(capfd)["where"] == str(tmp_path / "moved.npz")
+    bake = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--json"]
+    assert main([*bake, "--capture", str(tmp_path / "moved.npz")]) == 3
+    assert said(capfd)["code"] == "file_missing"
 
 
 def test_a_handler_that_python_does_not_know_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
