@@ -105,6 +105,12 @@ def test_build_writes_a_static_repository(
     assert (entry["id"], entry["archive_url"]) == ("manifold_mocap", f"./{extension_zip.name}")
     assert entry["archive_size"] == extension_zip.stat().st_size
     assert entry["archive_hash"] == f"sha256:{hashlib.sha256(extension_zip.read_bytes()).hexdigest()}"
+    remote = ["--remote-url", (tmp_path / "index.json").as_uri(), "--local-dir", tmp_path / "installed"]
+    assert tool("sync", *remote).returncode == 0
+    blender = ["--blender-version", "4.5.0", "--python-version", "3.11.0", "--local-cache", "0"]
+    installed = tool("install", "manifold_mocap", *remote, *blender)
+    assert installed.returncode == 0, installed.stdout
+    assert (tmp_path / "installed" / "manifold_mocap" / "backend" / "solver_backend" / "__main__.py").is_file()
 
 
 def test_a_wheel_that_is_not_the_expected_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
