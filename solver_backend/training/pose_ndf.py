@@ -39,11 +39,13 @@ class PoseNdfSettings:
     """Share of a batch that are recorded poses, of distance 0."""
     pool: int = 40_000
     """Negatives drawn anew for each stage."""
-    stages: tuple[float, ...] = (3 / 7, 2 / 7, 2 / 7)
-    """Share of the steps: far from the manifold, nearer, and what projections meet; further ones meet more."""
-    validation: int = 3000
+    stages: tuple[float, ...] = (1.0,)
+    """Share of the steps: far from the manifold, nearer, what projections meet, and more of that. One stage is the
+    default: after three (3/7, 2/7, 2/7 of 7,000 steps) 7 % of the samples lay outside the limits of joints and 93 % of
+    the projections lowered the true distance, with no better ranking."""
+    validation: int = 1500
     """Perturbed poses of unseen subjects that are measured on."""
-    samples: int = 2000
+    samples: int = 1000
     """Samples that are looked at."""
 
 

@@ -21,15 +21,14 @@ from solver_backend.training.recipe import Finished, Job
 
 _SUMMARY = """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
 over the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained on distances (2) to
-the mean of the 5 nearest recorded poses and on the eikonal equation, in stages from far to near. Unlike the paper: q
-and -q are one input by construction, the gradient is taken in the metric of the distance, features have 8 numbers, and
-the last stage learns from the poses that projections with the stage before pass through. Manifold: distinct
-training poses within the limits of joints (`body/joint_limits.py`), and their mirror images."""
+the mean of the 5 nearest recorded poses and on the eikonal equation, on recorded poses and on negatives far from them.
+Unlike the paper: q and -q are one input by construction, the gradient is taken in the metric of the distance, features
+have 8 numbers, and the stages with negatives nearer to the manifold are left out: measured, they made projections and
+samples worse. Manifold: distinct training poses within the limits of joints (`body/joint_limits.py`), mirrored too."""
 _METHOD = """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
 turned by 1° to 60° about every axis at one sigma (half of them in some joints only). `near`: half of the poses turned
-by less than 8°. True distance: mean over the 5
-nearest training poses. `lowered`: poses whose distance, predicted or true, a projection (eq. 6) lowers. `outside`:
-samples of which any joint lies beyond its range of motion and 15°.
+by less than 8°. True distance: mean over the 5 nearest training poses. `lowered`: poses whose distance, predicted or
+true, a projection (eq. 6) lowers. `outside`: samples of which any joint lies beyond its range of motion and 15°.
 """
 
 

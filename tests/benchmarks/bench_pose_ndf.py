@@ -82,9 +82,7 @@ def _denoising(prior, vae, takes, length, shown) -> list[Metric]:
             ):
                 found = work(start)
                 errors.setdefault(f"{data}_{row}", []).append(_error_cm(found, truth))
-                if (data == "noisy" and row != "no_prior" and "noisy" not in shown) or (
-                    row == "pose_ndf" and data == "noisy"
-                ):
+                if data == "noisy" and row != "no_prior":
                     shown.setdefault("truth", truth.local[::10])
                     shown.setdefault("noisy", noisy.local[::10])
                     shown.setdefault(f"denoised_{row}", found.local[::10])
@@ -99,7 +97,7 @@ def _latent_denoised(vae, noisy: PosedFrames) -> PosedFrames:
     observed = pose(_SUBJECT, noisy).points
     chain = LatentChain(
         _SUBJECT, vae, noisy.root, noisy.transl, observed, np.ones(observed.shape[:2]), vae.encode(noisy.local),
-        pull=1e-5, smoothness=3e-3,
+        pull=1e-4, smoothness=3e-3,
     )  # fmt: skip
     return PosedFrames(noisy.root, chain.solve(), noisy.transl)
 
@@ -131,7 +129,7 @@ def _latent_completed(vae, hidden: PosedFrames, missing: tuple[int, ...]) -> Pos
     columns = [3 + 3 * j + axis for j in missing for axis in range(3)]
     seen = (np.abs(posed.by_rotations[..., columns]).max(axis=(2, 3)) < 1e-6).astype(float)
     chain = LatentChain(
-        _SUBJECT, vae, hidden.root, hidden.transl, posed.points, seen, vae.encode(hidden.local), pull=1e-5,
+        _SUBJECT, vae, hidden.root, hidden.transl, posed.points, seen, vae.encode(hidden.local), pull=1e-4,
         smoothness=3e-3,
     )  # fmt: skip
     decoded, local = chain.solve(), hidden.local.copy()

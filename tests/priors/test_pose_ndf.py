@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from solver_backend.body.joint_limits import excess_deg
 from solver_backend.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.pose_distance import JOINT_WEIGHTS
 from solver_backend.priors.pose_field import LEVELS
 from solver_backend.priors.pose_ndf import PoseNDF, in_metric, load_pose_ndf
-from solver_backend.priors.weights import PriorWeights, write_weights
+from solver_backend.priors.weights import ASSETS, PriorWeights, write_weights
 from solver_backend.types.joint_sets import SMPL_PARENTS
 from tests.priors.pose_ndf_weights import SIZE, arrays, random_prior
 
@@ -147,3 +148,13 @@ def test_weights_of_another_prior_are_named(tmp_path: Path) -> None:
     write_weights(path, PriorWeights("rvposer", arrays(), {"field_size": SIZE}))
     with pytest.raises(WeightsInvalid, match="'rvposer', not 'pose_ndf'"):
         load_pose_ndf(path)
+
+
+def test_shipped_weights_pull_noise_to_poses_a_body_can_take() -> None:
+    prior = load_pose_ndf()
+    assert (ASSETS / "pose_ndf.npz").stat().st_size < 4_000_000
+    rest = np.tile(np.eye(3), (1, 21, 1, 1))
+    assert prior.energy(rest)[0] < 0.5 < prior.energy(poses(20)).min()
+    sampled = prior.sample(40, seed=5)
+    assert prior.energy(sampled).max() < 0.05
+    assert (excess_deg(sampled) > 0).any(axis=1).mean() <= 0.05

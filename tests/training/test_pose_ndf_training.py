@@ -33,7 +33,15 @@ from solver_backend.training.recipe import Job
 from solver_backend.training.train_pose_ndf import train_pose_ndf
 from tests.training.test_sposer_training import DATA
 
-SMALL = PoseNdfSettings(features=3, encoder_hidden=4, field_hidden=(16, 16), pool=120, validation=200, samples=20)
+SMALL = PoseNdfSettings(
+    features=3,
+    encoder_hidden=4,
+    field_hidden=(16, 16),
+    pool=120,
+    stages=(3 / 7, 2 / 7, 2 / 7),
+    validation=200,
+    samples=20,
+)
 
 
 def swaying(seed: int, frames: int = 60) -> Corpus:
