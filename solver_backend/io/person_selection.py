@@ -32,6 +32,8 @@ CLOSEST_M = 0.04
 """... but nearer than this it may always be."""
 AGREEING_SHARE = 0.65
 """Fewer agreeing views than this share of those that see somebody are a problem."""
+ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
+"""A view that sees one person in so many frames, accepted in fewer than so many, is itself in doubt."""
 TRUSTED_SHARE = 0.5
 """Share of a view's track that must be the person for any of it to be ..."""
 SURE_SHARE = 0.8
@@ -87,8 +89,15 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
     points, near = _expected_points(people, found[0], detections.num_frames, fps)
     others = _claimed_by_others(people, found[0], points, detections)
     accepted, fit = _accepted(seen, points, near, others, tracks)
+    strange = _strange_views(detections, accepted)
+    accepted[strange] = detections.confidence[strange].any(-1)
     xy, confidence, detection = _merged(detections, accepted, fit)
     notes, problems = _report(cameras, detections, people, found, accepted)
+    problems += tuple(
+        f"Camera {cameras.names[c]} sees one person, but never where the other cameras do: it may be turned, mirrored, "
+        "late or named like another."
+        for c in strange
+    )
     keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps)
     return SelectedPerson(keypoints, detection, notes, problems)
 
@@ -164,6 +173,15 @@ def _accepted(
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
     accepted = (close & (share >= TRUSTED_SHARE)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
     return accepted, fit
+
+
+def _strange_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
+    """Return the views that see one person alone, who is hardly ever accepted: kept, so that the view is examined."""
+    people = detections.people()
+    seen = (people > 0).sum(1)
+    alone = (people == 1).sum(1) >= ALONE_SHARE * seen
+    hardly = accepted.any(-1).sum(1) < STRANGE_SHARE * seen
+    return np.flatnonzero(alone & hardly & (seen > 0)) if len(people) > 2 else np.zeros(0, int)
 
 
 def _merged(detections: Detections, accepted: np.ndarray, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,6 +10,8 @@ from solver_backend.io.detections import Detections
 from solver_backend.io.person_selection import SelectedPerson, select_person
 from solver_backend.io.sightings import sightings
 from solver_backend.io.view_tracks import view_tracks
+from solver_backend.synthetic import bad_input
+from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
 from tests.io.scenes import detected, ring_of_cameras, walker
 
@@ -250,3 +252,19 @@ def test_tracks_of_a_view_end_where_two_people_cannot_be_told_apart() -> None:
     alone, crowded = (view_tracks(sightings(cameras, d)) for d in (detections, twice))
     assert len(np.unique(alone)) == 4
     assert len(np.unique(crowded)) > 4 * frames
+
+
+def test_a_view_that_sees_one_person_elsewhere_is_kept_and_named():
+    """Whether the camera or the person is wrong is told later, by what puts such views right."""
+    capture = bad_input.bumped(demo_capture(num_frames=40), 1)
+    cameras, keypoints = capture.require_multiview()
+    everybody = Detections(
+        cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
+    )
+    found = select_person(cameras, everybody, keypoints.fps)
+    assert found.problems == (
+        "Camera cam02 sees one person, but never where the other cameras do: it may be turned, mirrored, late or named "
+        "like another.",
+    )
+    seen = keypoints.confidence[1] > 0
+    np.testing.assert_array_equal(found.keypoints.xy[1][seen], keypoints.xy[1][seen])
