@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import bpy
 import numpy as np
 
@@ -12,6 +14,7 @@ from .curves import CurveTarget, action_curves, key_type_values, write_curves
 
 PROPERTY = "confidence"
 _PATH = f'["{PROPERTY}"]'
+_BONE_PATH = re.compile(r'pose\.bones\["([^"]+)"\]\["confidence"\]')
 _GROUP = "Confidence"
 
 
@@ -46,6 +49,15 @@ def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
     points = np.empty(2 * len(curve.keyframe_points), np.float32)
     curve.keyframe_points.foreach_get("co", points)
     return points[::2].astype(np.float64), points[1::2].astype(np.float64)
+
+
+def confidence_at(action: bpy.types.Action, frame: float) -> dict[str, float]:
+    """Return each bone's confidence on a scene frame, for bones that have a lane."""
+    return {
+        match[1]: curve.evaluate(frame)
+        for curve in action_curves(action)
+        if (match := _BONE_PATH.fullmatch(curve.data_path)) is not None
+    }
 
 
 def current_confidence(armature: bpy.types.Object) -> dict[str, float]:

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..bake.confidence_lane import current_confidence
+from ..bake.confidence_lane import confidence_at
 from ..review.confidence import colours
 
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
@@ -18,7 +18,8 @@ def colour_bones(scene: bpy.types.Scene) -> None:
     armature = review.armature
     if armature is None or armature.type != "ARMATURE":
         return
-    confidence = current_confidence(armature)
+    action = armature.animation_data.action if armature.animation_data is not None else None
+    confidence = confidence_at(action, scene.frame_current) if action is not None else {}
     if not confidence:
         return
     if not review.colours:
@@ -37,6 +38,6 @@ def colour_bones(scene: bpy.types.Scene) -> None:
 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
-    """Repaint for the new frame; nothing is done where colours are off."""
+    """Repaint before the new frame is evaluated, so that it is evaluated once; nothing is done with colours off."""
     if scene.mocap.review.colours and not bpy.app.is_job_running("RENDER"):
         colour_bones(scene)

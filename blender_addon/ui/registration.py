@@ -69,7 +69,7 @@ TABLE: tuple[Entry, ...] = (
     _class(review_panels.VIEW3D_PT_mocap_resolve),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),
-    _handler(bpy.app.handlers.frame_change_post, bone_colours.on_frame_change),
+    _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_operators.draw_export_menu),

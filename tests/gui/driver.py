@@ -59,6 +59,11 @@ class User:
         self.region("UI").active_panel_category = name
         yield 0.5
 
+    def look_at(self, point: tuple[float, float, float], distance_m: float) -> None:
+        """Turn the viewport to a point."""
+        view = self.viewport.spaces.active.region_3d
+        view.view_location, view.view_distance = point, distance_m
+
     def move(self, x: int, y: int) -> Steps:
         """Move the mouse."""
         self.window.event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)

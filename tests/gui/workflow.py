@@ -78,14 +78,15 @@ def steps(user: Any) -> Any:
     yield from user.press("mocap.leave_camera()")
     yield from user.press("mocap.show_confidence()")
     assert bpy.context.mode == "POSE" and mocap().review.colours
+    user.look_at(mocap().review.armature.pose.bones["pelvis"].head, 3.2)
     yield from user.shot("confidence")
 
     mocap().review.below = 0.65
     yield from user.press("mocap.next_bad_range(backwards=False)", 0.75)
-    first, last = mocap().review.first, mocap().review.last
-    assert bpy.context.scene.frame_current == first <= last
+    frame = bpy.context.scene.frame_current
+    assert mocap().review.first <= frame <= mocap().review.last
     yield from user.press("mocap.pin_pose()")
-    assert [pin.frame for pin in mocap().review.pins] == [first]
+    assert [pin.frame for pin in mocap().review.pins] == [frame]
     yield from user.shot("pinned")
 
     yield from user.press("mocap.select_body()")
