@@ -7,7 +7,7 @@ import itertools
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.interpolation import slerp
+from solver_backend.geometry.interpolation import slerp, slerp_with_jacobian
 from solver_backend.geometry.sphere import sphere_exp, sphere_log
 
 
@@ -36,6 +36,24 @@ def squad(a: Array, b: Array, control_a: Array, control_b: Array, t: Array | flo
     """
     t = constant(t, a)
     return slerp(slerp(a, b, t), slerp(control_a, control_b, t), 2.0 * t * (1.0 - t))
+
+
+def squad_with_jacobian(
+    a: Array, b: Array, control_a: Array, control_b: Array, t: Array | float
+) -> tuple[Array, tuple[Array, Array, Array, Array]]:
+    """Return ``squad(a, b, control_a, control_b, t)`` and its derivatives by the four points, (..., d, d) each.
+
+    The product of SLERP's own derivatives. Those of ``lerp``, ``bezier`` and ``bspline`` are their weights times the
+    identity.
+    """
+    xp, t = array_namespace(a), constant(t, a)
+    outer, (by_a, by_b) = slerp_with_jacobian(a, b, t)
+    inner, (by_control_a, by_control_b) = slerp_with_jacobian(control_a, control_b, t)
+    x, (by_outer, by_inner) = slerp_with_jacobian(outer, inner, 2.0 * t * (1.0 - t))
+    return x, (
+        xp.matmul(by_outer, by_a), xp.matmul(by_outer, by_b),
+        xp.matmul(by_inner, by_control_a), xp.matmul(by_inner, by_control_b),
+    )  # fmt: skip
 
 
 def squad_controls(keys: Array) -> Array:

@@ -79,6 +79,22 @@ class GaussianMixture(PosePrior):
         top = xp.max(exponents, axis=-1)
         return -(top + xp.log(xp.sum(xp.exp(exponents - top[:, None]), axis=-1)))
 
+    def posterior_mean(self, rotations: np.ndarray, sigma: float) -> np.ndarray:
+        """Return (N, 21, 3, 3) poses freed of normal noise of ``sigma`` rad in every rotation vector.
+
+        ``E[x | y] = Σ_k r_k(y) (μ_k + Σ_k (Σ_k + σ² I)⁻¹ (y - μ_k))``, ``r_k`` each component's share of y's density.
+        """
+        y = self.encode(rotations)
+        logs, means = [], []
+        for weight, mean, factor in zip(self._weights, self._means, self._factors, strict=True):
+            covariance = factor @ factor.T
+            noisy = np.linalg.cholesky(covariance + sigma**2 * np.eye(_DIM))
+            scaled = np.linalg.solve(noisy, (y - mean).T)
+            logs.append(np.log(weight) - np.log(np.diagonal(noisy)).sum() - 0.5 * (scaled * scaled).sum(axis=0))
+            means.append(mean + np.linalg.solve(noisy.T, scaled).T @ covariance)
+        shares = np.exp(np.array(logs) - np.max(logs, axis=0))
+        return self.decode(np.einsum("kn,knd->nd", shares / shares.sum(axis=0), np.array(means)))
+
     def sample(self, count: int, seed: int) -> np.ndarray:
         """Return ``count`` draws from the mixture."""
         rng = np.random.default_rng(seed)

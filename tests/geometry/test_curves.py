@@ -82,6 +82,23 @@ def test_spherical_bezier_stays_on_the_sphere_and_flattens_to_bezier():
     np.testing.assert_allclose(curves.spherical_bezier(near, t), curves.bezier(*near, t), atol=2e-8)
 
 
+@pytest.mark.parametrize("t", [0.0, 0.3, 0.5, 1.0])
+def test_jacobian_of_squad_equals_central_differences(t):
+    p, step = path(4, 6), 1e-5
+    x, jacobians = curves.squad_with_jacobian(*p, t)
+    np.testing.assert_allclose(x, curves.squad(*p, t), atol=1e-14)
+    for key, jacobian in enumerate(jacobians):
+        for direction in np.linalg.svd(p[key][None])[2][1:]:
+
+            def moved(angle, key=key, direction=direction):
+                points = list(p)
+                points[key] = np.cos(angle) * p[key] + np.sin(angle) * direction
+                return curves.squad(*points, t)
+
+            numeric = (8 * (moved(step) - moved(-step)) - (moved(2 * step) - moved(-2 * step))) / (12 * step)
+            np.testing.assert_allclose(jacobian @ direction, numeric, atol=1e-9)
+
+
 def test_torch_equals_numpy():
     p, t = path(4, 6), np.linspace(0, 1, 5)
     tensors, times = [torch.as_tensor(k) for k in p], torch.as_tensor(t)

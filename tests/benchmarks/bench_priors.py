@@ -1,0 +1,187 @@
+"""Pose priors side by side: samples, reconstruction by source, noise removed, frames between keys; with pictures.
+
+FID, DIV and APD over positions of joints 1..23 about an unturned pelvis on a skeleton of 1.70 m, in dm (FID in dm²), of
+4,000 samples against 8,000 distinct training poses; reconstruction, noise and interpolation on validation subjects;
+errors of joints with the pelvis fixed. Samples, noise and keys: median of three seeds; the weights are of one seed.
+Pictures and tables go to build/priors (or --out). Needs the recordings kept beside the repository (or
+MOCAP_SHARED_DATA); the first run fits the marker takes, which takes minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.errors import FileMissing
+from solver_backend.geometry.interpolation import sider2
+from solver_backend.priors.base import PosePrior
+from solver_backend.priors.catalogue import load_prior, shipped_priors
+from solver_backend.priors.sposer import SPoser
+from solver_backend.training.accuracy import accuracy_by_source
+from solver_backend.training.clips import load_clips
+from solver_backend.training.corpus import Corpus, split_corpus
+from solver_backend.training.marker_takes import fitted_takes
+from tests.benchmarks import prior_tables as tables
+from tests.benchmarks.metric import BenchmarkSkipped, Metric
+from tests.benchmarks.prior_pictures import embedding, pose_grid
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+OUT = ROOT / "build" / "priors"
+_SEEDS = (0, 1, 2)
+_SAMPLES, _REAL, _VALIDATION, _KEYS, _NOISED = 4000, 8000, 4000, 1500, 600
+_SPACING = 6
+"""Frames between keys: 0.2 s."""
+_DECODED = 2000
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """What the priors are measured on."""
+
+    training: Corpus
+    validation: Corpus
+    real: np.ndarray
+    """Features of distinct training poses."""
+    truth: np.ndarray
+    """Distinct validation poses."""
+
+
+def run(out: Path = OUT) -> list[Metric]:
+    """Print the tables, write them and the pictures, and return SPoser's figures."""
+    poses = _read(Path(os.environ.get("MOCAP_SHARED_DATA", DATA)), out)
+    priors = [load_prior(name) for name in shipped_priors()]
+    parts = [
+        _marker_residuals(Path(os.environ.get("MOCAP_SHARED_DATA", DATA)), out),
+        tables.text_table("Synthesis and reconstruction (thesis tables 4.5 and 6.5)", _main_table(priors, poses)),
+        _by_source(priors, poses.validation),
+        tables.text_table("Noise of 20 joints: error after over before", _denoising(priors, poses)),
+        tables.text_table("Frame between keys 0.2 s apart, MPJPE mm", _interpolation(priors, poses)),
+    ]
+    text = "\n".join(parts)
+    sys.stdout.write(text)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "tables.md").write_text(text, encoding="utf-8")
+    _pictures(priors, poses, out)
+    return _metrics(priors, poses)
+
+
+def _read(data: Path, out: Path) -> _Poses:
+    try:
+        training, validation = split_corpus(load_clips(data, cache=out / "fitted_takes"))
+    except FileMissing as error:
+        hint = "Set MOCAP_SHARED_DATA to the folder of recordings."
+        raise BenchmarkSkipped("The recordings are not here.", hint=hint) from error
+    real = tables.features(_some(training, _REAL))
+    return _Poses(training, validation, real, _some(validation, _VALIDATION))
+
+
+def _some(corpus: Corpus, count: int) -> np.ndarray:
+    distinct = np.unique(corpus.distinct)
+    chosen = np.random.default_rng(0).choice(distinct, min(count, len(distinct)), replace=False)
+    return corpus.rotations[chosen].astype(np.float64)
+
+
+def _medians(measure: Callable[[int], dict[str, float]]) -> dict[str, float]:
+    runs = [measure(seed) for seed in _SEEDS]
+    return {name: float(np.median([r[name] for r in runs])) for name in runs[0]}
+
+
+def _main_table(priors: list[PosePrior], poses: _Poses) -> tables.Table:
+    seen = _some(poses.training, _SAMPLES)
+    rows = {
+        "real, training": tables.synthesis(seen, poses.real, 0),
+        "real, validation": tables.synthesis(poses.truth, poses.real, 0),
+    }
+    for prior in priors:
+        sampled = _medians(
+            lambda seed, p=prior: tables.synthesis(np.asarray(p.sample(_SAMPLES, seed)), poses.real, seed)
+        )
+        rows[prior.name] = sampled | tables.reconstruction(prior, poses.truth)
+    return rows
+
+
+def _by_source(priors: list[PosePrior], validation: Corpus) -> str:
+    text = ""
+    for prior in priors:
+        if prior.name not in tables.POSE_ITSELF:
+            rows = accuracy_by_source(validation, lambda R, p=prior: p.decode(p.encode(R)))
+            text += tables.text_table(f"Reconstruction by source: {prior.name}", rows) + "\n"
+    return text
+
+
+def _denoising(priors: list[PosePrior], poses: _Poses) -> tables.Table:
+    truth = poses.truth[:_NOISED]
+    return {p.name: _medians(lambda seed, p=p: tables.denoising(p, truth, seed)) for p in priors}
+
+
+def _interpolation(priors: list[PosePrior], poses: _Poses) -> tables.Table:
+    keys = [tables.draw_keys(poses.validation, _SPACING, _KEYS, seed) for seed in _SEEDS]
+    rows = {"no prior (quaternions)": _medians(lambda seed: tables.interpolation(None, keys[seed]))}
+    for prior in priors:
+        rows[prior.name] = _medians(lambda seed, p=prior: tables.interpolation(p, keys[seed]))
+    return rows
+
+
+def _marker_residuals(data: Path, out: Path) -> str:
+    takes = fitted_takes(data / "markers" / "ui_prmd", out / "fitted_takes")
+    rows: tables.Table = {}
+    for subject in sorted({take.subject for take in takes}):
+        residual = np.concatenate([take.residual_mm for take in takes if take.subject == subject])
+        rows[f"ui_prmd {subject}"] = {
+            "frames": float(len(residual)), "mean mm": float(residual.mean()),
+            "median mm": float(np.median(residual)), "95 % mm": float(np.percentile(residual, 95)),
+        }  # fmt: skip
+    return tables.text_table("Marker fit: mean distance of a frame's markers", rows)
+
+
+def _pictures(priors: list[PosePrior], poses: _Poses, out: Path) -> None:
+    body = load_body()
+    rows = {"real": poses.truth[:8]} | {p.name: np.asarray(p.sample(8, 0)) for p in priors}
+    pose_grid(out / "samples.png", body, rows)
+    keys = tables.draw_keys(poses.validation, 15, 1, 1)
+    strips = {}
+    for prior in priors:
+        if isinstance(prior, SPoser):
+            a, b, c = (prior.encode(keys.poses[:, k]) for k in range(3))
+            path = [sider2(a, b, c, t) for t in np.linspace(0.0, 1.0, 9)]
+            strips["SIDER2, " + prior.name] = prior.decode(np.concatenate(path))
+        if prior.name not in tables.POSE_ITSELF:
+            first, last = (prior.encode(keys.poses[:, k]) for k in (0, 2))
+            strips["LERP, " + prior.name] = prior.decode(
+                np.concatenate([(1 - t) * first + t * last for t in np.linspace(0.0, 1.0, 9)])
+            )
+    pose_grid(out / "interpolation.png", body, strips)
+    clouds = {p.name: tables.features(np.asarray(p.sample(2000, 0))) for p in priors}
+    embedding(out / "embedding.png", poses.real[:4000], clouds)
+
+
+def _metrics(priors: list[PosePrior], poses: _Poses) -> list[Metric]:
+    prior = next(p for p in priors if p.name == "sposer")
+    found = tables.reconstruction(prior, poses.truth)
+    z = prior.encode(poses.truth[:_DECODED])
+    times = []
+    for _ in _SEEDS:
+        start = time.process_time()
+        prior.decode_with_jacobian(z)
+        times.append(time.process_time() - start)
+    return [
+        Metric("sposer_mpjpe_mm", found["MPJPE mm"], "mm"),
+        Metric("sposer_worst5_mpjpe_mm", found["worst 5 % mm"], "mm"),
+        Metric("sposer_pck3_percent", found["PCK3 %"], "%", "higher", rel_tol=0.01),
+        Metric("sposer_jacobian_2000_s", float(np.median(times)), "s", rel_tol=0.5),
+    ]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="bench_priors", description="Tables and pictures of all priors.")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of the tables and pictures")
+    run(parser.parse_args().out)
