@@ -33,15 +33,17 @@ def embedding(path: Path, real: np.ndarray, generated: dict[str, np.ndarray]) ->
     """Draw (N, d) features on the two principal axes of the real ones: a panel for every prior, real poses grey."""
     mean = real.mean(axis=0)
     axes = np.linalg.svd(real - mean, full_matrices=False)[2][:2].T
-    size, margin = 320, 1.35 * np.abs((real - mean) @ axes).max()
+    size = 320
+    low, high = np.percentile((real - mean) @ axes, (0.5, 99.5), axis=0)
+    low, high = low - 0.25 * (high - low), high + 0.25 * (high - low)
     sheet = Image.new("RGB", (size * len(generated), size + 20), "white")
     draw = ImageDraw.Draw(sheet)
     for number, (name, points) in enumerate(generated.items()):
         draw.text((size * number + 8, 4), name, fill="black")
         for cloud, colour in ((real, (190, 190, 190)), (points, (200, 60, 40))):
-            at = (np.clip((cloud - mean) @ axes / margin, -1, 1) + 1) * 0.5 * (size - 4)
-            for x, y in at:
-                draw.point((size * number + x, 20 + size - y), fill=colour)
+            for x, y in np.clip(((cloud - mean) @ axes - low) / (high - low), 0, 1) * (size - 4):
+                left, top = size * number + x, 18 + size - y
+                draw.rectangle((left, top, left + 1, top + 1), fill=colour)
     sheet.save(path)
 
 
