@@ -16,13 +16,15 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject import PosedFrames, Subject
 from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma, noise_inflation
+from solver_backend.fitters.view_noise import reweighted
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.progress import Progress
+from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import graduated_scales
 
-SHAPE_FRAMES = 200
-"""Frames at most from which shape and bias are estimated anew between passes."""
+SAMPLE_FRAMES = 200
+"""Frames at most from which shape, bias and noise are learned between passes."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,11 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     keys, layout = resampled(solution.keys, layout, finer), finer
     model = replace(model, motion=motion_prior(problem, settings.refine_window))
     for number, share in enumerate((2.0, 1.0)):
-        subject = _with_shape(problem, model.subject, layout, keys, settings, residuals=model.residuals)
-        model = replace(model, subject=subject, residuals=settings.residual_rotations)
+        subject = _with_shape(problem, model, layout, keys, settings)
+        model = replace(model, subject=subject)
+        if settings.learn_noise:
+            model = replace(model, term=_with_view_noise(problem, model, layout, keys, settings))
+        model = replace(model, residuals=settings.residual_rotations)
         schedule = Schedule((share * scale,), steps, tolerance=1e-3)
         solution = solve_keys(model, layout, keys, schedule)
         keys = solution.keys
@@ -84,15 +89,27 @@ def motion_prior(problem: Problem, window: int) -> MotionPrior:
 
 
 def _with_shape(
-    problem: Problem, subject: Subject, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings,
-    *, residuals: bool,
-) -> Subject:  # fmt: skip
+    problem: Problem, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings
+) -> Subject:
     """Return the subject with shape and bias estimated from frames spread over the take."""
-    count = min(problem.num_frames, SHAPE_FRAMES)
-    sample = np.unique(np.linspace(0, problem.num_frames - 1, count).astype(int))
-    frames = key_poses(problem.prior, keys, layout, sample, residuals=residuals)
-    term, free = problem.term.select(sample), settings.betas is None
-    return refit_shape(subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=free)
+    sample = spread_over(problem.num_frames)
+    frames = key_poses(problem.prior, keys, layout, sample, residuals=model.residuals)
+    term, free = model.term.select(sample), settings.betas is None
+    return refit_shape(model.subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=free)
+
+
+def _with_view_noise(
+    problem: Problem, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings
+) -> ReprojectionTerm:
+    """Return the data with the reliability of each view's keypoints learned from frames spread over the take."""
+    sample = spread_over(problem.num_frames)
+    frames = key_poses(problem.prior, keys, layout, sample, residuals=model.residuals)
+    return reweighted(model.subject, frames, problem.term, settings.robust_scale, sample)
+
+
+def spread_over(num_frames: int) -> np.ndarray:
+    """Return up to ``SAMPLE_FRAMES`` frame numbers spread over a take."""
+    return np.unique(np.linspace(0, num_frames - 1, min(num_frames, SAMPLE_FRAMES)).astype(int))
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:

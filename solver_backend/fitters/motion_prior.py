@@ -23,13 +23,12 @@ class MotionPrior:
     """(21, 3) radians: how far the prior's own reconstructions are from true poses."""
     frames_per_key: float = 1.0
     """How many frames' worth of evidence a key carries: residual rotations are priors on frames."""
-    accel_sigma: float = 3.2
+    accel_sigma: float = 4.5
     """m/s², of the root's translation."""
-    angular_sigma: float = 17.0
+    angular_sigma: float = 24.0
     """rad/s², of the root's rotation."""
-    latent_sigma: float = 4.3
-    """1/s², of each coordinate of the code. Recorded motion shows 8 over 0.08 s; the noise of neighbouring frames is
-    correlated, which the data term does not know, so the priors are that much tighter."""
+    latent_sigma: float = 6.0
+    """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
 
     def add_to(self, chain: Chain, keys: Keyframes, *, residuals: bool) -> Array:
         """Add the priors' equations to the chain in place and return their cost."""

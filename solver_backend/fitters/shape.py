@@ -13,7 +13,7 @@ from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
-from solver_backend.residuals.rest_pose import rest_pose_term
+from solver_backend.residuals.usual_poses import usual_pose_term
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
@@ -98,21 +98,21 @@ def _arrowhead(
     turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
     weighted_shape = flat(xp.matmul(information, by_shape))
     pull = xp.reshape(gradient, (count, -1, 1))
-    rest_cost, rest_pull, rest_diagonal = rest_pose_term(frames.local)
+    energy, usual_pull, curvature = usual_pose_term(frames.local)
     by_joints = chain[:, 3:66]
     turned_joints = xp.permute_dims(by_joints, (0, 2, 1))
     value = _parameters(state.subject) - mean
     system = Arrowhead(
         blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
-        + xp.matmul(turned_joints, rest_diagonal[:, None] * by_joints)
+        + xp.matmul(turned_joints, xp.matmul(curvature, by_joints))
         + 1e-2 * xp.eye(chain.shape[-1], **like),
         coupling=xp.matmul(turned_pose, weighted_shape),
         shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0)
         + precision[:, None] * xp.eye(len(value), **like),
-        g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, rest_pull[..., None]))[..., 0],
+        g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, usual_pull[..., None]))[..., 0],
         g_shared=xp.sum(xp.matmul(turned_shape, pull)[..., 0], axis=0) + precision * value,
     )
-    return (xp.sum(cost + rest_cost) + 0.5 * xp.sum(precision * value * value))[None], system
+    return (xp.sum(cost + energy) + 0.5 * xp.sum(precision * value * value))[None], system
 
 
 def refit_shape(

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.errors import MotionInvalid
 from solver_backend.fitters.bundle import BundleModel, KeySolution, Schedule, solve_keys
-from solver_backend.fitters.bundle_method import initial_keys, motion_prior
+from solver_backend.fitters.bundle_method import initial_keys, motion_prior, spread_over
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.result import build_motion
@@ -23,9 +23,6 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.progress import Progress
 from solver_backend.types import Motion
-
-SAMPLE_FRAMES = 200
-"""Frames of the earlier motion from which the detector's bias is read."""
 
 
 def solve_stretch(
@@ -113,8 +110,7 @@ def _poses(motion: Motion, like: Array) -> PosedFrames:
 
 
 def _with_bias(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> Subject:
-    count = min(problem.num_frames, SAMPLE_FRAMES)
-    sample = np.unique(np.linspace(0, problem.num_frames - 1, count).astype(int))
+    sample = spread_over(problem.num_frames)
     frames, term = select_frames(before, sample), problem.term.select(sample)
     return refit_shape(subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=False)
 

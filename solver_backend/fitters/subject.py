@@ -11,7 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
 from solver_backend.geometry.arrays import Array
 from solver_backend.residuals.evidence import PointEvidence, PointTerm
-from solver_backend.residuals.rest_pose import rest_pose_term
+from solver_backend.residuals.usual_poses import usual_pose_term
 
 FRAME_DOF = 69
 """Tangent of a posed frame: root rotation 3 (world), joints 1..21 63 (each in its parent's frame), translation 3."""
@@ -64,7 +64,7 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> Po
 
 
 def frame_equations(subject: Subject, frames: PosedFrames, term: PointTerm, scale: float) -> FrameEquations:
-    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame, J by the 69 tangents of a pose, and the pull to rest."""
+    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame by the 69 tangents of a pose, and what poses are like."""
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count, num_landmarks = posed.points.shape[:2]
@@ -75,17 +75,15 @@ def frame_equations(subject: Subject, frames: PosedFrames, term: PointTerm, scal
     weighted = xp.reshape(xp.matmul(evidence.information, J), (count, 3 * num_landmarks, FRAME_DOF))
     flat = xp.permute_dims(xp.reshape(J, (count, 3 * num_landmarks, FRAME_DOF)), (0, 2, 1))
     gradient = xp.matmul(flat, xp.reshape(evidence.gradient, (count, -1))[..., None])[..., 0]
-    return _with_rest_pose(frames, evidence.cost, gradient, xp.matmul(flat, weighted))
+    return _with_usual_poses(frames, evidence.cost, gradient, xp.matmul(flat, weighted))
 
 
-def _with_rest_pose(frames: PosedFrames, cost: Array, gradient: Array, hessian: Array) -> FrameEquations:
-    """Add the weak pull towards rest to the joints' part of the equations."""
-    xp = array_namespace(gradient)
-    rest_cost, pull, diagonal = rest_pose_term(frames.local)
+def _with_usual_poses(frames: PosedFrames, cost: Array, gradient: Array, hessian: Array) -> FrameEquations:
+    """Add what poses are like to the joints' part of the equations."""
+    energy, pull, curvature = usual_pose_term(frames.local)
     gradient[:, 3:66] += pull
-    flat = xp.reshape(hessian, (hessian.shape[0], -1))
-    flat[:, 3 * (FRAME_DOF + 1) : 66 * (FRAME_DOF + 1) : FRAME_DOF + 1] += diagonal
-    return FrameEquations(cost + rest_cost, gradient, xp.reshape(flat, hessian.shape))
+    hessian[:, 3:66, 3:66] += curvature
+    return FrameEquations(cost + energy, gradient, hessian)
 
 
 def shape_equations(

@@ -34,6 +34,21 @@ class GaussianMixture(PosePrior):
         self.metadata = metadata
 
     @property
+    def shares(self) -> np.ndarray:
+        """(K,) weights of the components; they add up to 1."""
+        return self._weights
+
+    @property
+    def means(self) -> np.ndarray:
+        """(K, 63) rad."""
+        return self._means
+
+    @property
+    def covariances(self) -> np.ndarray:
+        """(K, 63, 63) rad²."""
+        return self._factors @ self._factors.swapaxes(-1, -2)
+
+    @property
     def name(self) -> str:
         """``"gmm"``."""
         return "gmm"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +86,26 @@ class ReprojectionTerm:
         gradient = xp.sum(xp.matmul(turned, (pull * error)[..., None])[..., 0], axis=0)
         information = xp.sum(xp.matmul(turned, pull[..., None] * by_point), axis=0)
         return PointEvidence(cost, gradient, information)
+
+    def rescaled(self, variance: Array) -> ReprojectionTerm:
+        """Return the term with the noise's variance multiplied by a factor, broadcast against (C, F, L)."""
+        return replace(self, weight=self.weight / variance)
+
+    def leverage(self, points: Array, used: Array) -> Array:
+        """Return (C, F, L) the share of each view's own error that a point fitted to all used views takes over.
+
+        ``h_c = tr(w_c J_c S⁻¹ J_cᵀ) / 2`` with ``S = Σ_c w_c J_cᵀ J_c``.
+        """
+        xp = array_namespace(points)
+        _, J, _ = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
+        weight = xp.where(used, self.weight, xp.zeros_like(self.weight))
+        J = xp.where(used[..., None, None], J, xp.zeros_like(J))
+        own = weight[..., None, None] * xp.matmul(xp.matrix_transpose(J), J)
+        S = xp.sum(own, axis=0)
+        eye = xp.eye(3, dtype=S.dtype, device=getattr(S, "device", None))
+        loading = 1e-9 + 1e-6 * xp.linalg.trace(S)
+        inverse = xp.linalg.inv(S + loading[..., None, None] * eye)
+        return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)
 
     def residuals(self, points: Array, scale: float) -> tuple[Array, Array]:
         """Return the (C, F, L, 2) pixel errors and the (C, F, L) mask of detections within ``scale`` deviations."""

@@ -12,6 +12,7 @@ from solver_backend.fitters.latent import CODES
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.subject import PosedFrames, Subject, frame_equations, pose
 from solver_backend.geometry.arrays import constant
+from solver_backend.residuals import usual_poses
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.synthetic.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
@@ -20,6 +21,12 @@ from tests.fitters.toy_prior import ToyPrior
 
 FRAMES, WINDOW, NOISE_PX = 61, 20, 2.0
 SCHEDULE = Schedule((12.0, 3.0), 8)
+
+
+@pytest.fixture(autouse=True)
+def _a_figure_that_is_no_person(monkeypatch):
+    """The made-up decoder's poses are no people's: what people's poses are like has no say."""
+    monkeypatch.setattr(usual_poses, "STRENGTH", 0.0)
 
 
 class Scene:

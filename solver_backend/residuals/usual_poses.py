@@ -1,0 +1,86 @@
+"""What people's poses are like, for whatever no keypoint tells: a lumbar bend, a forearm's twist, a wrist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
+from solver_backend.priors.gmm import load_gmm
+from solver_backend.types import SMPL_JOINTS
+
+WIDENING_RAD = 0.12
+"""Standard deviation added to every direction of the mixture: people differ more than those it was fitted to."""
+STRENGTH = 0.3
+"""Weight of one frame's energy against one frame's data; tuned on simulated captures of training motions."""
+
+
+_SPREAD_RAD = {
+    "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
+    "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.32,
+}  # fmt: skip
+"""Standard deviation of each joint's rotation from rest: the mixture's recordings hold few who stand straight."""
+
+
+@dataclass(frozen=True)
+class UsualPoses:
+    """A mixture of K Gaussians over the rotation vectors of joints 1..21 (Bogo et al. 2016, eq. 4)."""
+
+    means: np.ndarray
+    """(K, 63) rad."""
+    precisions: np.ndarray
+    """(K, 63, 63) 1/rad²."""
+    log_peaks: np.ndarray
+    """(K,) logarithm of each component's density at its mean; the largest is 0."""
+
+
+@lru_cache(maxsize=1)
+def usual_poses() -> UsualPoses:
+    """Return the mixture that ships with the code, widened."""
+    mixture = load_gmm()
+    covariances = mixture.covariances + WIDENING_RAD**2 * np.eye(63)
+    peaks = np.log(mixture.shares) - 0.5 * np.linalg.slogdet(covariances)[1]
+    return UsualPoses(mixture.means, np.linalg.inv(covariances), peaks - peaks.max())
+
+
+def usual_pose_term(local: Array) -> tuple[Array, Array, Array]:
+    """Return cost (F,), gradient (F, 63) and Hessian (F, 63, 63) by the joints' left tangents.
+
+    ``E = -s log Σ_k a_k exp(-½ |x - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, s the strength and Q the pull to
+    rest. With the components' shares r_k of the sum ``dE/dx = s Σ_k r_k P_k (x - μ_k) + Q x``, the Hessian is taken as
+    ``s Σ_k r_k P_k + Q``; ``dx = J_l(x)⁻¹ δ``.
+
+    Args:
+        local: (F, 21, 3, 3) rotations of joints 1..21.
+    """
+    xp = array_namespace(local)
+    usual, count = usual_poses(), local.shape[0]
+    vector = log_so3(local)
+    x = xp.reshape(vector, (count, -1))
+    off = x[None] - constant(usual.means, x)[:, None]
+    pulls = xp.matmul(off, constant(usual.precisions, x))
+    exponents = constant(usual.log_peaks, x)[:, None] - 0.5 * xp.sum(pulls * off, axis=-1)
+    top = xp.max(exponents, axis=0)
+    parts = xp.exp(exponents - top)
+    total = xp.sum(parts, axis=0)
+    shares = STRENGTH * parts / total
+    rest = constant(_rest_precision(), x)
+    cost = -STRENGTH * (top + xp.log(total)) + 0.5 * xp.sum(rest * x * x, axis=-1)
+    turned = xp.matrix_transpose(left_jacobian_inverse_so3(vector))
+    pull = xp.reshape(xp.sum(shares[..., None] * pulls, axis=0) + rest * x, (count, 21, 3, 1))
+    gradient = xp.reshape(xp.matmul(turned, pull), (count, -1))
+    flat = xp.reshape(constant(usual.precisions, x), (len(usual.means), -1))
+    resting = xp.reshape(rest[:, None] * xp.eye(63, dtype=x.dtype, device=getattr(x, "device", None)), (-1,))
+    hessian = xp.reshape(xp.matmul(shares.T, flat) + resting, (count, 21, 3, 63))
+    half = xp.matrix_transpose(xp.reshape(xp.matmul(turned, hessian), (count, 63, 63)))
+    return cost, gradient, xp.reshape(xp.matmul(turned, xp.reshape(half, (count, 21, 3, 63))), (count, 63, 63))
+
+
+def _rest_precision() -> np.ndarray:
+    """Return (63,) 1/rad²."""
+    parts = [joint.removeprefix("left_").removeprefix("right_") for joint in SMPL_JOINTS[1:22]]
+    return np.repeat([1.0 / _SPREAD_RAD[part] ** 2 for part in parts], 3)
