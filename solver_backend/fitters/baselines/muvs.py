@@ -46,7 +46,7 @@ class DCT(Baseline):
 
     latent_weight: float = 1.0
     """As in MuVS."""
-    sigma_m: float = 0.01
+    sigma_m: float = 0.003
     """How far joints may lie from low frequencies; tuned on training motions."""
     segment: int = 30
     """Frames a stretch (Huang et al. 2017)."""

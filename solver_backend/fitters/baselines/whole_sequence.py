@@ -20,7 +20,7 @@ class ETC(Baseline):
 
     latent_weight: float = 1.0
     """Of ``|z|²/2``; tuned on training motions."""
-    speed_m_s: float = 3.0
+    speed_m_s: float = 1.0
     """Standard deviation of a joint's speed per axis; tuned on training motions."""
     iterations: int = 12
     """Linearisations at most."""
@@ -45,7 +45,7 @@ class DMMR(Baseline):
 
     latent_weight: float = 1.0
     """Of ``|z|²/2``; tuned on training motions."""
-    codes_per_s: float = 10.0
+    codes_per_s: float = 5.0
     """Standard deviation of a code's speed; tuned on training motions."""
     root_per_s: float = 2.0
     """Standard deviation of the root's speed, rad/s and m/s; tuned on training motions."""
