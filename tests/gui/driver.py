@@ -57,6 +57,7 @@ class User:
         self.viewport.spaces.active.show_region_ui = True
         yield 0.3
         self.region("UI").active_panel_category = name
+        self.viewport.tag_redraw()
         yield 0.5
 
     def look_at(self, point: tuple[float, float, float], distance_m: float) -> None:
