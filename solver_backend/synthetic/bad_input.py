@@ -20,6 +20,9 @@ from solver_backend.synthetic.filming import Person, film
 from solver_backend.synthetic.keypoint_detector import Detections, DetectorModel
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
+WALK_M_S = 1.4
+"""A passer-by's speed."""
+
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:
     """Turn a camera after it was calibrated, from a frame on: its detections move, its calibration stays."""
@@ -93,9 +96,10 @@ def away(capture: Capture, first: int, seconds: float = 3.0) -> Capture:
 
 
 def with_passerby(
-    capture: Capture, take: Take, seed: int = 1, *, single_person_detector: bool = False, clearance_m: float = 0.7
-) -> tuple[Capture, Everybody]:
-    """Send a second person through the volume, past the first at ``clearance_m``, while everybody is detected.
+    capture: Capture, take: Take, seed: int = 1, *, single_person_detector: bool = False, clearance_m: float = 0.7,
+    reach_m: float = 2.5,
+) -> tuple[Capture, Everybody]:  # fmt: skip
+    """Send a second person past the first at ``clearance_m``, detected as long as within ``reach_m``.
 
     Returns:
         The capture, and the detections of both in every view and frame, in changing order. The capture holds what the
@@ -104,8 +108,13 @@ def with_passerby(
     cameras, keypoints = capture.require_multiview()
     rng = np.random.default_rng(seed)
     true = replace(cameras, R=capture.truth["R"], t=capture.truth["t"])
-    walker = _across(cast_person(take, rng), capture.truth["joints"][:, 0], clearance_m)
+    walker, away_m = _across(cast_person(take, rng), capture.truth["joints"][:, 0], clearance_m, keypoints.fps)
+    there = away_m < reach_m
     found = film(walker, true, JOINT_SET, keypoints.fps, DetectorModel(), rng)
+    found = replace(
+        found, xy=np.where(there[:, None, None], found.xy, np.nan),
+        confidence=np.where(there[:, None], found.confidence, 0.0),
+    )  # fmt: skip
     both = _both(keypoints, found, cameras.names, rng)
     if single_person_detector:
         larger = _height(found.xy) > _height(keypoints.xy)
@@ -118,19 +127,20 @@ def with_passerby(
         selected = select_person(cameras, both, keypoints.fps)
         larger = np.zeros(keypoints.xy.shape[:2], dtype=bool)
         chosen, notes = selected.keypoints, (*capture.notes, *selected.notes)
-    wrong = replace(_with(capture, chosen, -1, (0, keypoints.num_frames)), notes=notes)
+    first, last = np.flatnonzero(there)[[0, -1]]
+    wrong = replace(_with(capture, chosen, -1, (int(first), int(last) + 1)), notes=notes)
     return replace(wrong, truth=wrong.truth | {"other_person": larger}), both
 
 
-def _across(person: Person, pelvis: np.ndarray, clearance_m: float) -> Person:
-    """Return the person moved so that the path runs straight through, past ``pelvis`` (F, 3) halfway."""
-    count = min(len(person.transl), len(pelvis))
-    share = np.linspace(-1.0, 1.0, len(pelvis))[:, None]
-    frames = np.arange(len(pelvis)) % count
+def _across(person: Person, pelvis: np.ndarray, clearance_m: float, fps: float) -> tuple[Person, np.ndarray]:
+    """Return the person walking straight past ``pelvis`` (F, 3) halfway, and the (F,) distances from there, metres."""
+    frames = np.arange(len(pelvis))
+    way = WALK_M_S * (frames - len(pelvis) // 2) / fps
+    cycle = frames % len(person.transl)
     goal = pelvis[len(pelvis) // 2] + [clearance_m, 0.0, 0.0]
-    transl = person.transl[frames].copy()
-    transl[:, :2] = goal[:2] + share * [0.0, 3.0]
-    return replace(person, orient=person.orient[frames], local=person.local[frames], transl=transl)
+    transl = person.transl[cycle].copy()
+    transl[:, :2] = goal[:2] + way[:, None] * [0.0, 1.0]
+    return replace(person, orient=person.orient[cycle], local=person.local[cycle], transl=transl), np.abs(way)
 
 
 def _both(keypoints: Keypoints2D, other: Detections, names: tuple[str, ...], rng: np.random.Generator) -> Everybody:

@@ -90,12 +90,12 @@ def test_a_person_who_is_away_is_seen_by_nobody_and_lost_view_by_view(capture: C
 def test_a_passerby_fills_a_second_place_and_the_person_is_still_chosen() -> None:
     detector = DetectorModel(swaps_per_minute=0.0)
     capture = benchmark_capture(walk(60), BenchmarkSettings(detector=detector))
-    chosen, everybody = bad_input.with_passerby(capture, walk(60), seed=5)
+    chosen, everybody = bad_input.with_passerby(capture, walk(60), seed=5, reach_m=0.3)
     assert everybody.xy.shape[:3] == (4, 60, 2)
     assert everybody.people().max() == 2
     assert chosen.cameras is not None
     assert np.nanmedian(_seen(chosen, chosen.cameras)) < 20
-    stolen, _ = bad_input.with_passerby(capture, walk(60), seed=5, single_person_detector=True)
+    stolen, _ = bad_input.with_passerby(capture, walk(60), seed=5, single_person_detector=True, reach_m=0.3)
     taken = stolen.truth["other_person"]
     assert 0.05 < taken.mean() < 0.7
     seen = _seen(stolen, chosen.cameras)
