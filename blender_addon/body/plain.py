@@ -32,7 +32,9 @@ def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
     mesh = rig.mesh.copy()
     mesh.data = rig.mesh.data.copy()
     collection.objects.link(mesh)
+    keys = mesh.data.shape_keys
     mesh.shape_key_clear()
+    bpy.data.batch_remove((keys,))  # else they outlive their mesh
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
     mesh.data.update()
     mesh.parent = armature
