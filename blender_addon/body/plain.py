@@ -32,9 +32,10 @@ def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
     mesh = rig.mesh.copy()
     mesh.data = rig.mesh.data.copy()
     collection.objects.link(mesh)
-    keys = mesh.data.shape_keys
+    keys = mesh.data.shape_keys.name
     mesh.shape_key_clear()
-    bpy.data.batch_remove((keys,))  # else they outlive their mesh
+    if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
+        bpy.data.batch_remove((bpy.data.shape_keys[keys],))
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
     mesh.data.update()
     mesh.parent = armature
