@@ -8,8 +8,15 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.chain import data_equations
-from solver_backend.fitters.keyframes import KEY_DOF, RESIDUAL_DOF, KeyframeLayout, Keyframes, hemisphere_aligned
+from solver_backend.fitters.chain import Chain, data_equations
+from solver_backend.fitters.keyframes import (
+    KEY_DOF,
+    RESIDUAL_DOF,
+    KeyframeLayout,
+    Keyframes,
+    WindowRows,
+    hemisphere_aligned,
+)
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.subject import Subject
 from solver_backend.geometry.arrays import Array
@@ -60,6 +67,13 @@ class BundleModel:
     """What is known of motion; None for the data alone."""
     residuals: bool = False
     """Free the residual rotations of each key, held to zero by the prior's own statistics."""
+
+    def equations(self, rows: WindowRows, keys: Keyframes, scale: float) -> tuple[Array, Chain]:
+        """Return cost and equations of data and priors at these keys."""
+        cost, chain = data_equations(self.subject, self.prior, self.term, keys, rows, scale, residuals=self.residuals)
+        if self.motion is not None:
+            cost = cost + self.motion.add_to(chain, keys, residuals=self.residuals)
+        return cost, chain
 
 
 def solve_sliding(
@@ -115,11 +129,7 @@ def solve_keys(
     for done, scale in enumerate(schedule.scales):
 
         def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, BlockTridiagonal]:
-            cost, chain = data_equations(
-                model.subject, model.prior, model.term, state, rows, scale, residuals=model.residuals
-            )
-            if model.motion is not None:
-                cost = cost + model.motion.add_to(chain, state, residuals=model.residuals)
+            cost, chain = model.equations(rows, state, scale)
             chain.hold(free)
             return cost[None], chain.equations()
 

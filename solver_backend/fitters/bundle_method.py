@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys, solve_sliding
+from solver_backend.fitters.contacts import Contacts, find_contacts
 from solver_backend.fitters.frame import FrameStates
 from solver_backend.fitters.initial import fit_to_points
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses, resampled
@@ -14,10 +15,10 @@ from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, refit_shape
-from solver_backend.fitters.subject import PosedFrames, Subject
+from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma, noise_inflation
 from solver_backend.fitters.view_noise import reweighted
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.progress import Progress
 from solver_backend.residuals.reprojection import ReprojectionTerm
@@ -39,6 +40,8 @@ class BundleSolution:
     """Frame numbers of the keys."""
     sigma: Array | None
     """(F, 24) standard deviation of each joint in metres, where the method knows it."""
+    contacts: np.ndarray | None = None
+    """(F, 2) bool: left and right foot stand, where the method knows it."""
 
 
 def solve_by_sliding(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> BundleSolution:
@@ -63,23 +66,28 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     finer = KeyframeLayout.even(problem.num_frames, settings.refine_window)
     keys, layout = resampled(solution.keys, layout, finer), finer
     model = replace(model, motion=motion_prior(problem, settings.refine_window))
+    contacts, term = None, problem.term
     for number, share in enumerate((2.0, 1.0)):
         subject = _with_shape(problem, model, layout, keys, settings)
         model = replace(model, subject=subject)
-        if settings.learn_noise:
-            model = replace(model, term=_with_view_noise(problem, model, layout, keys, settings))
+        term = _with_view_noise(problem, model, layout, keys, settings) if settings.learn_noise else problem.term
+        if settings.contacts and number > 0:
+            contacts = _contacts(problem, model, layout, keys)
+        model = replace(model, term=term if contacts is None else contacts.held(term, keys.z))
         model = replace(model, residuals=settings.residual_rotations)
         schedule = Schedule((share * scale,), steps, tolerance=1e-3)
-        solution = solve_keys(model, layout, keys, schedule)
-        keys = solution.keys
+        keys = solve_keys(model, layout, keys, schedule).keys
         progress("Global bundle", number + 2, 3)
 
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(
         model.subject, frames, problem.term, settings.robust_scale, max(1, settings.refine_window // 2)
     )
-    covariance = joint_covariance(model, layout, keys, frames, solution.system, inflation)
-    return BundleSolution(model.subject, frames, layout.key_times, joint_sigma(covariance))
+    # Standing feet steady the solution, but how sure it is follows from what the cameras say.
+    system = replace(model, term=term).equations(layout.rows(), keys, scale)[1].equations()
+    covariance = joint_covariance(model, layout, keys, frames, system, inflation)
+    feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
+    return BundleSolution(model.subject, frames, layout.key_times, joint_sigma(covariance), feet)
 
 
 def motion_prior(problem: Problem, window: int) -> MotionPrior:
@@ -105,6 +113,13 @@ def _with_view_noise(
     sample = spread_over(problem.num_frames)
     frames = key_poses(problem.prior, keys, layout, sample, residuals=model.residuals)
     return reweighted(model.subject, frames, problem.term, settings.robust_scale, sample)
+
+
+def _contacts(problem: Problem, model: BundleModel, layout: KeyframeLayout, keys: Keyframes) -> Contacts:
+    """Return which points of the feet stand in the solution so far."""
+    frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
+    points = to_numpy(pose(model.subject, frames).points)
+    return find_contacts(points, model.subject.landmarks.names, problem.fps)
 
 
 def spread_over(num_frames: int) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.fitters.initial import Observations
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, NUM_JOINTS, Capture, Motion
 
@@ -22,6 +23,7 @@ def build_motion(
     key_times: np.ndarray,
     sigma: Any | None,
     scale: float,
+    contacts: np.ndarray | None = None,
     provenance: dict[str, Any],
 ) -> Motion:
     """Return the Motion of F solved frames.
@@ -34,14 +36,15 @@ def build_motion(
         key_times: frame numbers of the keyframes (may fall between frames).
         sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
         scale: robust scale in standard deviations, beyond which a detection counts as an outlier.
+        contacts: (F, 2) bool, left and right foot stand, if the method knows it.
         provenance: stored as it is.
     """
     cameras, keypoints = capture.require_multiview()
     posed = pose(subject, frames)
-    points, joints = _numpy(posed.points), _numpy(posed.skeleton.joints)
+    points, joints = to_numpy(posed.points), to_numpy(posed.skeleton.joints)
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
     error = np.linalg.norm(px - keypoints.xy, axis=-1)
-    rotvec = _numpy(log_so3(frames.local)).reshape(len(points), -1)
+    rotvec = to_numpy(log_so3(frames.local)).reshape(len(points), -1)
     body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
     keyframes = np.zeros(len(points), dtype=bool)
     keyframes[np.round(key_times).astype(int)] = True
@@ -51,20 +54,21 @@ def build_motion(
         "reprojection_median_px": _rounded(np.nanmedian(error)),
         "reprojection_rmse_px": _rounded(np.sqrt(np.nanmean(error**2))),
         "outliers_percent": _rounded(100 * outliers.mean()),
-        "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(_numpy(subject.offsets), axis=-1)],
+        "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(to_numpy(subject.offsets), axis=-1)],
     }
     return Motion(
-        betas=_numpy(subject.betas),
-        global_orient=_numpy(log_so3(frames.root)),
+        betas=to_numpy(subject.betas),
+        global_orient=to_numpy(log_so3(frames.root)),
         body_pose=body_pose,
-        transl=_numpy(frames.transl),
+        transl=to_numpy(frames.transl),
         fps=keypoints.fps,
         body=subject.body.id,
         joints=joints,
         keypoints3d=points,
         joint_set=keypoints.joint_set,
-        joint_sigma=None if sigma is None else _numpy(sigma),
+        joint_sigma=None if sigma is None else to_numpy(sigma),
         keyframes=keyframes,
+        contacts=contacts,
         flags=_flags(normalised, observations.seen),
         reprojection_px=error.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
@@ -86,8 +90,3 @@ def _flags(normalised: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 def _rounded(value: float) -> float:
     return round(float(value), 3)
-
-
-def _numpy(value: Any) -> np.ndarray:
-    """Return a NumPy copy of an array of either backend."""
-    return np.asarray(value.cpu() if hasattr(value, "cpu") else value, dtype=np.float64)

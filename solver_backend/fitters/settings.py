@@ -34,6 +34,8 @@ class SolveSettings:
     """Name of the body, or the path of a body file."""
     estimate_sync: bool = False
     """Move each camera's detections by its estimated delay; without, delays are only reported."""
+    contacts: bool = True
+    """Hold feet that stand to where they stand."""
     learn_noise: bool = True
     """Learn how reliable each keypoint is in each view; without it all views of a keypoint count alike."""
     betas: tuple[float, ...] | None = None
@@ -54,6 +56,7 @@ class SolveSettings:
             ),
             "residual_rotations": (isinstance(self.residual_rotations, bool), "true or false"),
             "estimate_sync": (isinstance(self.estimate_sync, bool), "true or false"),
+            "contacts": (isinstance(self.contacts, bool), "true or false"),
             "learn_noise": (isinstance(self.learn_noise, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
             "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),

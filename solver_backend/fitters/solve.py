@@ -59,6 +59,7 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         problem.observations,
         key_times=solution.key_times,
         sigma=solution.sigma,
+        contacts=solution.contacts,
         scale=settings.robust_scale,
         provenance=_provenance(capture, settings, problem),
     )

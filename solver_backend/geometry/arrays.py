@@ -33,3 +33,8 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
     if str(device) != "cpu":
         return xp.empty(shape, dtype=like.dtype, device=device)
     return xp.asarray(np.empty(shape, dtype=str(like.dtype).removeprefix("torch.")))
+
+
+def to_numpy(value: Any) -> np.ndarray:
+    """Return a float64 NumPy copy of an array of either kind, on any device."""
+    return np.array(value.detach().cpu() if hasattr(value, "cpu") else value, dtype=np.float64)
