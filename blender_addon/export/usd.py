@@ -23,7 +23,6 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
                 "selected_objects_only": True,
                 "export_animation": True,
                 "export_materials": True,
-                "export_textures": False,
             },
             {
                 "export_armatures": True,
