@@ -100,5 +100,5 @@ def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
     value = confidence[worst]
     row = layout.row()
     row.alert = value < review.below
-    spread = f"± {1000 * sigma_of(value):.0f} mm" if value > 0.01 else "bridged"
+    spread = f"± {1000 * sigma_of(value):.0f} mm" if value > 0 else "bridged"
     row.label(text=f"{worst.replace('_', ' ')} {spread}", icon="ERROR" if value < review.below else "CHECKMARK")
