@@ -133,7 +133,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gui", description=__doc__)
     parser.add_argument("--suite", choices=tuple(_DISPLAYS), default="trixie", help="which Blender")
     parser.add_argument("--script", default="workflow.py")
-    parser.add_argument("--out", type=Path, default=Path("gui_run"), help="folder of pictures and log; it is emptied")
+    parser.add_argument("--out", type=Path, default=Path("dist/gui_run"), help="folder of the run; it is emptied")
     options = parser.parse_args()
     if lack := missing():
         print(f"skipped: {lack}")
