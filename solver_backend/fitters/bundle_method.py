@@ -56,16 +56,17 @@ def solve_by_sliding(problem: Problem, subject: Subject, settings: SolveSettings
 
 def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> BundleSolution:
     """Solve all keys at once: first coarse keys on some of the frames, then fine ones, with shape and bias between."""
-    layout = KeyframeLayout.even(problem.num_frames, settings.window)
+    coarse, fine = problem.frames_of(settings.window, 4), problem.frames_of(settings.refine_window)
+    layout = KeyframeLayout.even(problem.num_frames, coarse)
     keys = initial_keys(problem, subject, layout)
-    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, settings.window))
+    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, coarse))
     scale, steps = settings.robust_scale, settings.iterations
-    solution = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, 3, 1e-2))
+    solution = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2))
     progress("Global bundle", 1, 3)
 
-    finer = KeyframeLayout.even(problem.num_frames, settings.refine_window)
+    finer = KeyframeLayout.even(problem.num_frames, fine)
     keys, layout = resampled(solution.keys, layout, finer), finer
-    model = replace(model, motion=motion_prior(problem, settings.refine_window))
+    model = replace(model, motion=motion_prior(problem, fine))
     contacts, term = None, problem.term
     for number, share in enumerate((2.0, 1.0)):
         subject = _with_shape(problem, model, layout, keys, settings)
@@ -80,9 +81,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
         progress("Global bundle", number + 2, 3)
 
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
-    inflation = noise_inflation(
-        model.subject, frames, problem.term, settings.robust_scale, max(1, settings.refine_window // 2)
-    )
+    inflation = noise_inflation(model.subject, frames, problem.term, settings.robust_scale, max(1, fine // 2))
     # Standing feet steady the solution, but how sure it is follows from what the cameras say.
     system = replace(model, term=term).equations(layout.rows(), keys, scale)[1].equations()
     covariance = joint_covariance(model, layout, keys, frames, system, inflation)

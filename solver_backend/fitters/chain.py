@@ -19,6 +19,8 @@ from solver_backend.solver.normal_equations import BlockTridiagonal
 
 BLOCK_FRAMES = 160
 """Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""
+HELD = 1e12
+"""Precision of what is held."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -53,13 +55,13 @@ class Chain:
         return chain
 
     def hold(self, free: np.ndarray) -> None:
-        """Take the keys that are not ``free``, (2 N + 1,) bool, out of the equations: their step is zero."""
+        """Take the keys that are not ``free``, (2 N + 1,) bool, out of the equations: no step, no uncertainty."""
         if free.all():
             return
         xp = array_namespace(self.g)
         mask = constant(np.repeat(np.append(free, True), self.dof).reshape(self.g.shape), self.g)
         self.diagonal *= mask[:, :, None] * mask[:, None, :]
-        self.diagonal += (1.0 - mask)[:, :, None] * xp.eye(mask.shape[1], dtype=mask.dtype)
+        self.diagonal += HELD * (1.0 - mask)[:, :, None] * xp.eye(mask.shape[1], dtype=mask.dtype)
         self.upper *= mask[:-1, :, None] * mask[1:, None, :]
         self.g *= mask
 

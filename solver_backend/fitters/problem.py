@@ -16,6 +16,8 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.types import Capture, Fault
 
+REFERENCE_FPS = 60.0
+"""Windows of the settings are counted in frames of this rate: how fast people move does not depend on the camera."""
 SAMPLE_FRAMES = 32
 """Frames from which shape and detector bias are learned."""
 
@@ -40,6 +42,10 @@ class Problem:
     """What is solved: the recording with the faults of its views put right."""
     faults: tuple[Fault, ...] = ()
     """Those faults."""
+
+    def frames_of(self, window: int, least: int = 2) -> int:
+        """Return how many frames of this take last as long as ``window`` frames at 60 a second."""
+        return max(least, round(window * self.fps / REFERENCE_FPS))
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:

@@ -21,13 +21,14 @@ class SolveSettings:
     backend: str = "numpy"
     """'numpy' works everywhere; 'torch' uses torch's threads (results agree to 1e-6 m)."""
     window: int = 20
-    """Frames a window of the bundle; it holds a key at each end and one in the middle."""
+    """Frames a window of the bundle; it holds a key at each end and one in the middle. 'sliding' takes the number as it
+    is, 'global' as a duration: so many frames at 60 a second."""
     iterations: int = 8
     """Linearisations at most for each step of the robust schedule."""
     robust_scale: float = 3.0
     """Geman-McClure scale in standard deviations of the detector's noise."""
     refine_window: int = 10
-    """Frames a window of the refinement: fast limbs need a key every few hundredths of a second."""
+    """The same for the last passes of 'global': fast limbs need a key every few hundredths of a second."""
     residual_rotations: bool = True
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     body: str = "neutral"

@@ -52,10 +52,11 @@ def solve_stretch(
     progress("Solving the stretch", 0, 3)
     before = _poses(motion, subject.betas)
     subject = _with_bias(problem, replace(subject, betas=constant(motion.betas, subject.betas)), before, settings)
-    layout, free = _layout(stretch, motion.num_frames, settings.refine_window)
+    window = problem.frames_of(settings.refine_window)
+    layout, free = _layout(stretch, motion.num_frames, window)
     held = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, stretch)
     model = BundleModel(
-        subject, problem.prior, problem.term, motion_prior(problem, settings.refine_window), settings.residual_rotations
+        subject, problem.prior, problem.term, motion_prior(problem, window), settings.residual_rotations
     )
     anew = initial_keys(problem, subject, layout)
     starts = [held, hemisphere_aligned(_mixed(free, anew, held))]
@@ -67,9 +68,7 @@ def solve_stretch(
         progress("Solving the stretch", len(found), 3)
     best = min(found, key=lambda solution: solution.cost)
     frames = key_poses(problem.prior, best.keys, layout, residuals=model.residuals)
-    inflation = noise_inflation(
-        subject, frames, problem.term.select(layout.frames), scale, max(1, settings.refine_window // 2)
-    )
+    inflation = noise_inflation(subject, frames, problem.term.select(layout.frames), scale, max(1, window // 2))
     sigma = joint_sigma(joint_covariance(model, layout, best.keys, frames, best.system, inflation))
     progress("Solving the stretch", 3, 3)
     return _spliced(problem, subject, motion, before, layout, free, frames, sigma, stretch, settings)

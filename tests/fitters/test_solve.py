@@ -121,3 +121,18 @@ def test_settings_name_what_is_wrong():
 def test_two_views_still_place_the_body(capture):
     short = cut(capture, 0, 80).views([0, 1])
     assert evaluate(short, solve(short, QUICK)).joints_mpjpe_mm < 60
+
+
+def test_keys_stand_as_close_in_time_at_half_the_frame_rate(capture):
+    """Every second frame of the same take: as many keys, and no worse than the frames left out explain."""
+    keypoints = capture.keypoints
+    slow = Keypoints2D(keypoints.xy[:, :160:2], keypoints.confidence[:, :160:2], keypoints.joint_set, 30.0)
+    truth = {n: v[:160:2] if n != "betas" and len(v) == capture.num_frames else v for n, v in capture.truth.items()}
+    half = solve(replace(capture, keypoints=slow, truth=truth), QUICK)
+    whole = solve(cut(capture, 0, 160), QUICK)
+    assert abs(half.keyframes.sum() - whole.keyframes.sum()) <= 3
+    errors = [
+        np.linalg.norm(m.joints - t, axis=-1).mean()
+        for m, t in ((half, truth["joints"]), (whole, capture.truth["joints"][:160]))
+    ]
+    assert errors[0] < 1.5 * errors[1]

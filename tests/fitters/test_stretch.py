@@ -57,6 +57,8 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     pin = Pin(frame, solved.global_orient[frame], pose, solved.transl[frame])
     moved = resolve(capture, solved, Stretch(FIRST, LAST, (pin,)), QUICK)
     np.testing.assert_allclose(moved.body_pose[frame, :63], pose[:63], atol=1e-6)
+    assert moved.joint_sigma[FIRST : LAST + 1].max() < 2 * solved.joint_sigma.max()
+    assert moved.joint_sigma[frame].max() < 1e-3, "a pinned pose is certain"
     change = np.linalg.norm(moved.joints - solved.joints, axis=-1).max(axis=1)
     assert change[frame] > 0.05
     assert change[frame - 1] > 0.5 * change[frame] and change[frame + 1] > 0.5 * change[frame]
