@@ -106,6 +106,12 @@ class MocapCapture(bpy.types.PropertyGroup):
     floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
 
 
+CHOSEN_BY_PRESETS = (
+    "method", "window", "refine_window", "residual_rotations", "contacts", "learn_noise", "iterations", "robust_scale",
+)  # fmt: skip
+"""Settings that are the user's own with the preset Custom alone."""
+
+
 class MocapSolve(bpy.types.PropertyGroup):
     """How to solve."""
 
@@ -114,14 +120,24 @@ class MocapSolve(bpy.types.PropertyGroup):
     )
     method: bpy.props.EnumProperty(name="Method", description="How frames are tied together", items=_METHOD_ITEMS)
     window: bpy.props.IntProperty(
-        name="Window", description="Frames between the ends of a window of keyframes", default=20, min=4, max=240
+        name="Window",
+        description="Frames at 60 a second between the ends of a window of keyframes",
+        default=20,
+        min=4,
+        max=240,
     )
     refine_window: bpy.props.IntProperty(
-        name="Refined Window", description="Frames a window of the refinement; fewer follow faster limbs",
+        name="Refined Window", description="The same for the last passes; fewer follow faster limbs",
         default=10, min=2, max=240,
     )  # fmt: skip
     residual_rotations: bpy.props.BoolProperty(
         name="Free Joints", description="Let joints leave the manifold of learned poses a little", default=True
+    )
+    contacts: bpy.props.BoolProperty(
+        name="Feet Stand", description="Hold feet that stand to where they stand", default=True
+    )
+    learn_noise: bpy.props.BoolProperty(
+        name="Weigh Views", description="Learn how reliable each keypoint is in each view", default=True
     )
     iterations: bpy.props.IntProperty(
         name="Iterations", description="Linearisations at most for each robust step", default=8, min=1, max=200
@@ -129,6 +145,10 @@ class MocapSolve(bpy.types.PropertyGroup):
     robust_scale: bpy.props.FloatProperty(
         name="Outlier Scale", description="Standard deviations at which a detection starts to be doubted",
         default=3.0, min=0.1, max=100,
+    )  # fmt: skip
+    estimate_sync: bpy.props.BoolProperty(
+        name="Correct Delays", description="Move each camera's detections by its estimated delay; without, delays are "
+        "only reported", default=False,
     )  # fmt: skip
     backend: bpy.props.EnumProperty(name="Arrays", description="What computes", items=_BACKEND_ITEMS)
     body: bpy.props.StringProperty(
@@ -143,13 +163,14 @@ class MocapSolve(bpy.types.PropertyGroup):
 
     def values(self) -> dict[str, Any]:
         """Return the job file's settings."""
-        chosen = {"backend": self.backend} if self.backend != "numpy" else {}
+        chosen: dict[str, Any] = {"backend": self.backend} if self.backend != "numpy" else {}
+        if self.estimate_sync:
+            chosen["estimate_sync"] = True
         if self.body:
             chosen["body"] = self.body
         if self.preset != "CUSTOM":
             return {**PRESETS[self.preset], **chosen}
-        names = ("method", "window", "refine_window", "residual_rotations", "iterations", "robust_scale")
-        return {**{name: getattr(self, name) for name in names}, **chosen}
+        return {**{name: getattr(self, name) for name in CHOSEN_BY_PRESETS}, **chosen}
 
 
 class MocapPin(bpy.types.PropertyGroup):

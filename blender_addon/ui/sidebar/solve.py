@@ -6,6 +6,7 @@ import bpy
 
 from ..following import current
 from ..locations import is_beside_file
+from ..settings import CHOSEN_BY_PRESETS
 from ..solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
@@ -58,10 +59,10 @@ class VIEW3D_PT_mocap_solve_settings(MocapPanel, bpy.types.Panel):
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column()
         column.enabled = solve.preset == "CUSTOM"
-        for name in ("method", "window", "refine_window", "residual_rotations", "iterations", "robust_scale"):
+        for name in CHOSEN_BY_PRESETS:
             column.prop(solve, name)
         layout.separator()
-        for name in ("keep_shape", "report", "body", "backend"):
+        for name in ("estimate_sync", "keep_shape", "report", "body", "backend"):
             layout.prop(solve, name)
         layout.prop(context.scene.mocap, "folder")
 
