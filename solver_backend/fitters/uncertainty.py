@@ -54,8 +54,10 @@ def joint_covariance(
         J = xp.reshape(J, (len(index), -1, J.shape[-1]))
         S = _window_covariance(xp, diagonal, upper, w, dof)
         parts = [s[index][:, None, None] * xp.matmul(J, tangents[2 * w + k]) for k, s in enumerate(shares)]
-        by_keys = xp.reshape(xp.concat(parts, axis=-1), (len(index), -1, 3, 3 * dof))
-        return inflation * xp.matmul(xp.matmul(by_keys, S), xp.matrix_transpose(by_keys))
+        flat = xp.reshape(xp.concat(parts, axis=-1), (-1, 3 * dof))
+        by_joint = (len(index), -1, 3, 3 * dof)
+        spread = xp.reshape(xp.matmul(flat, S), by_joint)
+        return inflation * xp.matmul(spread, xp.matrix_transpose(xp.reshape(flat, by_joint)))
 
     return xp.concat(map_blocks(block, range(layout.num_windows), keys.z))
 

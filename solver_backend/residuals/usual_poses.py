@@ -52,7 +52,7 @@ def usual_pose_term(local: Array) -> tuple[Array, Array, Array]:
 
     ``E = -s log Σ_k a_k exp(-½ |x - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, s the strength and Q the pull to
     rest. With the components' shares r_k of the sum ``dE/dx = s Σ_k r_k P_k (x - μ_k) + Q x``, the Hessian is taken as
-    ``s Σ_k r_k P_k + Q``; ``dx = J_l(x)⁻¹ δ``.
+    ``s Σ_k r_k P_k + Q``; ``dx = J_l(x)⁻¹ δ``, for the Hessian as if J_l were the identity.
 
     Args:
         local: (F, 21, 3, 3) rotations of joints 1..21.
@@ -75,9 +75,7 @@ def usual_pose_term(local: Array) -> tuple[Array, Array, Array]:
     gradient = xp.reshape(xp.matmul(turned, pull), (count, -1))
     flat = xp.reshape(constant(usual.precisions, x), (len(usual.means), -1))
     resting = xp.reshape(rest[:, None] * xp.eye(63, dtype=x.dtype, device=getattr(x, "device", None)), (-1,))
-    hessian = xp.reshape(xp.matmul(shares.T, flat) + resting, (count, 21, 3, 63))
-    half = xp.matrix_transpose(xp.reshape(xp.matmul(turned, hessian), (count, 63, 63)))
-    return cost, gradient, xp.reshape(xp.matmul(turned, xp.reshape(half, (count, 21, 3, 63))), (count, 63, 63))
+    return cost, gradient, xp.reshape(xp.matmul(shares.T, flat) + resting, (count, 63, 63))
 
 
 def _rest_precision() -> np.ndarray:

@@ -65,15 +65,15 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step of the damped system; ``damping`` is (1,)."""
         xp = array_namespace(self.g)
-        factors, coupled = self.factorise(float(damping[0]))
+        inverses, coupled = self.factorise(float(damping[0]))
         halves: list[Array] = []
         for i in range(self.g.shape[0]):
             right = -self.g[i] - (xp.matmul(coupled[i - 1].T, halves[-1]) if i else 0.0)
-            halves.append(_solve_lower(xp, factors[i], right))
+            halves.append(xp.matmul(inverses[i], right))
         step: list[Array] = [None] * self.g.shape[0]
         for i in range(self.g.shape[0] - 1, -1, -1):
             right = halves[i] - (xp.matmul(coupled[i], step[i + 1]) if i + 1 < len(step) else 0.0)
-            step[i] = _solve_lower(xp, factors[i], right, transposed=True)
+            step[i] = xp.matmul(inverses[i].T, right)
         return xp.concat(step)[None]
 
     def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
@@ -81,20 +81,21 @@ class BlockTridiagonal:
         return newer if bool(mask[0]) else self
 
     def factorise(self, damping: float = 0.0) -> tuple[list[Array], list[Array]]:
-        """Return the block Cholesky factor: lower triangles L_i and couplings ``L_i⁻¹ U_i``."""
+        """Return the block Cholesky factor: inverses of its lower triangles L_i, and couplings ``L_i⁻¹ U_i``."""
         xp = array_namespace(self.g)
         eye = xp.eye(self.g.shape[1], dtype=self.g.dtype, device=getattr(self.g, "device", None))
-        factors: list[Array] = []
+        inverses: list[Array] = []
         coupled: list[Array] = []
         for i in range(self.g.shape[0]):
             block = self.diagonal[i]
             block = block + (damping * xp.linalg.diagonal(block) + 1e-9)[:, None] * eye
             if i:
                 block = block - xp.matmul(coupled[-1].T, coupled[-1])
-            factors.append(xp.linalg.cholesky(block))
+            # The array standard has no triangular solve; every later product uses the inverse.
+            inverses.append(xp.linalg.inv(xp.linalg.cholesky(block)))
             if i + 1 < self.g.shape[0]:
-                coupled.append(_solve_lower(xp, factors[-1], self.upper[i]))
-        return factors, coupled
+                coupled.append(xp.matmul(inverses[-1], self.upper[i]))
+        return inverses, coupled
 
     def marginals(self) -> tuple[Array, Array]:
         """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, n), and form no others.
@@ -104,23 +105,16 @@ class BlockTridiagonal:
         """
         xp = array_namespace(self.g)
         eye = xp.eye(self.g.shape[1], dtype=self.g.dtype, device=getattr(self.g, "device", None))
-        factors, coupled = self.factorise()
-        inverse = [_solve_lower(xp, factor, eye) for factor in factors]
+        inverse, coupled = self.factorise()
         diagonal = [xp.matmul(inverse[-1].T, inverse[-1])]
         upper: list[Array] = []
-        for i in range(len(factors) - 2, -1, -1):
+        for i in range(len(inverse) - 2, -1, -1):
             forward = xp.matmul(coupled[i], diagonal[-1])
             upper.append(-xp.matmul(inverse[i].T, forward))
             middle = eye + xp.matmul(forward, coupled[i].T)
             diagonal.append(xp.matmul(inverse[i].T, xp.matmul(middle, inverse[i])))
         off = xp.stack(upper[::-1]) if upper else self.upper
         return xp.stack(diagonal[::-1]), off
-
-
-def _solve_lower(xp: Any, lower: Array, right: Array, *, transposed: bool = False) -> Array:
-    """Solve with a lower triangle (or its transpose); the array standard has no triangular solve, so LU does it."""
-    matrix = lower.T if transposed else lower
-    return xp.linalg.solve(matrix, right[:, None])[:, 0] if right.ndim == 1 else xp.linalg.solve(matrix, right)
 
 
 @dataclass(frozen=True)
