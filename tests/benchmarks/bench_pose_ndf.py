@@ -34,7 +34,7 @@ from tests.benchmarks.metric import Metric
 from tests.benchmarks.pose_pictures import draw_strips
 from tests.benchmarks.validation_takes import take_named
 
-TAKES = (("03_02", 120), ("08_05", 40), ("13_29", 900), ("salsa_05", 200))
+TAKES = (("03_03", 120), ("03_04", 1200), ("13_29", 900), ("salsa_07", 60))
 """Held-out takes and the frame, at 60 Hz, they are cut from."""
 LENGTHS = (60, 120)
 NOISE_DEG, FPS = 6.5, 30.0
