@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,8 +105,7 @@ def solve_keys(
     start: Keyframes,
     schedule: Schedule,
     free: np.ndarray | None = None,
-    progress: Progress = silent,
-    stage: str = "Global bundle",
+    alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
     """Solve the free keyframes at once: normal equations are a chain of blocks, a step is linear in the take's length.
 
@@ -115,8 +115,7 @@ def solve_keys(
         start: 2N + 1 keys.
         schedule: robust scales and iterations.
         free: (2N + 1,) bool, the keys that move; None for all.
-        progress: called after each robust scale.
-        stage: its name.
+        alive: called before each linearisation; it may raise to end the solve.
     """
     xp = array_namespace(start.z)
     rows, dof = layout.rows(schedule.stride), KEY_DOF + (RESIDUAL_DOF if model.residuals else 0)
@@ -126,9 +125,10 @@ def solve_keys(
     def retract(state: Keyframes, step: Array) -> Keyframes:
         return state.retract(xp.reshape(step, (-1, dof))[: layout.num_keys])
 
-    for done, scale in enumerate(schedule.scales):
+    for scale in schedule.scales:
 
         def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, BlockTridiagonal]:
+            alive()
             cost, chain = model.equations(rows, state, scale)
             chain.hold(free)
             return cost[None], chain.equations()
@@ -138,7 +138,6 @@ def solve_keys(
         keys = result.state
         assert isinstance(result.system, BlockTridiagonal)
         solution = KeySolution(keys, result.system, float(result.cost[0]))
-        progress(stage, done + 1, len(schedule.scales))
     assert solution is not None
     return solution
 

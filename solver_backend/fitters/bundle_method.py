@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -61,8 +62,8 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     keys = initial_keys(problem, subject, layout)
     model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, coarse))
     scale, steps = settings.robust_scale, settings.iterations
-    solution = solve_keys(model, layout, keys, Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2))
-    progress("Global bundle", 1, 3)
+    schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2)
+    solution = solve_keys(model, layout, keys, schedule, alive=partial(progress, "Global bundle", 0, 3))
 
     finer = KeyframeLayout.even(problem.num_frames, fine)
     keys, layout = resampled(solution.keys, layout, finer), finer
@@ -77,8 +78,9 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
         model = replace(model, term=term if contacts is None else contacts.held(term, keys.z))
         model = replace(model, residuals=settings.residual_rotations)
         schedule = Schedule((share * scale,), steps, tolerance=1e-3)
-        keys = solve_keys(model, layout, keys, schedule).keys
-        progress("Global bundle", number + 2, 3)
+        alive = partial(progress, "Global bundle", number + 1, 3)
+        keys = solve_keys(model, layout, keys, schedule, alive=alive).keys
+    progress("Global bundle", 3, 3)
 
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(model.subject, frames, problem.term, settings.robust_scale, max(1, fine // 2))

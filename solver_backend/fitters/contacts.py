@@ -30,8 +30,10 @@ class Contacts:
     anchors: np.ndarray
     """(F, L, 3) metres: the mean position of each stand, 0 elsewhere."""
 
-    def feet(self, names: tuple[str, ...]) -> np.ndarray:
-        """Return (F, 2) bool: any point of the left, of the right foot is planted."""
+    def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
+        """Return (F, 2) bool: any point of the left, of the right foot is planted; None where no point is a foot's."""
+        if not _foot_columns(names):
+            return None
         sides = [[k for k, name in enumerate(names) if name.startswith(side)] for side in ("left", "right")]
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
@@ -50,7 +52,7 @@ def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float) -> Con
         fps: frames per second.
     """
     frames, count = points.shape[:2]
-    columns = [k for k, name in enumerate(names) if name.split("_", 1)[-1] in _FOOT_POINTS]
+    columns = _foot_columns(names)
     planted, anchors = np.zeros((frames, count), dtype=bool), np.zeros((frames, count, 3))
     if frames < 3 or not columns:
         return Contacts(planted, anchors)
@@ -71,6 +73,10 @@ def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float) -> Con
                 planted[first:stop, column] = True
                 anchors[first:stop, column] = feet[first:stop, place].mean(axis=0)
     return Contacts(planted, anchors)
+
+
+def _foot_columns(names: tuple[str, ...]) -> list[int]:
+    return [k for k, name in enumerate(names) if name.split("_", 1)[-1] in _FOOT_POINTS]
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -11,6 +11,7 @@ from solver_backend.fitters.chain import Chain
 from solver_backend.fitters.keyframes import Keyframes
 from solver_backend.fitters.latent import CODES
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import quat_left_tangent
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class MotionPrior:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
         xp = array_namespace(keys.z)
         eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
-        by_turn = _quat_tangents(xp, keys.quat)
+        by_turn = quat_left_tangent(keys.quat)
         return [
             (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, 0),
             (keys.quat, by_turn, 0.5 * self.angular_sigma, 30),
@@ -104,10 +105,3 @@ class MotionPrior:
             chain.diagonal[: len(index), first : first + size, first : first + size] += diagonal
             chain.g[: len(index), first : first + size] += pull[parity::2]
         return 0.5 * xp.sum(pull * flat)
-
-
-def _quat_tangents(xp, quat: Array) -> Array:
-    """Return (K, 4, 3): ``dq = 1/2 (0, d) q``."""
-    w, x, y, z = (quat[:, i] for i in range(4))
-    columns = [[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]]
-    return 0.5 * xp.stack([xp.stack(c, axis=-1) for c in columns], axis=-1)

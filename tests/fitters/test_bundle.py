@@ -176,3 +176,15 @@ def test_the_matrix_by_keys_is_close_to_the_exact_gauss_newton_matrix():
     exact = np.einsum("fia,fij,fjb->ab", B, equations.hessian[first], B)[36:72, 36:72]
     found = chain.diagonal[0][36:72, 36:72] - 1e-2 * np.eye(36)
     assert np.linalg.norm(found - exact) < 0.1 * np.linalg.norm(exact)
+
+
+def test_a_solve_can_be_ended_before_every_linearisation():
+    scene, calls = Scene(), []
+
+    def alive() -> None:
+        calls.append(None)
+        if len(calls) == 2:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        solve_keys(scene.model(), scene.layout, scene.start, SCHEDULE, alive=alive)
