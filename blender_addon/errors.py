@@ -1,5 +1,9 @@
 """Named errors of the add-on: what happened, where, and what to try."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 
 class AddonError(Exception):
     """Base of every error a user of the add-on can cause or meet.
@@ -20,8 +24,7 @@ class AddonError(Exception):
         self.hint = hint
 
     def __str__(self) -> str:
-        where = f"({self.where})" if self.where else ""
-        return " ".join(part for part in (self.message, where, self.hint) if part)
+        return sentence(self.as_event())
 
     def as_event(self) -> dict[str, str]:
         """Return the error as the ``error`` event of the progress protocol."""
@@ -160,3 +163,9 @@ class Cancelled(AddonError):
     """The user cancelled the work."""
 
     code = "cancelled"
+
+
+def sentence(event: Mapping[str, str]) -> str:
+    """Return an ``error`` event as one line: what happened, where, what to try."""
+    where = f"({event['where']})" if event.get("where") else ""
+    return " ".join(part for part in (event.get("message", ""), where, event.get("hint", "")) if part)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from .errors import OutputExists, OutputNotWritable
 
+_PROBE = bytes(4096)
+
 
 @contextmanager
 def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
@@ -31,7 +33,7 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
     made = _make_folder(folder)
     temporary = {name: folder / f".part{os.getpid()}_{name}" for name in names}
     try:
-        _probe(next(iter(temporary.values()), folder), folder)
+        probe(folder)
         yield temporary
         for name, path in temporary.items():
             if path.exists():
@@ -46,6 +48,19 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
                 parent.rmdir()
 
 
+def probe(folder: Path) -> None:
+    """Write a small file and remove it, so that a read-only folder and a full disk are told before work begins.
+
+    Raises:
+        OSError: the system says why it cannot be written.
+    """
+    path = folder / f".probe{os.getpid()}"
+    try:
+        path.write_bytes(_PROBE)
+    finally:
+        path.unlink(missing_ok=True)
+
+
 def _make_folder(folder: Path) -> list[Path]:
     """Make a folder and return the ones that were new, innermost first."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -54,14 +69,6 @@ def _make_folder(folder: Path) -> list[Path]:
     except OSError as error:
         raise _not_writable(folder, error) from error
     return missing
-
-
-def _probe(path: Path, folder: Path) -> None:
-    try:
-        path.touch()
-        path.unlink()
-    except OSError as error:
-        raise _not_writable(folder, error) from error
 
 
 def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:

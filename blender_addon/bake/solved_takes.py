@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ..body.shape import set_betas
+from ..body.sliders import body_mesh
 from ..files.body_file import BodyFile
 from ..files.motion_file import MotionFile
 from .action import bake_action
@@ -95,13 +96,3 @@ def _body_played(armature: bpy.types.Object) -> str:
     """Return the id of the body an armature's action was solved for, "" if it does not say."""
     action = armature.animation_data.action if armature.animation_data is not None else None
     return "" if action is None else str(action.get("body", ""))
-
-
-def takes_of(capture_file: str) -> list[bpy.types.Action]:
-    """Return the solved actions of a capture, by name."""
-    return [action for action in bpy.data.actions if action.get("capture_file") == capture_file]
-
-
-def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
-    """Return the skin of a body, None if it was deleted."""
-    return next((child for child in armature.children if child.type == "MESH" and child.data.shape_keys), None)

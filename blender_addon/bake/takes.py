@@ -1,8 +1,13 @@
-"""Takes among others: laid aside on an NLA track, or offered in the asset browser."""
+"""Takes among others: those of a capture, laid aside on an NLA track, or offered in the asset browser."""
 
 from __future__ import annotations
 
 import bpy
+
+
+def takes_of(capture_file: str) -> list[bpy.types.Action]:
+    """Return the solved actions of a capture, by name."""
+    return [action for action in bpy.data.actions if action.get("capture_file") == capture_file]
 
 
 def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:

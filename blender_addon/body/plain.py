@@ -12,7 +12,8 @@ import numpy as np
 from ..files.skeleton import JOINTS, PARENTS
 from .armature import bone_axes, deform_bone
 from .rig import Rig
-from .shape import get_betas, slider_name
+from .shape import get_betas
+from .sliders import slider_name
 
 
 def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:

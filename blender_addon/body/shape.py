@@ -13,15 +13,11 @@ from ..files.body_file import BodyFile
 from ..files.skeleton import JOINTS, NUM_BETAS, PARENTS
 from .armature import bone_axes, deform_bone
 from .layout import shape_directions
+from .sliders import slider_name
 
 LARGEST_BETA = 5.0
 """Sliders reach this many standard deviations either way."""
 _LEAST_M = 1e-7
-
-
-def slider_name(index: int) -> str:
-    """Return the name of the shape key of one beta."""
-    return f"Shape {index}"
 
 
 def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) -> None:

@@ -6,8 +6,7 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..errors import AddonError
-from .formats import FORMATS, export_take
-from .take import take_of
+from .formats import FORMATS
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
@@ -54,6 +53,9 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Export and say where to."""
+        from .take import take_of
+        from .write import export_take
+
         if self.filepath.startswith("//") and not bpy.data.filepath:
             self.report({"ERROR"}, "A path that starts with // needs a saved file: save it, or name the whole path")
             return {"CANCELLED"}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import MotionInvalid
+from ..errors import AddonError, MotionInvalid
 from .arrays import read_arrays, require_format, text
 from .skeleton import NUM_BETAS, NUM_JOINTS
 
@@ -57,6 +57,17 @@ class MotionFile:
     def num_frames(self) -> int:
         """Number of frames."""
         return len(self.rotvec)
+
+
+def is_motion(path: Path) -> bool:
+    """Return whether a file is a motion of ours or of AMASS; one that cannot be read is none."""
+    if path.suffix.lower() != ".npz":
+        return False
+    try:
+        arrays = read_arrays(path, required=(), optional=("format", "poses"))
+    except AddonError:
+        return False
+    return text(arrays, "format") == FORMAT or ("poses" in arrays and "format" not in arrays)
 
 
 def read_motion(path: Path) -> MotionFile:

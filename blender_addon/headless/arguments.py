@@ -6,11 +6,9 @@ import argparse
 import math
 from pathlib import Path
 
+from ..export.formats import FORMATS
 from ..files.skeleton import NUM_BETAS
 from .exit_codes import EPILOG
-
-FORMATS = ("bvh", "fbx", "gltf", "usd", "alembic", "amass", "trc", "csv")
-"""Names of the formats; a test compares them with the table, which needs Blender."""
 
 
 def parser(program: str) -> argparse.ArgumentParser:
@@ -64,8 +62,9 @@ def parser(program: str) -> argparse.ArgumentParser:
     export = verbs.add_parser(
         "export", parents=[body, out, writing, common], help="write a take in the formats of other programs"
     )
+    formats = tuple(FORMATS)
     export.add_argument("source", type=Path, metavar="MOTION.npz|FILE.blend", help="motion file or Blender file")
-    export.add_argument("--format", nargs="+", required=True, choices=FORMATS, dest="formats", help="one or more")
+    export.add_argument("--format", nargs="+", required=True, choices=formats, dest="formats", help="one or more")
     export.add_argument("--armature", default="", help="which armature of a Blender file")
     character = verbs.add_parser("body", parents=[body, common], help="write the posable body alone, as an asset")
     character.add_argument(
@@ -82,7 +81,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
     batch.add_argument("--render", action="store_true", help="write a video and a contact sheet of each take")
-    batch.add_argument("--export", nargs="+", choices=FORMATS, default=[], help="formats to export to")
+    batch.add_argument("--export", nargs="+", choices=formats, default=[], help="formats to export to")
     return whole
 
 

@@ -2,13 +2,13 @@
 
 import bpy
 
-from .main import main
-
 NAME = "manifold_mocap"
 
 
 def run(arguments: list[str]) -> int:
     """Run the command line and return its exit code."""
+    from .main import main
+
     try:
         return main(arguments, f"blender --command {NAME}")
     except SystemExit as done:  # argparse has printed its help, or what is wrong

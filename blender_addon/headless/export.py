@@ -43,8 +43,8 @@ def run_export(job: ExportJob, progress: Progress) -> dict[str, Any]:
     Raises:
         AddonError: the source is missing or wrong, a file is there already, or an exporter fails.
     """
-    from ..export.formats import export_take, format_of
     from ..export.take import take_of
+    from ..export.write import export_take, format_of
 
     suffixes = {name: format_of(name).suffix for name in job.formats}
     if not job.source.is_file():

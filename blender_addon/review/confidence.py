@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..files.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 
@@ -35,7 +36,7 @@ def sigma_of(confidence: float) -> float:
     return float(HALF_AT_M * np.sqrt(1.0 / max(confidence, 1e-6) - 1.0))
 
 
-def colours(confidence: np.ndarray) -> np.ndarray:
+def colours(confidence: ArrayLike) -> np.ndarray:
     """Return (..., 3) display colours: red at 0.3 and below, amber at 0.6, green from 0.9."""
     c = np.clip((np.asarray(confidence, np.float64)[..., None] - 0.3) / 0.6, 0.0, 1.0)
     low = _BAD + (_MIDDLE - _BAD) * np.minimum(1.0, 2 * c)

@@ -10,9 +10,10 @@ import bpy
 import numpy as np
 
 from ..bake.pose import read_pose
-from ..bake.solved_takes import BETAS, body_mesh
+from ..bake.solved_takes import BETAS
 from ..bake.timing import scene_frame_rate
 from ..body.shape import get_betas
+from ..body.sliders import body_mesh
 from ..errors import TakeMissing
 from ..files.body_choice import body_path_of
 from ..files.body_file import read_body

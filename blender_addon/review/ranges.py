@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+import bpy
 import numpy as np
+
+from ..bake.confidence_lane import read_lane
+
+
+def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
+    """Return [first, last] scene frames of each stretch of a take whose confidence is below a bound, in order."""
+    lane = read_lane(take)
+    if lane is None:
+        return []
+    frames, confidence = lane
+    return [(round(frames[first]), round(frames[last])) for first, last in bad_ranges(confidence, below)]
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..backend_environment import backend_command, environment_for_child
+from ..errors import sentence
 from .child import SolverProcess
 
 _LOG_LINES = 2000
@@ -103,12 +104,6 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
     run = Run(verb, SolverProcess(command, environment_for_child(python), folder))
     run.log.append(f"> {' '.join(command)}")
     return run
-
-
-def sentence(error: dict[str, Any]) -> str:
-    """Return an error event as one line: what happened, where, what to try."""
-    where = f"({error['where']})" if error.get("where") else ""
-    return " ".join(part for part in (error.get("message", ""), where, error.get("hint", "")) if part)
 
 
 def _silent_end(code: int, *, cancelled: bool) -> dict[str, Any]:

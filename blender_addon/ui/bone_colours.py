@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 from bpy.app.handlers import persistent
-
-from ..bake.confidence_lane import confidence_at
-from ..review.confidence import colours
 
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
 
 
 def colour_bones(scene: bpy.types.Scene) -> None:
     """Paint the bones of the scene's body by their joints' confidence, or take the paint off."""
+    from ..bake.confidence_lane import confidence_at
+    from ..review.confidence import colours
+
     review = scene.mocap.review
     armature = review.armature
     if armature is None or armature.type != "ARMATURE":
@@ -26,7 +25,7 @@ def colour_bones(scene: bpy.types.Scene) -> None:
         for name in confidence:
             armature.pose.bones[name].color.palette = "DEFAULT"
         return
-    painted = colours(np.array(list(confidence.values())))
+    painted = colours(list(confidence.values()))
     for name, colour in zip(confidence, painted, strict=True):
         target = armature.pose.bones[name].color
         if target.palette != "CUSTOM":

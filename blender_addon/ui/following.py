@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..errors import AddonError
-from ..solving.run import Run, sentence, start
+from ..errors import AddonError, sentence
+from .operators import MocapOperator
 from .preferences import chosen_python
+
+if TYPE_CHECKING:
+    from ..solving.run import Run
 
 _INTERVAL_S = 0.1
 
@@ -40,7 +43,7 @@ class Current:
 current = Current()
 
 
-class FollowsRun:
+class FollowsRun(MocapOperator):
     """Mixin of modal operators that start the solver; ``received`` takes its result.
 
     Escape is not taken: the run is cancelled by the panel's button alone.
@@ -66,6 +69,8 @@ class FollowsRun:
         Raises:
             AddonError: it cannot be started.
         """
+        from ..solving.run import start
+
         current.run = start(verb, arguments, chosen_python(context), folder)
         if bpy.app.background:
             current.run.process.wait()

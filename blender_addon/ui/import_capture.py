@@ -6,17 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 from bpy_extras.io_utils import ImportHelper
 
-from ..bake.capture_stage import CaptureStage, set_stage
-from ..errors import AddonError
-from ..files.arrays import read_arrays, text
-from ..files.capture_file import read_capture
-from ..files.motion_file import FORMAT as MOTION_FORMAT
-from ..solving.places import capture_folder, capture_root
 from .following import FollowsRun
-from .locations import files_folder
+from .locations import files_folder, usable
 
 
 class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
@@ -28,7 +21,6 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
         "Read a capture, say what was recognised, and add its cameras, footage, detections and floor. "
         "Choose a folder (a Pose2Sim trial, or folders of OpenPose JSON with a calibration) or any file in it"
     )
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
 
     filter_glob: bpy.props.StringProperty(default="*.npz;*.json;*.toml;*.qca.txt", options={"HIDDEN"})
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
@@ -40,28 +32,23 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
             return self.execute(context)
         return ImportHelper.invoke(self, context, event)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> set[str]:
         """Start reading; a solved motion is baked at once instead."""
+        from ..bake.scene import BakeSettings
+        from ..files.motion_file import is_motion
+        from ..solving.places import capture_folder, capture_root
+        from .arrivals import add_motion
+
         chosen = self._chosen()
-        if _is_motion(chosen):
-            return bpy.ops.mocap.import_motion(filepath=str(chosen))
-        settings = context.scene.mocap
-        try:
-            source = capture_root(chosen)
-            folder = capture_folder(files_folder(context.scene), source)
-            folder.mkdir(exist_ok=True)
-            arguments = [
-                str(source),
-                "--out",
-                str(folder / "capture.npz"),
-                "--overwrite",
-                *settings.reading.arguments(),
-            ]
-            settings.capture.source = str(source)
-            return self.launch(context, "convert", arguments, folder)
-        except AddonError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        if is_motion(chosen):
+            take = add_motion(context, chosen, BakeSettings(frame_start=context.scene.frame_start))
+            self.report({"INFO"}, f"Baked '{take.action.name}'")
+            return {"FINISHED"}
+        settings, source = context.scene.mocap, capture_root(chosen)
+        folder = usable(capture_folder(files_folder(context.scene), source))
+        out = ["--out", str(folder / "capture.npz"), "--overwrite"]
+        settings.capture.source = str(source)
+        return self.launch(context, "convert", [str(source), *out, *settings.reading.arguments()], folder)
 
     def _chosen(self) -> Path:
         """Return the first file that was dropped, or what was chosen: a file or a folder."""
@@ -71,6 +58,8 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage, and keep what was recognised for the panels."""
+        from .arrivals import frame_capture, take_capture
+
         stage = take_capture(context.scene, result)
         frame_capture(context, stage)
         problems = len(result["problems"])
@@ -88,71 +77,22 @@ class MOCAP_OT_demo_capture(FollowsRun, bpy.types.Operator):
     bl_idname = "mocap.demo_capture"
     bl_label = "Try the Demo Capture"
     bl_description = "Make a synthetic capture of a walking person and set it up: nothing of your own is needed"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> set[str]:
         """Start making it."""
-        try:
-            folder = capture_folder(files_folder(context.scene), Path("demo"))
-            folder.mkdir(exist_ok=True)
-            return self.launch(context, "demo-capture", ["--out", str(folder / "capture.npz"), "--overwrite"], folder)
-        except AddonError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        from ..solving.places import capture_folder
+
+        folder = usable(capture_folder(files_folder(context.scene), Path("demo")))
+        return self.launch(context, "demo-capture", ["--out", str(folder / "capture.npz"), "--overwrite"], folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage."""
+        from .arrivals import frame_capture, take_capture
+
+        stage = take_capture(context.scene, result)
         context.scene.mocap.capture.source = result["capture"]
-        frame_capture(context, take_capture(context.scene, result))
+        frame_capture(context, stage)
         return {"FINISHED"}
-
-
-def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage:
-    """Set up a capture the solver has read, and keep what it said in the scene's settings.
-
-    Args:
-        scene: the scene.
-        result: result event of the verb ``convert``.
-
-    Raises:
-        AddonError: the capture file is missing or wrong.
-    """
-    file = read_capture(Path(result["capture"]))
-    capture = scene.mocap.capture
-    stage = set_stage(scene, file, frame_start=scene.frame_start)
-    scene.mocap.review.armature = None
-    capture.name, capture.file = result["name"], result["capture"]
-    capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], scene.frame_start
-    capture.joint_set, capture.markers = result["joint_set"] or "", result["markers"] or 0
-    capture.collection, capture.floor = stage.collection, stage.floor
-    capture.messages.clear()
-    sentences = [(text, True) for text in (*result["problems"], *stage.notes)] + [(t, False) for t in result["notes"]]
-    for sentence, is_problem in sentences:
-        message = capture.messages.add()
-        message.text, message.is_problem = sentence, is_problem
-    capture.cameras.clear()
-    views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
-    for camera, said in zip(stage.cameras, result["cameras"], strict=True):
-        item = capture.cameras.add()
-        item.name, item.object, item.detections = said["name"], camera, views.get(camera)
-        item.seen_percent = said["seen_percent"] or 0.0
-        item.has_footage = bool(camera.data.background_images)
-    review = scene.mocap.review
-    review.first, review.last = scene.frame_start, scene.frame_end
-    review.pins.clear()
-    return stage
-
-
-def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
-    """Turn the viewport to where the cameras look."""
-    space = context.space_data
-    if space is None or space.type != "VIEW_3D" or not stage.cameras:
-        return
-    centres = np.array([camera.matrix_world.translation for camera in stage.cameras])
-    middle = centres.mean(axis=0)
-    space.region_3d.view_perspective = "PERSP"
-    space.region_3d.view_location = (middle[0], middle[1], middle[2] / 2)
-    space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
 class MOCAP_FH_capture(bpy.types.FileHandler):
@@ -172,13 +112,3 @@ class MOCAP_FH_capture(bpy.types.FileHandler):
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Import."""
     self.layout.operator(MOCAP_OT_import_capture.bl_idname, text="Motion Capture (.npz, folder)")
-
-
-def _is_motion(path: Path) -> bool:
-    if path.suffix.lower() != ".npz":
-        return False
-    try:
-        arrays = read_arrays(path, required=(), optional=("format", "poses"))
-    except AddonError:
-        return False  # the solver's process says what is wrong with it
-    return text(arrays, "format") == MOTION_FORMAT or ("poses" in arrays and "format" not in arrays)

@@ -5,15 +5,10 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..bake.scene import BakedTake, BakeSettings, bake_take
-from ..errors import AddonError
-from ..files.body_choice import body_path_of
-from ..files.body_file import read_body
-from ..files.capture_file import read_capture
-from ..files.motion_file import read_motion
+from .operators import MocapOperator
 
 
-class MOCAP_OT_import_motion(bpy.types.Operator, ImportHelper):
+class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
     """Bakes a motion file, and the capture it was solved from, in one undo step."""
 
     bl_idname = "mocap.import_motion"
@@ -44,45 +39,17 @@ class MOCAP_OT_import_motion(bpy.types.Operator, ImportHelper):
             return False
         return True
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> set[str]:
         """Bake, select the armature and say what was made."""
-        settings = BakeSettings(
-            frame_start=context.scene.frame_start,
-            set_scene=self.set_scene,
-            floor=self.floor,
-        )
-        try:
-            take = bake_files(
-                context.scene, Path(self.filepath), _path(self.capture_path), _path(self.body_path), settings
-            )
-        except AddonError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        for obj in context.selected_objects:
-            obj.select_set(False)
-        take.armature.select_set(True)
+        from ..bake.scene import BakeSettings
+        from .arrivals import add_motion
+
+        settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=self.set_scene, floor=self.floor)
+        take = add_motion(context, Path(self.filepath), settings, _path(self.capture_path), _path(self.body_path))
         for note in take.notes:
             self.report({"WARNING"}, note)
         self.report({"INFO"}, f"Baked '{take.action.name}' with {len(take.cameras)} cameras")
         return {"FINISHED"}
-
-
-def bake_files(
-    scene: bpy.types.Scene, motion: Path, capture: Path | None, body: Path | None, settings: BakeSettings
-) -> BakedTake:
-    """Read the files and bake them into a scene.
-
-    Raises:
-        AddonError: a file is missing or wrong.
-    """
-    solved = read_motion(motion)
-    return bake_take(
-        scene,
-        solved,
-        read_body(body or body_path_of(solved.provenance)),
-        read_capture(capture) if capture is not None else None,
-        settings,
-    )
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import bpy
 
 from ..errors import OutputNotWritable
+from ..outputs import probe
 
 _PACKAGE = __package__.rpartition(".")[0]
 _BESIDE = "mocap"
@@ -22,16 +22,23 @@ def files_folder(scene: bpy.types.Scene) -> Path:
     Raises:
         OutputNotWritable: the folder cannot be made or written to.
     """
-    folder = _wanted(scene)
+    return usable(_wanted(scene))
+
+
+def usable(folder: Path) -> Path:
+    """Return a folder of captures or takes, made if need be.
+
+    Raises:
+        OutputNotWritable: it cannot be made or written to, or the disk is full.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        probe(folder)
     except OSError as error:
         raise OutputNotWritable(
             f"The folder for takes cannot be written to: {error.strerror or error}.",
             where=str(folder),
-            hint="Choose another one under 'Files' in the Solve panel.",
+            hint="Free some space there, or choose another folder under Advanced in the Solve panel.",
         ) from error
     return folder
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ..errors import AddonError
-from ..solving.python_probe import PythonFound, probe_python
+
+if TYPE_CHECKING:
+    from ..solving.python_probe import PythonFound
 
 _PACKAGE = __package__.rpartition(".")[0]
 
@@ -52,6 +55,8 @@ class MOCAP_OT_test_python(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask the Python and keep its answer for the panel."""
+        from ..solving.python_probe import probe_python
+
         preferences = _preferences(context)
         if preferences is None:
             return {"CANCELLED"}

@@ -9,7 +9,7 @@ import bpy
 
 from ..export import operators as export_operators
 from ..headless.blender_command import command
-from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve
+from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve, views
 from .sidebar import cameras as cameras_panel
 from .sidebar import capture as capture_panels
 from .sidebar import export as export_panel
@@ -57,6 +57,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve.MOCAP_OT_resolve_range),
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
+    *map(_class, views.CLASSES),
     _class(export_operators.MOCAP_OT_export_take),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
     _class(capture_panels.VIEW3D_PT_mocap_problems),

@@ -203,6 +203,13 @@ class MocapReview(bpy.types.PropertyGroup):
     last: bpy.props.IntProperty(name="Last", description="Last scene frame to solve again", default=1)
     pins: bpy.props.CollectionProperty(type=MocapPin)
 
+    @property
+    def take(self) -> bpy.types.Action | None:
+        """The solved action that the body plays now."""
+        animation = self.armature.animation_data if self.armature is not None else None
+        action = animation.action if animation is not None else None
+        return action if action is not None and "motion_file" in action else None
+
 
 class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""

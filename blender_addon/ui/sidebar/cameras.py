@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..review import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
+from ..views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
 from .parts import MocapPanel, draw_next
 
 _FEW_PERCENT = 60

@@ -6,7 +6,7 @@ import textwrap
 
 import bpy
 
-from ...solving.run import sentence
+from ...errors import sentence
 from ..following import MOCAP_OT_cancel, current
 from ..solve import MOCAP_OT_show_log
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...bake.confidence_lane import current_confidence
-from ...bake.solved_takes import takes_of
-from ...review.confidence import sigma_of
+from ...bake.takes import takes_of
 from ..following import current
 from ..review import (
     MOCAP_OT_next_bad_range,
@@ -17,7 +15,7 @@ from ..review import (
     MOCAP_OT_unpin,
 )
 from ..settings import MocapReview
-from ..solve import MOCAP_OT_resolve_range, current_take
+from ..solve import MOCAP_OT_resolve_range
 from .parts import MocapPanel
 
 
@@ -36,7 +34,7 @@ class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw takes, confidence and the report."""
         layout, review = self.layout, context.scene.mocap.review
-        take = current_take(context.scene)
+        take = review.take
         _draw_takes(layout, context.scene.mocap.capture.file, take)
         if take is None:
             return
@@ -59,7 +57,7 @@ class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a solved take."""
-        return current_take(context.scene) is not None
+        return context.scene.mocap.review.take is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the range, the pins and the button."""
@@ -93,6 +91,9 @@ def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.A
 
 
 def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
+    from ...bake.confidence_lane import current_confidence
+    from ...review.confidence import sigma_of
+
     confidence = current_confidence(review.armature)
     if not confidence:
         return

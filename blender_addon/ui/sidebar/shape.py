@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...bake.solved_takes import body_mesh
-from ...body.shape import slider_name
+from ...body.sliders import body_mesh, slider_name
 from ...files.skeleton import NUM_BETAS
 from .parts import MocapPanel
 

@@ -9,8 +9,9 @@ import bpy
 import numpy as np
 
 from blender_addon.bake.scene import BakedTake
-from blender_addon.bake.solved_takes import add_take, body_mesh
+from blender_addon.bake.solved_takes import add_take
 from blender_addon.body.shape import get_betas
+from blender_addon.body.sliders import body_mesh
 
 
 def test_takes_of_one_body_share_it_and_its_sliders_follow(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:

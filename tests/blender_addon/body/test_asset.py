@@ -11,7 +11,8 @@ import pytest
 
 from blender_addon.__main__ import main
 from blender_addon.body.asset import CATALOG_FILE, CATALOG_ID, add_catalog
-from blender_addon.body.shape import get_betas, set_betas, slider_name
+from blender_addon.body.shape import get_betas, set_betas
+from blender_addon.body.sliders import slider_name
 from blender_addon.errors import OutputExists
 from blender_addon.headless.body import BodyJob, run_body
 from blender_addon.progress import silent

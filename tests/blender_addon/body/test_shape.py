@@ -12,7 +12,8 @@ import pytest
 from assets_procedural.poses import EXTREMES
 from blender_addon.body.correctives import add_correctives
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import get_betas, set_betas, slider_name
+from blender_addon.body.shape import get_betas, set_betas
+from blender_addon.body.sliders import slider_name
 from blender_addon.errors import BodyInvalid
 from blender_addon.files.body_file import BodyFile
 from blender_addon.files.skeleton import JOINTS

@@ -15,13 +15,17 @@ from blender_addon.bake.scene import BakedTake, bake_take
 from blender_addon.bake.takes import push_down
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
-from blender_addon.export import formats
 from blender_addon.export.blender_exporters import run_exporter
 from blender_addon.export.bvh import euler_zxy
-from blender_addon.export.formats import FORMATS, export_take
+from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
+from blender_addon.export.write import WRITERS, export_take
 from blender_addon.files.skeleton import JOINTS
 from solver_backend.io.bvh import read_bvh
+
+
+def test_every_format_has_a_writer() -> None:
+    assert list(WRITERS) == list(FORMATS)
 
 
 def test_what_is_there_is_overwritten_only_on_request(scene: Any, take: BakedTake, tmp_path: Path) -> None:
@@ -45,7 +49,7 @@ def test_a_failed_export_leaves_what_was_there(
         part.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setitem(FORMATS, name, formats.Format(FORMATS[name].suffix, FORMATS[name].label, "", full_disk))
+    monkeypatch.setitem(WRITERS, name, full_disk)
     with pytest.raises(OutputNotWritable, match=r"No space left on device.*enough free space"):
         export_take(take_of(scene, take.armature), name, path, overwrite=True)
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [(path.name, b"mine")]

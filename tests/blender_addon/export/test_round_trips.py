@@ -15,8 +15,9 @@ from blender_addon.bake.deviation import evaluated_joints, evaluated_vertices
 from blender_addon.bake.scene import bake_take
 from blender_addon.bake.timing import scene_frame_rate
 from blender_addon.errors import ExporterMissing
-from blender_addon.export.formats import FORMATS, export_take
+from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
+from blender_addon.export.write import export_take
 from blender_addon.files.motion_file import read_motion
 from blender_addon.files.skeleton import JOINTS
 from solver_backend.io.amass import read_amass

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from blender_addon.errors import BatchInvalid, Cancelled, SolverStopped
-from blender_addon.export.formats import FORMATS
-from blender_addon.headless import arguments, batch
+from blender_addon.headless import batch
 from blender_addon.headless.batch import BatchJob, run_batch
 from blender_addon.headless.main import main
 from blender_addon.headless.record import fingerprint
@@ -170,10 +169,6 @@ def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path)
     (tmp_path / "job.json").write_text("{")
     with pytest.raises(BatchInvalid, match="cannot be read"):
         run_batch(BatchJob(captures, tmp_path / "out", tmp_path / "job.json"), silent)
-
-
-def test_formats_of_the_command_line_are_those_there_are() -> None:
-    assert tuple(FORMATS) == arguments.FORMATS
 
 
 def test_table_of_takes_without_figures() -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from blender_addon.errors import BackendMissing
+from blender_addon.errors import BackendMissing, sentence
 from blender_addon.solving.child import SolverProcess
-from blender_addon.solving.run import Run, sentence
+from blender_addon.solving.run import Run
 
 TALKATIVE = """
 import json, sys

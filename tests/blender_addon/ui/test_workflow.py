@@ -18,17 +18,17 @@ import solver_backend
 from blender_addon.bake.confidence_lane import current_confidence, read_lane
 from blender_addon.bake.curves import action_curves
 from blender_addon.bake.pose import read_pose
-from blender_addon.bake.solved_takes import Provenance, add_take, body_mesh
+from blender_addon.bake.solved_takes import Provenance, add_take
 from blender_addon.bake.timing import set_scene_frame_rate
+from blender_addon.body.sliders import body_mesh
 from blender_addon.files.body_file import default_body_path, read_body
 from blender_addon.files.motion_file import read_motion
 from blender_addon.solving.presets import PRESETS
 from blender_addon.solving.run import start
 from blender_addon.ui import locations, solve
+from blender_addon.ui.arrivals import take_capture, take_motion
 from blender_addon.ui.following import FollowsRun, current
-from blender_addon.ui.import_capture import take_capture
 from blender_addon.ui.settings import MocapSolve
-from blender_addon.ui.solve import take_motion
 from solver_backend.cli.main import main as solver
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.capture_file import write_capture
@@ -236,7 +236,7 @@ def test_errors_are_one_sentence_and_leave_the_scene_as_it_is(mocap, tmp_path):
 def test_a_folder_that_cannot_be_written_to_is_said_before_anything_runs(mocap, solved, tmp_path):
     (tmp_path / "file").touch()
     mocap.folder = str(tmp_path / "file")
-    with pytest.raises(RuntimeError, match=r"The folder for takes cannot be written to.*Choose another one"):
+    with pytest.raises(RuntimeError, match=r"The folder for takes cannot be written to.*choose another folder"):
         bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz"))
     assert not current.busy
 
@@ -261,7 +261,7 @@ def test_solving_a_range_again_writes_the_job_the_solver_is_promised(mocap, take
     bpy.ops.mocap.pin_pose()
     review.first, review.last = 10, 20
     written = []
-    monkeypatch.setattr(solve, "write_job", lambda path, job: written.append(job.as_dict()))
+    monkeypatch.setattr("blender_addon.solving.job_file.write_job", lambda path, job: written.append(job.as_dict()))
     monkeypatch.setattr(solve._Solves, "launch", lambda *_: {"CANCELLED"})
     bpy.ops.mocap.resolve_range()
     (job,) = written

@@ -1,0 +1,64 @@
+"""The one way to export a take to any of the formats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import NothingToExport
+from ..outputs import atomic_outputs
+from ..progress import Progress, silent
+from .alembic import export_alembic
+from .amass import export_amass
+from .bvh import export_bvh
+from .fbx import export_fbx
+from .formats import FORMATS, Format
+from .gltf import export_gltf
+from .joint_tables import export_csv, export_trc
+from .take import ExportTake
+from .usd import export_usd
+
+WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
+    "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,
+    "amass": export_amass, "trc": export_trc, "csv": export_csv,
+}  # fmt: skip
+"""What writes a take to a path, by the formats' names."""
+
+
+def export_take(
+    take: ExportTake, format_name: str, path: Path, *, overwrite: bool = False, progress: Progress = silent
+) -> Path:
+    """Write a take to a file, whole or not at all.
+
+    Args:
+        take: the take.
+        format_name: key of ``FORMATS``.
+        path: the file; a suffix that is not the format's is an error.
+        overwrite: replace a file that is there.
+        progress: told how far it is.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_outputs``.
+        NothingToExport, ExporterMissing, ExportFailed: see the formats.
+    """
+    chosen = format_of(format_name)
+    if path.suffix.lower() != chosen.suffix:
+        raise NothingToExport(
+            f"A file of {chosen.label} ends in {chosen.suffix}.",
+            where=path.name,
+            hint=f"Try {path.stem}{chosen.suffix}.",
+        )
+    with atomic_outputs(path.parent, (path.name,), overwrite=overwrite) as temporary:
+        WRITERS[format_name](temporary[path.name], take, progress)
+    return path
+
+
+def format_of(name: str) -> Format:
+    """Return a format by its name.
+
+    Raises:
+        NothingToExport: there is none of that name.
+    """
+    if name not in FORMATS:
+        raise NothingToExport(f"There is no format '{name}'.", hint=f"Known formats: {', '.join(FORMATS)}.")
+    return FORMATS[name]
