@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.between import frames_between, key_tangents
-from solver_backend.fitters.keyframes import Keyframes, WindowRows, bundle_frames, lagrange
+from solver_backend.fitters.keyframes import KEY_DOF, RESIDUAL_DOF, Keyframes, WindowRows, bundle_frames, lagrange
 from solver_backend.fitters.subject import FRAME_DOF, Subject, frame_equations
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.parallel import map_blocks
@@ -19,6 +19,10 @@ from solver_backend.solver.normal_equations import BlockTridiagonal
 
 BLOCK_FRAMES = 160
 """Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""
+MATRICES = 5
+"""Frames of a window whose matrices are formed: they change slowly, and the keys' weights on them are quartics."""
+FLOOR = 1e-2
+"""Precision that everything has."""
 HELD = 1e12
 """Precision of what is held."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -29,41 +33,47 @@ class Chain:
     """Block-tridiagonal equations under construction; block w holds the keys 2w and 2w + 1 (the last one a dummy)."""
 
     diagonal: Array
-    """(N + 1, 2 D, 2 D)."""
+    """(N + 1, 2 D, 2 D), single precision: it only steers the steps."""
     upper: Array
-    """(N, 2 D, 2 D)."""
+    """(N, 2 D, D + 36), single precision: residual rotations of a middle key meet those of its own window alone."""
     g: Array
     """(N + 1, 2 D)."""
     dof: int
     """D, the tangent of one key."""
 
     @classmethod
-    def of(cls, hessian: Array, gradient: Array) -> Chain:
-        """Lay out the (N, 3 D, 3 D) matrices of N windows and the (2 N + 1, D) derivative by the keys."""
-        xp = array_namespace(hessian)
-        like = {"dtype": hessian.dtype, "device": getattr(hessian, "device", None)}
-        count, dof = hessian.shape[0], gradient.shape[1]
-        diagonal = xp.zeros((count + 1, 2 * dof, 2 * dof), **like)
-        upper = xp.zeros((count, 2 * dof, 2 * dof), **like)
-        diagonal[:-1] += hessian[:, : 2 * dof, : 2 * dof]
-        diagonal[1:, :dof, :dof] += hessian[:, 2 * dof :, 2 * dof :]
-        upper[:, :, :dof] += hessian[:, : 2 * dof, 2 * dof :]
-        g = xp.concat([gradient, xp.zeros_like(gradient[:1])])
-        chain = cls(diagonal, upper, xp.reshape(g, (count + 1, 2 * dof)), dof)
-        chain.diagonal += 1e-2 * xp.eye(2 * dof, **like)
-        chain.diagonal[-1, dof:, dof:] += xp.eye(dof, **like)
-        return chain
+    def empty(cls, num_windows: int, dof: int, like: Array) -> Chain:
+        """Return the chain of N windows without any data; a floor keeps unseen parts still."""
+        xp = array_namespace(like)
+        device = getattr(like, "device", None)
+        eye = xp.eye(2 * dof, dtype=xp.float32, device=device)
+        diagonal = xp.zeros((num_windows + 1, 2 * dof, 2 * dof), dtype=xp.float32, device=device) + FLOOR * eye
+        diagonal[-1, dof:, dof:] += eye[dof:, dof:]
+        upper = xp.zeros((num_windows, 2 * dof, dof + KEY_DOF), dtype=xp.float32, device=device)
+        return cls(diagonal, upper, xp.zeros((num_windows + 1, 2 * dof), dtype=like.dtype, device=device), dof)
+
+    def add_windows(self, windows: slice, hessian: Array) -> None:
+        """Add the (n, 3 D, 3 D) matrices of a range of windows, but for what they say of their last keys alone."""
+        inner = 2 * self.dof
+        self.diagonal[windows] += hessian[:, :inner, :inner]
+        self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
+
+    def add_ends(self, hessian: Array, gradient: Array) -> None:
+        """Add what N windows say of their last keys alone (N, D, D), and the (2 N + 1, D) derivative by the keys."""
+        self.diagonal[1:, : self.dof, : self.dof] += hessian
+        flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
+        flat[: gradient.shape[0]] += gradient
 
     def hold(self, free: np.ndarray) -> None:
         """Take the keys that are not ``free``, (2 N + 1,) bool, out of the equations: no step, no uncertainty."""
         if free.all():
             return
         xp = array_namespace(self.g)
-        mask = constant(np.repeat(np.append(free, True), self.dof).reshape(self.g.shape), self.g)
+        mask = constant(np.repeat(np.append(free, True), self.dof).reshape(self.g.shape), self.diagonal)
         self.diagonal *= mask[:, :, None] * mask[:, None, :]
         self.diagonal += HELD * (1.0 - mask)[:, :, None] * xp.eye(mask.shape[1], dtype=mask.dtype)
-        self.upper *= mask[:-1, :, None] * mask[1:, None, :]
-        self.g *= mask
+        self.upper *= mask[:-1, :, None] * mask[1:, None, : self.upper.shape[-1]]
+        self.g *= constant(mask, self.g)
 
     def equations(self) -> BlockTridiagonal:
         """Return the finished equations."""
@@ -90,35 +100,46 @@ def data_equations(
         residuals: the residual rotations act and are unknowns.
     """
     xp = array_namespace(keys.z)
+    dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
+    count, columns = rows.frames.shape[0], rows.columns(MATRICES)
+    chain, ends = Chain.empty(count, dof, keys.z), xp.empty((count, dof, dof), dtype=xp.float32, **_device(keys.z))
 
-    def block(windows: slice) -> tuple[Array, Array, Array]:
+    def block(windows: slice) -> tuple[Array, Array]:
         part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
-        return _block(subject, prior, term, part, rows.select(windows), scale, residuals=residuals)
+        cost, hessian, by_keys = _block(
+            subject, prior, term, part, rows.select(windows), columns, scale, residuals=residuals
+        )
+        chain.add_windows(windows, hessian)
+        ends[windows] = hessian[:, 2 * dof :, 2 * dof :]
+        return cost, by_keys
 
     blocks = rows.blocks(BLOCK_FRAMES)
     parts = map_blocks(block, blocks, keys.z)
-    like = {"dtype": keys.z.dtype, "device": getattr(keys.z, "device", None)}
-    gradient = xp.zeros((keys.z.shape[0], parts[0][2].shape[1]), **like)
-    for windows, (_, _, by_keys) in zip(blocks, parts, strict=True):
+    gradient = xp.zeros((keys.z.shape[0], dof), dtype=keys.z.dtype, **_device(keys.z))
+    for windows, (_, by_keys) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
-    cost = sum(part[0] for part in parts)
-    return cost, Chain.of(xp.concat([part[1] for part in parts]), gradient)
+    chain.add_ends(ends, gradient)
+    return sum(part[0] for part in parts), chain
+
+
+def _device(like: Array) -> dict[str, Any]:
+    return {"device": getattr(like, "device", None)}
 
 
 def _block(
-    subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, scale: float,
-    *, residuals: bool,
+    subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, columns: np.ndarray,
+    scale: float, *, residuals: bool,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Return the cost of some windows, their (N, 3 D, 3 D) matrices and the (2 N + 1, D) derivative by their keys."""
     xp = array_namespace(keys.z)
     between = frames_between(prior, keys, rows, residuals=residuals)
-    frames = rows.frames.reshape(-1)
-    equations = frame_equations(subject, between.poses, term.select(frames), scale)
-    weight = constant(rows.weight, keys.z)
-    flat = xp.reshape(weight, (-1,))
-    gradient = between.pull_back(equations.gradient * flat[:, None])
+    count, width = rows.frames.shape
+    steering = (np.arange(count)[:, None] * width + columns).reshape(-1)
+    equations = frame_equations(subject, between.poses, term.select(rows.frames.reshape(-1)), scale, steering)
+    weight = constant(rows.weight.reshape(-1), keys.z)
+    gradient = between.pull_back(equations.gradient * weight[:, None])
     matrix = _mixed if residuals else _exact
-    return xp.sum(equations.cost * flat), matrix(prior, keys, rows, equations.hessian), gradient
+    return xp.sum(equations.cost * weight), matrix(prior, keys, rows.sampled(columns), equations.hessian), gradient
 
 
 def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
@@ -127,7 +148,7 @@ def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) 
     count, width = rows.frames.shape
     window = np.repeat(np.arange(count), width)
     by_keys = bundle_frames(prior, keys, window, rows.time.reshape(-1), residuals=False).by_keys
-    assert by_keys is not None
+    by_keys = xp.astype(by_keys, hessian.dtype)
     weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), by_keys)
     tall = (count, width * FRAME_DOF, by_keys.shape[-1])
     return xp.matmul(xp.matrix_transpose(xp.reshape(by_keys, tall)), xp.reshape(weighted, tall))
@@ -141,7 +162,7 @@ def _mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) 
     mixes = xp.stack([weight * shares[a] * shares[b] for a, b in _PAIRS], axis=1)
     mixed = xp.matmul(mixes, xp.reshape(hessian, (count, width, FRAME_DOF * FRAME_DOF)))
     mixed = xp.reshape(mixed, (count, len(_PAIRS), FRAME_DOF, FRAME_DOF))
-    return _by_keys(xp, mixed, key_tangents(prior, keys, residuals=True))
+    return _by_keys(xp, mixed, xp.astype(key_tangents(prior, keys, residuals=True), hessian.dtype))
 
 
 def _by_keys(xp: Any, mixed: Array, tangents: Array) -> Array:

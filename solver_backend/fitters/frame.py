@@ -81,6 +81,7 @@ def fit_frames(
     iterations: int,
     progress: Progress = silent,
     stage: str = "Fitting frames",
+    tolerance: float = 1e-4,
 ) -> tuple[FrameStates, Array]:
     """Fit each frame, through a falling schedule of robust scales.
 
@@ -95,7 +96,8 @@ def fit_frames(
             equations = frame_equations(subject, frames, term, scale)
             return equations.cost, _reduced(equations.hessian, equations.gradient, chain)
 
-        result = levenberg_marquardt(states, linearise, retract, select, LMSettings(max_iterations=iterations))
+        settings = LMSettings(iterations, tolerance)
+        result = levenberg_marquardt(states, linearise, retract, select, settings)
         states, cost = result.state, result.cost
         progress(stage, done + 1, len(scales))
     return states, cost

@@ -41,6 +41,8 @@ _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
 
 POSE_SIGMA_M = 0.03
 """How far points may lie from a body whose shape is still unknown, beside their own error."""
+TOLERANCE = 1e-2
+"""A start is good enough when no frame's cost falls by more than this share."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,13 @@ def fit_to_points(
     chosen = [_pick(starts, promising[k]) for k in range(2)]
     stacked = FrameStates(*(xp.concat([getattr(s, name) for s in chosen]) for name in ("z", "root", "transl")))
     tiled = PositionTerm(xp.concat([term.positions] * 2), xp.concat([term.weight] * 2))
-    states, cost = fit_frames(subject, prior, tiled, stacked, (20.0,), iterations)
+    states, cost = fit_frames(subject, prior, tiled, stacked, (20.0,), iterations, tolerance=TOLERANCE)
     halves = [
         FrameStates(states.z[h], states.root[h], states.transl[h])
         for h in (slice(len(frames)), slice(len(frames), None))
     ]
     best = _pick(halves, xp.argmin(xp.reshape(cost, (2, -1)), axis=0))
-    return fit_frames(subject, prior, term, best, (5.0,), iterations)[0]
+    return fit_frames(subject, prior, term, best, (5.0,), iterations, tolerance=TOLERANCE)[0]
 
 
 def _pick(choices: list[FrameStates], index: Array) -> FrameStates:

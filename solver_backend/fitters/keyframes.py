@@ -94,6 +94,17 @@ class WindowRows:
         size = max(1, num_frames // width)
         return [slice(w, min(w + size, count)) for w in range(0, count, size)]
 
+    def columns(self, count: int) -> np.ndarray:
+        """Return about ``count`` columns spread over the rows; more where the shortest row would have fewer."""
+        stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
+        return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
+
+    def sampled(self, columns: np.ndarray) -> WindowRows:
+        """Return the frames of these columns, standing for those of the others."""
+        weight = self.weight[:, columns]
+        weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
+        return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
+
     def select(self, windows: slice) -> WindowRows:
         """Return the rows of these windows."""
         return WindowRows(self.frames[windows], self.time[windows], self.weight[windows])

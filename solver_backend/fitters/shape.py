@@ -13,7 +13,7 @@ from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
-from solver_backend.residuals.usual_poses import usual_pose_term
+from solver_backend.residuals.usual_poses import usual_pose_curvature, usual_pose_term
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
@@ -98,13 +98,13 @@ def _arrowhead(
     turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
     weighted_shape = flat(xp.matmul(information, by_shape))
     pull = xp.reshape(gradient, (count, -1, 1))
-    energy, usual_pull, curvature = usual_pose_term(frames.local)
+    energy, usual_pull, shares = usual_pose_term(frames.local)
     by_joints = chain[:, 3:66]
     turned_joints = xp.permute_dims(by_joints, (0, 2, 1))
     value = _parameters(state.subject) - mean
     system = Arrowhead(
         blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
-        + xp.matmul(turned_joints, xp.matmul(curvature, by_joints))
+        + xp.matmul(turned_joints, xp.matmul(usual_pose_curvature(shares), by_joints))
         + 1e-2 * xp.eye(chain.shape[-1], **like),
         coupling=xp.matmul(turned_pose, weighted_shape),
         shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0)

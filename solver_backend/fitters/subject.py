@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, index
 from solver_backend.residuals.evidence import PointEvidence, PointTerm
-from solver_backend.residuals.usual_poses import usual_pose_term
+from solver_backend.residuals.usual_poses import usual_pose_curvature, usual_pose_term
 
 FRAME_DOF = 69
 """Tangent of a posed frame: root rotation 3 (world), joints 1..21 63 (each in its parent's frame), translation 3."""
@@ -52,7 +53,7 @@ class FrameEquations:
     gradient: Array
     """(F, 69)."""
     hessian: Array
-    """(F, 69, 69)."""
+    """(F, 69, 69), or those of the chosen frames."""
 
 
 def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> PosedLandmarks:
@@ -63,27 +64,46 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> Po
     )  # fmt: skip
 
 
-def frame_equations(subject: Subject, frames: PosedFrames, term: PointTerm, scale: float) -> FrameEquations:
-    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame by the 69 tangents of a pose, and what poses are like."""
+def frame_equations(
+    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float, steering: np.ndarray | None = None
+) -> FrameEquations:
+    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame by the 69 tangents of a pose, and what poses are like.
+
+    Args:
+        subject: the person.
+        frames: F poses.
+        term: their data.
+        scale: of Geman-McClure's penalty.
+        steering: the frames whose matrices are wanted, in single precision, as they only steer the steps; None: all.
+    """
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
-    count, num_landmarks = posed.points.shape[:2]
-    eye = xp.eye(3, dtype=posed.points.dtype, device=getattr(posed.points, "device", None))
-    eye = xp.broadcast_to(eye, (count, num_landmarks, 3, 3))
-    J = xp.concat([posed.by_rotations, eye], axis=-1)
+    count = posed.points.shape[0]
     evidence = term(posed.points, scale)
-    weighted = xp.reshape(xp.matmul(evidence.information, J), (count, 3 * num_landmarks, FRAME_DOF))
-    flat = xp.permute_dims(xp.reshape(J, (count, 3 * num_landmarks, FRAME_DOF)), (0, 2, 1))
-    gradient = xp.matmul(flat, xp.reshape(evidence.gradient, (count, -1))[..., None])[..., 0]
-    return _with_usual_poses(frames, evidence.cost, gradient, xp.matmul(flat, weighted))
+    energy, usual_pull, shares = usual_pose_term(frames.local)
+    J, pull = posed.by_rotations, evidence.gradient
+    assert J is not None
+    turned = xp.matrix_transpose(xp.reshape(J, (count, -1, J.shape[-1])))
+    by_rotations = xp.matmul(turned, xp.reshape(pull, (count, -1, 1)))[..., 0]
+    by_rotations[:, 3:] += usual_pull
+    gradient = xp.concat([by_rotations, xp.sum(pull, axis=1)], axis=-1)
+    parts = J, evidence.information, shares
+    if steering is not None:
+        chosen = index(steering, J)
+        parts = tuple(xp.astype(part[chosen], xp.float32) for part in parts)
+    return FrameEquations(evidence.cost + energy, gradient, _matrices(*parts))
 
 
-def _with_usual_poses(frames: PosedFrames, cost: Array, gradient: Array, hessian: Array) -> FrameEquations:
-    """Add what poses are like to the joints' part of the equations."""
-    energy, pull, curvature = usual_pose_term(frames.local)
-    gradient[:, 3:66] += pull
-    hessian[:, 3:66, 3:66] += curvature
-    return FrameEquations(cost + energy, gradient, hessian)
+def _matrices(by_rotations: Array, information: Array, shares: Array) -> Array:
+    """Return the (F, 69, 69) Gauss-Newton matrices of the data and of what poses are like."""
+    xp = array_namespace(by_rotations)
+    count, num_landmarks = by_rotations.shape[:2]
+    eye = xp.eye(3, dtype=by_rotations.dtype, device=getattr(by_rotations, "device", None))
+    J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
+    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, FRAME_DOF))
+    hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)
+    hessian[:, 3:66, 3:66] += usual_pose_curvature(shares)
+    return hessian
 
 
 def shape_equations(

@@ -9,9 +9,10 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.between import key_tangents
 from solver_backend.fitters.bundle import BundleModel
+from solver_backend.fitters.chain import BLOCK_FRAMES
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, lagrange
-from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose, select_frames
+from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.normal_equations import BlockTridiagonal
@@ -24,8 +25,8 @@ def joint_covariance(
 ) -> Array:  # fmt: skip
     """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``J B S Bᵀ Jᵀ``.
 
-    S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys, J the joints by
-    the pose. Shape and detector bias are taken as known.
+    S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
+    pose tangents mixed by Lagrange's weights), J the joints by the pose. Shape and detector bias are taken as known.
 
     Args:
         model: what the keys were judged by.
@@ -37,43 +38,53 @@ def joint_covariance(
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
-    dof = diagonal.shape[-1] // 2
     tangents = key_tangents(model.prior, keys, residuals=model.residuals)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
-    window, time = layout.positions(layout.frames)
-    shares = lagrange(constant(time, keys.z))
+    rows = layout.rows()
 
-    def block(w: int) -> Array:
-        index = np.flatnonzero(window == w)
-        poses = select_frames(frames, index)
+    def block(windows: slice) -> Array:
+        part = rows.select(windows)
+        poses = select_frames(frames, part.frames[part.weight > 0] - layout.bounds[0])
         posed = pose_landmarks(
             model.subject.body, landmarks, model.subject.betas, poses.root, poses.local, poses.transl, jacobian=True
         )
+        spread = _pose_covariance(diagonal, upper, tangents, windows)
+        shares = xp.stack(lagrange(constant(part.time, keys.z)), axis=-1)
+        mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
+        mixed = xp.matmul(mixes, xp.reshape(spread, (spread.shape[0], 9, -1)))
+        mixed = xp.reshape(mixed, (-1, FRAME_DOF, FRAME_DOF))[index(np.flatnonzero(part.weight > 0), keys.z)]
         eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
         J = xp.concat([posed.by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
-        J = xp.reshape(J, (len(index), -1, J.shape[-1]))
-        S = _window_covariance(xp, diagonal, upper, w, dof)
-        parts = [s[index][:, None, None] * xp.matmul(J, tangents[2 * w + k]) for k, s in enumerate(shares)]
-        flat = xp.reshape(xp.concat(parts, axis=-1), (-1, 3 * dof))
-        by_joint = (len(index), -1, 3, 3 * dof)
-        spread = xp.reshape(xp.matmul(flat, S), by_joint)
-        return inflation * xp.matmul(spread, xp.matrix_transpose(xp.reshape(flat, by_joint)))
+        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, FRAME_DOF)), mixed), J.shape)
+        return inflation * xp.matmul(carried, xp.matrix_transpose(J))
 
-    return xp.concat(map_blocks(block, range(layout.num_windows), keys.z))
+    return xp.concat(map_blocks(block, rows.blocks(BLOCK_FRAMES), keys.z))
+
+
+def _pose_covariance(diagonal: Array, upper: Array, tangents: Array, windows: slice) -> Array:
+    """Return (N, 3, 3, 69, 69): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
+    xp = array_namespace(tangents)
+    dof = tangents.shape[-1]
+    start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
+    across = upper[start][:, :, :dof]
+    S = xp.concat(
+        [
+            xp.concat([diagonal[start], across], axis=2),
+            xp.concat([xp.matrix_transpose(across), diagonal[after][:, :dof, :dof]], axis=2),
+        ],
+        axis=1,
+    )
+    keys = [tangents[2 * windows.start + k : 2 * windows.stop + k : 2] for k in range(3)]
+    halves = [xp.matmul(P, S[:, k * dof : (k + 1) * dof]) for k, P in enumerate(keys)]
+    turned = [xp.matrix_transpose(P) for P in keys]
+    parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], turned[k]) for half in halves for k in range(3)]
+    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, FRAME_DOF, FRAME_DOF))
 
 
 def joint_sigma(covariance: Array) -> Array:
     """Return (F, 24) standard deviations in metres, the root mean square over the axes of (F, 24, 3, 3)."""
     xp = array_namespace(covariance)
     return xp.sqrt(xp.linalg.trace(covariance) / 3)
-
-
-def _window_covariance(xp, diagonal: Array, upper: Array, w: int, dof: int) -> Array:
-    """Return the (3 D, 3 D) covariance of a window's keys: block w and the first key of block w + 1."""
-    across = upper[w][:, :dof]
-    top = xp.concat([diagonal[w], across], axis=1)
-    bottom = xp.concat([across.T, diagonal[w + 1][:dof, :dof]], axis=1)
-    return xp.concat([top, bottom])
 
 
 def noise_inflation(

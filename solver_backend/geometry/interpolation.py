@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any
 
 from array_api_compat import array_namespace
@@ -121,7 +123,7 @@ def sider_combination(keys: Array, t: Array | float) -> Combination:
     """
     xp = array_namespace(keys)
     t = constant(t, keys)
-    batch = tuple(xp.broadcast_arrays(t, keys[..., 0, 0])[0].shape)
+    batch = tuple((t + keys[..., 0, 0]).shape)
     count, width = keys.shape[-2:]
     keys = xp.broadcast_to(keys, (*batch, count, width))
     gram = xp.matmul(keys, xp.matrix_transpose(keys))
@@ -137,7 +139,8 @@ def sider_combination(keys: Array, t: Array | float) -> Combination:
 
 def _with_jacobian(points: list[Array], t: Array | float) -> tuple[Array, tuple[Array, ...]]:
     xp = array_namespace(*points)
-    keys = xp.stack(xp.broadcast_arrays(*points), axis=-2)
+    shape = tuple(reduce(add, points).shape)
+    keys = xp.stack([xp.broadcast_to(point, shape) for point in points], axis=-2)
     x = sider_combination(keys, t)
     identity = _identity(keys.shape[-1], keys)
     columns = xp.matrix_transpose(keys)

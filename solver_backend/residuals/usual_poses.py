@@ -48,11 +48,10 @@ def usual_poses() -> UsualPoses:
 
 
 def usual_pose_term(local: Array) -> tuple[Array, Array, Array]:
-    """Return cost (F,), gradient (F, 63) and Hessian (F, 63, 63) by the joints' left tangents.
+    """Return cost (F,), gradient (F, 63) by the joints' left tangents, and shares (F, K) that make the Hessian.
 
     ``E = -s log Σ_k a_k exp(-½ |x - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, s the strength and Q the pull to
-    rest. With the components' shares r_k of the sum ``dE/dx = s Σ_k r_k P_k (x - μ_k) + Q x``, the Hessian is taken as
-    ``s Σ_k r_k P_k + Q``; ``dx = J_l(x)⁻¹ δ``, for the Hessian as if J_l were the identity.
+    rest. With the components' shares r_k of the sum ``dE/dx = s Σ_k r_k P_k (x - μ_k) + Q x`` and ``dx = J_l(x)⁻¹ δ``.
 
     Args:
         local: (F, 21, 3, 3) rotations of joints 1..21.
@@ -67,15 +66,20 @@ def usual_pose_term(local: Array) -> tuple[Array, Array, Array]:
     top = xp.max(exponents, axis=0)
     parts = xp.exp(exponents - top)
     total = xp.sum(parts, axis=0)
-    shares = STRENGTH * parts / total
+    shares = (STRENGTH * parts / total).T
     rest = constant(_rest_precision(), x)
     cost = -STRENGTH * (top + xp.log(total)) + 0.5 * xp.sum(rest * x * x, axis=-1)
     turned = xp.matrix_transpose(left_jacobian_inverse_so3(vector))
-    pull = xp.reshape(xp.sum(shares[..., None] * pulls, axis=0) + rest * x, (count, 21, 3, 1))
-    gradient = xp.reshape(xp.matmul(turned, pull), (count, -1))
-    flat = xp.reshape(constant(usual.precisions, x), (len(usual.means), -1))
-    resting = xp.reshape(rest[:, None] * xp.eye(63, dtype=x.dtype, device=getattr(x, "device", None)), (-1,))
-    return cost, gradient, xp.reshape(xp.matmul(shares.T, flat) + resting, (count, 63, 63))
+    pull = xp.reshape(xp.sum(shares.T[..., None] * pulls, axis=0) + rest * x, (count, 21, 3, 1))
+    return cost, xp.reshape(xp.matmul(turned, pull), (count, -1)), shares
+
+
+def usual_pose_curvature(shares: Array) -> Array:
+    """Return the Hessian (F, 63, 63) of ``usual_pose_term``, ``s Σ_k r_k P_k + Q``, as if J_l were the identity."""
+    xp = array_namespace(shares)
+    flat = constant(usual_poses().precisions.reshape(shares.shape[1], -1), shares)
+    resting = constant(np.diag(_rest_precision()).reshape(-1), shares)
+    return xp.reshape(xp.matmul(shares, flat) + resting, (shares.shape[0], 63, 63))
 
 
 def _rest_precision() -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from solver_backend.fitters.chain import Chain
+from solver_backend.fitters.keyframes import KEY_DOF
 from solver_backend.fitters.motion_prior import MotionPrior
 from tests.fitters.test_keyframes import random_keys
 
@@ -13,7 +14,9 @@ KEYS = 7
 def empty_chain(dof: int) -> Chain:
     blocks = (KEYS + 1) // 2
     size = 2 * dof
-    return Chain(np.zeros((blocks, size, size)), np.zeros((blocks - 1, size, size)), np.zeros((blocks, size)), dof)
+    return Chain(
+        np.zeros((blocks, size, size)), np.zeros((blocks - 1, size, dof + KEY_DOF)), np.zeros((blocks, size)), dof
+    )
 
 
 def dense(chain: Chain) -> np.ndarray:
@@ -22,8 +25,9 @@ def dense(chain: Chain) -> np.ndarray:
     for i in range(blocks):
         full[i, :, i] = chain.diagonal[i]
         if i + 1 < blocks:
-            full[i, :, i + 1] = chain.upper[i]
-            full[i + 1, :, i] = chain.upper[i].T
+            met = chain.upper.shape[-1]
+            full[i, :, i + 1, :met] = chain.upper[i]
+            full[i + 1, :met, i] = chain.upper[i].T
     return full.reshape(blocks * size, blocks * size)
 
 

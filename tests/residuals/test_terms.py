@@ -96,11 +96,12 @@ def test_a_point_behind_a_camera_is_no_better_than_an_outlier():
 
 def test_usual_poses_gradient_and_curvature():
     from solver_backend.geometry.rotations import exp_so3
-    from solver_backend.residuals.usual_poses import usual_pose_term
+    from solver_backend.residuals.usual_poses import usual_pose_curvature, usual_pose_term
 
     rng = np.random.default_rng(0)
     local = exp_so3(0.3 * rng.normal(size=(4, 21, 3)))
-    _, gradient, hessian = usual_pose_term(local)
+    _, gradient, shares = usual_pose_term(local)
+    hessian = usual_pose_curvature(shares)
     np.testing.assert_allclose(hessian, np.swapaxes(hessian, 1, 2), atol=1e-9)
     assert (np.linalg.eigvalsh(hessian) > 0).all()
     for _ in range(5):
