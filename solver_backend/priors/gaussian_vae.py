@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array
-from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations
-from solver_backend.priors.decoder import (
-    decoded_rotations,
-    decoded_rotations_with_jacobian,
-    decoded_rotations_with_pullback,
-)
-from solver_backend.priors.dense import DenseStack
+from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
@@ -27,22 +19,13 @@ VaeName = Literal["vposer", "rvposer"]
 """``vposer`` as published (Pavlakos et al. 2019); ``rvposer`` its robust variant (thesis 4.2.4)."""
 
 
-class GaussianVAE(PosePrior):
+class GaussianVAE(PoseAutoencoder):
     """Poses as codes in R^32 that are standard normal over the training poses."""
-
-    def __init__(self, name: VaeName, encoder: DenseStack, decoder: DenseStack, metadata: dict[str, Any]) -> None:
-        self._name, self._encoder, self._decoder = name, encoder, decoder
-        self.metadata = metadata
 
     @property
     def name(self) -> str:
         """``"vposer"`` or ``"rvposer"``."""
-        return self._name
-
-    @property
-    def latent_dim(self) -> int:
-        """32."""
-        return LATENT_DIM
+        return self.metadata["prior"]
 
     def posterior(self, rotations: Array) -> tuple[Array, Array]:
         """Return the mean and the standard deviation (N, 32) of the codes of (N, 21, 3, 3) poses.
@@ -50,34 +33,12 @@ class GaussianVAE(PosePrior):
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.
         """
-        check_rotations(rotations)
-        xp = array_namespace(rotations)
-        features = xp.reshape(log_so3(rotations), (rotations.shape[0], 3 * NUM_BODY_JOINTS))
-        out = self._encoder.like(rotations)(features)
-        return out[:, :LATENT_DIM], xp.exp(0.5 * out[:, LATENT_DIM:])
+        out = self._encoded_rotvecs(rotations)
+        return out[:, :LATENT_DIM], array_namespace(out).exp(0.5 * out[:, LATENT_DIM:])
 
     def encode(self, rotations: Array) -> Array:
         """Return the posterior means (N, 32)."""
         return self.posterior(rotations)[0]
-
-    def decode(self, z: Array) -> Array:
-        """Return (N, 21, 3, 3) local rotations of (N, 32) codes.
-
-        Raises:
-            PoseInvalid: NaN or another code length.
-        """
-        check_codes(z, LATENT_DIM)
-        return decoded_rotations(self._decoder.like(z), z)
-
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        """Return ``decode(z)`` and its left tangents by the code, (N, 21, 3, 32)."""
-        check_codes(z, LATENT_DIM)
-        return decoded_rotations_with_jacobian(self._decoder.like(z), z)
-
-    def decode_with_pullback(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
-        """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode."""
-        check_codes(z, LATENT_DIM)
-        return decoded_rotations_with_pullback(self._decoder.like(z), z)
 
     def energy(self, rotations: Array) -> Array:
         """Return half the squared length of the code, minus the log density of the standard normal: (N,)."""
@@ -102,4 +63,5 @@ def load_vae(name: VaeName, path: Path | str | None = None) -> GaussianVAE:
     if not isinstance(active, bool):
         raise WeightsInvalid(f"The weights of {name} do not say whether the decoder's last layer has an activation.")
     decoder = read_stack(weights, "decoder", LATENT_DIM, 6 * NUM_BODY_JOINTS, activate_last=active)
-    return GaussianVAE(name, encoder, decoder, {**weights.metadata, "sha256": weights.sha256})
+    sigma = weights.array("residual_sigma", (NUM_BODY_JOINTS, 3))
+    return GaussianVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})

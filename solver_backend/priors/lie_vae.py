@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.quaternions import matrix_from_quat
-from solver_backend.geometry.rotations import log_so3, matrix_from_6d
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations
-from solver_backend.priors.decoder import decoded_rotations, decoded_rotations_with_jacobian, reconstruction_energy
-from solver_backend.priors.dense import DenseStack
+from solver_backend.geometry.rotations import matrix_from_6d
+from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
@@ -22,26 +19,13 @@ FACTORS = 10
 _DIM = 9 * FACTORS
 
 
-class LieVAE(PosePrior):
+class LieVAE(PoseAutoencoder):
     """Poses as ten rotations; the code is their matrices' 90 entries, and the prior uniform on the group."""
-
-    def __init__(
-        self, encoder: DenseStack, decoder: DenseStack, residual_sigma: np.ndarray, metadata: dict[str, Any]
-    ) -> None:
-        self._encoder, self._decoder = encoder, decoder
-        self.residual_sigma = residual_sigma
-        """(21, 3) rad: spread of the left rotation from decoded to true poses, on unseen subjects."""
-        self.metadata = metadata
 
     @property
     def name(self) -> str:
         """``"lie_vae"``."""
         return "lie_vae"
-
-    @property
-    def latent_dim(self) -> int:
-        """90."""
-        return _DIM
 
     def posterior(self, rotations: Array) -> tuple[Array, Array]:
         """Return mean rotations (N, 10, 3, 3) and the spread (N, 10, 3) rad in their own axes, of (N, 21, 3, 3) poses.
@@ -49,11 +33,8 @@ class LieVAE(PosePrior):
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.
         """
-        check_rotations(rotations)
-        xp = array_namespace(rotations)
-        count = rotations.shape[0]
-        features = xp.reshape(log_so3(rotations), (count, 3 * NUM_BODY_JOINTS))
-        out = self._encoder.like(rotations)(features)
+        out = self._encoded_rotvecs(rotations)
+        xp, count = array_namespace(out), out.shape[0]
         mean = matrix_from_6d(xp.reshape(out[:, : 6 * FACTORS], (count, FACTORS, 6)))
         return mean, xp.exp(0.5 * xp.reshape(out[:, 6 * FACTORS :], (count, FACTORS, 3)))
 
@@ -62,26 +43,12 @@ class LieVAE(PosePrior):
         mean = self.posterior(rotations)[0]
         return array_namespace(mean).reshape(mean, (mean.shape[0], _DIM))
 
-    def decode(self, z: Array) -> Array:
-        """Return (N, 21, 3, 3) local rotations of (N, 90) codes.
-
-        Raises:
-            PoseInvalid: NaN or another code length.
-        """
-        check_codes(z, _DIM)
-        return decoded_rotations(self._decoder.like(z), z)
-
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        """Return ``decode(z)`` and its left tangents by the matrices' entries, (N, 21, 3, 90)."""
-        check_codes(z, _DIM)
-        return decoded_rotations_with_jacobian(self._decoder.like(z), z)
-
     def energy(self, rotations: Array) -> Array:
         """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
 
         Codes say nothing: all are as likely.
         """
-        return reconstruction_energy(rotations, self.decode(self.encode(rotations)), self.residual_sigma)
+        return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> np.ndarray:
         """Return ``count`` poses of rotations drawn uniformly."""

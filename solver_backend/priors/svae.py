@@ -3,42 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
-from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations
-from solver_backend.priors.decoder import decoded_rotations, decoded_rotations_with_jacobian, reconstruction_energy
-from solver_backend.priors.dense import DenseStack
+from solver_backend.priors.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 LATENT_DIM = 32
 
 
-class SphericalVAE(PosePrior):
+class SphericalVAE(PoseAutoencoder):
     """Poses as unit vectors in R^32: von Mises-Fisher about each pose's direction, uniform over all of them."""
-
-    def __init__(
-        self, encoder: DenseStack, decoder: DenseStack, residual_sigma: np.ndarray, metadata: dict[str, Any]
-    ) -> None:
-        self._encoder, self._decoder = encoder, decoder
-        self.residual_sigma = residual_sigma
-        """(21, 3) rad: spread of the left rotation from decoded to true poses, on unseen subjects."""
-        self.metadata = metadata
 
     @property
     def name(self) -> str:
         """``"svae"``."""
         return "svae"
-
-    @property
-    def latent_dim(self) -> int:
-        """32."""
-        return LATENT_DIM
 
     def posterior(self, rotations: Array) -> tuple[Array, Array]:
         """Return the mean directions (N, 32) and the concentrations κ (N,) of (N, 21, 3, 3) poses.
@@ -46,11 +29,8 @@ class SphericalVAE(PosePrior):
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.
         """
-        check_rotations(rotations)
-        xp = array_namespace(rotations)
-        features = xp.reshape(log_so3(rotations), (rotations.shape[0], 3 * NUM_BODY_JOINTS))
-        out = self._encoder.like(rotations)(features)
-        raw = out[:, LATENT_DIM]
+        out = self._encoded_rotvecs(rotations)
+        xp, raw = array_namespace(out), out[:, LATENT_DIM]
         kappa = 1.0 + 0.5 * (raw + xp.abs(raw)) + xp.log1p(xp.exp(-xp.abs(raw)))
         return unit(out[:, :LATENT_DIM]), kappa
 
@@ -58,26 +38,12 @@ class SphericalVAE(PosePrior):
         """Return the mean directions (N, 32)."""
         return self.posterior(rotations)[0]
 
-    def decode(self, z: Array) -> Array:
-        """Return (N, 21, 3, 3) local rotations of (N, 32) unit codes.
-
-        Raises:
-            PoseInvalid: NaN or another code length.
-        """
-        check_codes(z, LATENT_DIM)
-        return decoded_rotations(self._decoder.like(z), z)
-
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        """Return ``decode(z)`` and its left tangents by the code's ambient coordinates, (N, 21, 3, 32)."""
-        check_codes(z, LATENT_DIM)
-        return decoded_rotations_with_jacobian(self._decoder.like(z), z)
-
     def energy(self, rotations: Array) -> Array:
         """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
 
         Codes say nothing: all are as likely.
         """
-        return reconstruction_energy(rotations, self.decode(self.encode(rotations)), self.residual_sigma)
+        return self._distance_to_reconstruction(rotations)
 
     def sample(self, count: int, seed: int) -> np.ndarray:
         """Return ``count`` poses of directions drawn uniformly."""
