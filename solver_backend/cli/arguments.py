@@ -87,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--steps", type=int, help="gradient steps in all")
     train.add_argument("--batch", type=int, help="windows a step")
     train.add_argument("--learning-rate", type=float, help="at its height")
+    train.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the network is trained")
     train.add_argument("--hidden", type=int, default=512, help="width of SPoser's decoder layers")
 
     evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")

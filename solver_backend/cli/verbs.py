@@ -105,7 +105,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"Training needs the package {error.name}, which is not installed.",
             hint="pip install manifold-mocap[train]",
         ) from error
-    names = ("steps", "batch", "learning_rate")
+    names = ("steps", "batch", "learning_rate", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     finished = train_prior(
         args.prior, args.data, args.out, seed=args.seed, settings=TrainingSettings(**chosen), hidden=args.hidden,

@@ -20,6 +20,10 @@ JOINT_WEIGHTS: np.ndarray = _joint_weights()
 The paper says only that joints early in the chain weigh more."""
 
 
+TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0
+"""(21,) factors of the squared distance between a pose and the same turned a little: ``d² = Σ_k w_k/8 |ω_k|²``."""
+
+
 def pose_distance(a: Array, b: Array) -> Array:
     """Return ``d(a, b) = sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)``, the same for q and -q; rad.
 

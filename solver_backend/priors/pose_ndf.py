@@ -31,10 +31,12 @@ class ProjectionSettings:
 
     steps: int = 60
     """At most."""
-    step_size: float = 1.0
-    """The factor α at first: one for a field whose gradient has unit length."""
+    step_size: float = 0.3
+    """The factor α at first: one would leave a field that is a distance in one step."""
+    reach: float = 1.0
+    """How far a pose may be moved in all, by the distance it begins at: farther on lies the middle of all poses."""
     tolerance: float = 1e-3
-    """Distance, rad, at which a pose counts as on the manifold."""
+    """Distance, rad, at which a pose counts as on the manifold, and way that counts as none."""
 
 
 class PoseNDF(PosePrior):
@@ -125,6 +127,7 @@ class PoseNDF(PosePrior):
 
         The gradient is that of the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 a field
         that is a distance is left in one step. A step that would raise a pose's distance is halved; α then grows again.
+        No pose goes farther than ``reach`` times the distance it began at.
 
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.
@@ -133,17 +136,20 @@ class PoseNDF(PosePrior):
         check_rotations(rotations)
         quats = quat_from_matrix(rotations)
         distance, gradient = self._signed(quats)
-        alpha = settings.step_size * xp.ones_like(distance)
+        alpha, left = settings.step_size * xp.ones_like(distance), settings.reach * distance
         for _ in range(settings.steps):
-            if bool(xp.all((distance < settings.tolerance) | (alpha < 1e-6))):
+            if bool(xp.all((distance < settings.tolerance) | (left < settings.tolerance) | (alpha < 1e-6))):
                 break
-            step = (alpha * distance)[:, None, None] * in_metric(quats, gradient)
-            trial = _unit(quats - step)
+            steepest = in_metric(quats, gradient)
+            slope = metric_length(steepest)
+            way = xp.minimum(alpha * distance * slope, left)
+            trial = _unit(quats - (way / xp.clip(slope, 1e-9, None))[:, None, None] * steepest)
             trial_distance, trial_gradient = self._signed(trial)
             better = trial_distance < distance
             quats = xp.where(better[:, None, None], trial, quats)
             gradient = xp.where(better[:, None, None], trial_gradient, gradient)
             distance = xp.where(better, trial_distance, distance)
+            left = xp.where(better, left - way, left)
             alpha = xp.where(better, xp.clip(1.5 * alpha, None, settings.step_size), 0.5 * alpha)
         return matrix_from_quat(quats)
 
@@ -179,11 +185,18 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
 def in_metric(quats: Array, gradient: Array) -> Array:
     """Return the gradient in the metric of ``pose_distance``: the tangent part, times ``2/w_k``; (N, 21, 4).
 
-    Its squared length in that metric, ``Σ_k (w_k/2) |·|²``, is 1 where the field is a distance.
+    Its length in that metric is 1 where the field is a distance.
     """
     xp = array_namespace(quats)
     tangent = gradient - xp.sum(gradient * quats, axis=-1, keepdims=True) * quats
     return constant(2.0 / JOINT_WEIGHTS[:, None], quats) * tangent
+
+
+def metric_length(tangents: Array) -> Array:
+    """Return the length ``sqrt(Σ_k (w_k/2) |·|²)`` (N,) of (N, 21, 4) tangents in the metric of ``pose_distance``."""
+    xp = array_namespace(tangents)
+    weights = constant(0.5 * JOINT_WEIGHTS[:, None], tangents)
+    return xp.sqrt(xp.sum(weights * tangents * tangents, axis=(1, 2)) + 1e-24)
 
 
 def _stack(stored: PriorWeights, part: str, widths: tuple[int, ...]) -> SoftplusStack:

@@ -20,6 +20,8 @@ from solver_backend.training.shoulder_rhythm import with_shoulder_rhythm
 FPS = 30.0
 KEYED = "keyed"
 """Subject of hand-keyed animations."""
+UNKNOWN = "unknown"
+"""Subject of conversions that do not keep it."""
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
 """A joint this far beyond its anatomical range was tracked wrongly."""
@@ -76,13 +78,13 @@ def without_faults(clip: Clip) -> list[Clip]:
 
 
 def subject_of(path: Path) -> str:
-    """Return the CMU subject of a clip's file; "unknown" for conversions that do not keep it."""
+    """Return the CMU subject of a clip's file; UNKNOWN for conversions that do not keep it."""
     folder, stem = path.parent.name, path.stem
     if folder in ("mb2", "amc") and stem[:2].isdigit():
         return stem[:2]
     if folder == "daz":
         return "60_61" if stem.startswith("salsa") else "135"
-    return "131" if folder == "max" else "unknown"
+    return "131" if folder == "max" else UNKNOWN
 
 
 def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:

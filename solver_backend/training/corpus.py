@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.training.clips import KEYED, Clip
+from solver_backend.training.clips import KEYED, UNKNOWN, Clip
 from solver_backend.training.points import rotation_points
 
 HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})
@@ -31,6 +31,8 @@ class Corpus:
     distinct: np.ndarray
     """(D,) frames that are no near-repeats of one another; hand-keyed ones several times."""
     names: tuple[str, ...]
+    subjects: tuple[str, ...]
+    """Of the same clips."""
 
     @property
     def num_frames(self) -> int:
@@ -40,9 +42,26 @@ class Corpus:
     @property
     def sources(self) -> np.ndarray:
         """(N,) source of each frame: what stands before the slash of its clip's name."""
+        return np.array([name.split("/")[0] for name in self.names])[self._clip]
+
+    @property
+    def people(self) -> np.ndarray:
+        """(N,) who moves in each frame, numbered; every hand-keyed clip is somebody else, all unknown of a source one.
+
+        What was keyed has no subject that would repeat itself from clip to clip.
+        """
+        named = zip(self.names, self.subjects, strict=True)
+        who = [
+            name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named
+        ]  # fmt: skip
+        return np.unique(who, return_inverse=True)[1][self._clip]
+
+    @property
+    def _clip(self) -> np.ndarray:
+        """(N,) number of each frame's clip."""
         starts, clip = np.unique(self.clip_start, return_inverse=True)
         assert len(starts) == len(self.names)
-        return np.array([name.split("/")[0] for name in self.names])[clip]
+        return clip
 
 
 def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:
@@ -50,7 +69,7 @@ def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:
     held = [clip for clip in clips if clip.subject in HELD_OUT]
     rest = [clip for clip in clips if clip.subject not in HELD_OUT]
     known = _features(np.concatenate([clip.rotations for clip in held]))
-    kept = [clip for clip in rest if clip.subject != "unknown" or not _repeats(clip, known)]
+    kept = [clip for clip in rest if clip.subject != UNKNOWN or not _repeats(clip, known)]
     return build_corpus(kept), build_corpus(held)
 
 
@@ -63,7 +82,13 @@ def build_corpus(clips: list[Clip]) -> Corpus:
     distinct = distinct_poses(_features(rotations), NEAR_REPEAT_M)
     keyed = np.repeat([clip.subject == KEYED for clip in clips], lengths)
     distinct = np.repeat(distinct, np.where(keyed[distinct], KEYED_REPEATS, 1))
-    return Corpus(rotations, starts, np.repeat(ends, lengths), distinct, tuple(clip.name for clip in clips))
+    return Corpus(
+        rotations,
+        starts,
+        np.repeat(ends, lengths),
+        distinct,
+        *zip(*((clip.name, clip.subject) for clip in clips), strict=True),
+    )
 
 
 def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:

@@ -48,7 +48,7 @@ class GaussianLatent:
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw by reparametrisation."""
         mean, log_variance = out[:, :GAUSSIAN_DIM], out[:, GAUSSIAN_DIM:].clamp(*_LOG_VARIANCE)
-        noise = torch.randn(mean.shape, generator=generator)
+        noise = torch.randn(mean.shape, generator=generator).to(mean.device)
         nats = 0.5 * (mean.square() + log_variance.exp() - 1.0 - log_variance).sum(-1)
         return mean + torch.exp(0.5 * log_variance) * noise, nats
 
@@ -66,7 +66,7 @@ class SphereLatent:
         """Draw by rejection (Ulrich 1984): ``z = w μ + sqrt(1 - w²) v``, v a unit vector across μ."""
         mean, kappa = self.mean(out), 1.0 + torch.nn.functional.softplus(out[:, SPHERE_DIM])
         w = _along_mean(kappa, generator)[:, None]
-        across = torch.randn(mean.shape, generator=generator)
+        across = torch.randn(mean.shape, generator=generator).to(mean.device)
         across = torch.nn.functional.normalize(across - (across * mean).sum(-1, keepdim=True) * mean, dim=-1)
         return w * mean + torch.sqrt((1.0 - w * w).clamp_min(1e-9)) * across, SphereDivergence.apply(kappa)
 
@@ -83,7 +83,7 @@ class RotationLatent:
     def draw(self, out: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw ``R_μ exp(σ ε)``; the divergence is estimated at the draw, its density wrapped twice around."""
         log_sigma = 0.5 * out[:, 6 * ROTATIONS :].clamp(*_LOG_VARIANCE).unflatten(-1, (ROTATIONS, 3))
-        noise = torch.randn(log_sigma.shape, generator=generator)
+        noise = torch.randn(log_sigma.shape, generator=generator).to(log_sigma.device)
         turn = torch.exp(log_sigma) * noise
         z = torch.matmul(self._means(out), exp_so3(turn)).flatten(1)
         return z, (_wrapped_log_density(turn, log_sigma) + math.log(8.0 * math.pi**2)).sum(-1)
@@ -107,14 +107,14 @@ class SphereDivergence(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, kappa: torch.Tensor) -> torch.Tensor:
         """Return nats of (N,) concentrations."""
-        k, half = kappa.detach().numpy().astype(np.float64), SPHERE_DIM / 2
+        k, half = kappa.detach().cpu().numpy().astype(np.float64), SPHERE_DIM / 2
         scaled = ive(half - 1, k)
         ratio = ive(half, k) / scaled
         log_c = (half - 1) * np.log(k) - half * np.log(2 * np.pi) - (np.log(scaled) + k)
         log_area = np.log(2.0) + half * np.log(np.pi) - gammaln(half)
         slope = k * (1.0 - ratio**2 - (SPHERE_DIM - 1) / k * ratio)
-        ctx.save_for_backward(torch.as_tensor(slope, dtype=kappa.dtype))
-        return torch.as_tensor(k * ratio + log_c + log_area, dtype=kappa.dtype)
+        ctx.save_for_backward(torch.as_tensor(slope, dtype=kappa.dtype, device=kappa.device))
+        return torch.as_tensor(k * ratio + log_c + log_area, dtype=kappa.dtype, device=kappa.device)
 
     @staticmethod
     def backward(ctx: Any, *grads: torch.Tensor) -> torch.Tensor:
@@ -124,23 +124,34 @@ class SphereDivergence(torch.autograd.Function):
 
 def _along_mean(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Return (N,) components along the mean; ``w(ε) = (1 - (1+b) ε) / (1 - (1-b) ε)``, ε accepted from a beta law."""
-    m = SPHERE_DIM - 1
-    b = m / (2.0 * kappa + torch.sqrt(4.0 * kappa.square() + m * m))
-    with torch.no_grad():
-        centre = (1.0 - b) / (1.0 + b)
-        level = kappa * centre + m * torch.log(1.0 - centre.square())
-        accepted = torch.zeros_like(kappa)
-        waiting = torch.arange(len(kappa))
-        while len(waiting):
-            direction = torch.randn(len(waiting), SPHERE_DIM, generator=generator)
-            epsilon = 0.5 + 0.5 * direction[:, 0] / torch.linalg.vector_norm(direction, dim=-1)
-            at = b[waiting]
-            w = (1.0 - (1.0 + at) * epsilon) / (1.0 - (1.0 - at) * epsilon)
-            gain = kappa[waiting] * w + m * torch.log(1.0 - centre[waiting] * w) - level[waiting]
-            kept = gain >= torch.log(torch.rand(len(waiting), generator=generator))
-            accepted[waiting[kept]] = epsilon[kept]
-            waiting = waiting[~kept]
+    accepted = _accepted(kappa.detach().cpu(), generator).to(kappa.device)
+    b = _breadth(kappa)
     return (1.0 - (1.0 + b) * accepted) / (1.0 - (1.0 - b) * accepted)
+
+
+def _breadth(kappa: torch.Tensor) -> torch.Tensor:
+    """Return Ulrich's ``b = m / (2 κ + sqrt(4 κ² + m²))``."""
+    m = SPHERE_DIM - 1
+    return m / (2.0 * kappa + torch.sqrt(4.0 * kappa.square() + m * m))
+
+
+def _accepted(kappa: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return (N,) draws ε that the rejection step keeps, on the generator's device."""
+    m, b = SPHERE_DIM - 1, _breadth(kappa)
+    centre = (1.0 - b) / (1.0 + b)
+    level = kappa * centre + m * torch.log(1.0 - centre.square())
+    accepted = torch.zeros_like(kappa)
+    waiting = torch.arange(len(kappa))
+    while len(waiting):
+        direction = torch.randn(len(waiting), SPHERE_DIM, generator=generator)
+        epsilon = 0.5 + 0.5 * direction[:, 0] / torch.linalg.vector_norm(direction, dim=-1)
+        at = b[waiting]
+        w = (1.0 - (1.0 + at) * epsilon) / (1.0 - (1.0 - at) * epsilon)
+        gain = kappa[waiting] * w + m * torch.log(1.0 - centre[waiting] * w) - level[waiting]
+        kept = gain >= torch.log(torch.rand(len(waiting), generator=generator))
+        accepted[waiting[kept]] = epsilon[kept]
+        waiting = waiting[~kept]
+    return accepted
 
 
 def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:

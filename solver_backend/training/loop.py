@@ -14,6 +14,7 @@ from torch import nn
 
 from solver_backend.errors import FileDamaged, TrainingMismatch
 from solver_backend.progress import Progress, silent
+from solver_backend.training.devices import check_device, dropout_state, set_dropout_state
 from solver_backend.training.event_log import EventLog
 
 _CURVE_EVERY = 20
@@ -40,6 +41,8 @@ class TrainingSettings:
     """Seconds between checkpoints."""
     evaluate_every: int = 500
     """Steps between validations."""
+    device: str = "cpu"
+    """``cpu`` or ``cuda``; every draw but dropout's is made on the CPU, alike for both."""
 
 
 class Task(Protocol):
@@ -51,21 +54,23 @@ class Task(Protocol):
         ...
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Return the loss of a fresh batch."""
+        """Return the loss of a fresh batch, drawn on the CPU, on the device of the model."""
         ...
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
-        """Return validation figures."""
+        """Return validation figures of a model on the CPU."""
         ...
 
 
 def run_training(task: Task, settings: TrainingSettings, folder: Path, progress: Progress = silent) -> nn.Module:
-    """Train, or go on from the last checkpoint in ``folder``, and return the model with averaged weights.
+    """Train, or go on from the last checkpoint in ``folder``, and return the averaged model, on the CPU.
 
     Raises:
+        JobInvalid, BackendMissing: the device is unknown or not here.
         TrainingMismatch: the checkpoint was made with other settings or for another network.
         FileDamaged: the checkpoint cannot be read.
     """
+    check_device(settings.device)
     folder.mkdir(parents=True, exist_ok=True)
     run = _Run(task, settings, folder)
     run.resume()
@@ -75,12 +80,12 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
         if run.step % _CURVE_EVERY == 0:
             log.scalars(run.step, {"training/loss": run.recent, "training/learning_rate": run.learning_rate})
         if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
-            log.figures(run.step, {"loss": run.recent, **task.evaluate(run.averaged)})
+            log.figures(run.step, {"loss": run.recent, **task.evaluate(run.kept)})
         if run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s:
             run.save()
         progress("Training", run.step, settings.steps)
     log.close()
-    return run.averaged
+    return run.kept
 
 
 class _Run:
@@ -89,6 +94,7 @@ class _Run:
     def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:
         self.task, self.settings, self.folder, self.step = task, settings, folder, 0
         self.generator = torch.Generator().manual_seed(settings.seed)
+        task.model.to(settings.device)
         self.optimizer = torch.optim.AdamW(
             task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
@@ -104,6 +110,11 @@ class _Run:
     def learning_rate(self) -> float:
         """The rate of the step that comes."""
         return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
+
+    @property
+    def kept(self) -> nn.Module:
+        """The averaged model on the CPU."""
+        return self.averaged if self.settings.device == "cpu" else copy.deepcopy(self.averaged).cpu()
 
     def advance(self) -> None:
         """Take one step."""
@@ -132,7 +143,7 @@ class _Run:
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "generator": self.generator.get_state(),
-            "global_generator": torch.get_rng_state(),
+            "global_generator": dropout_state(self.settings.device),
             "recent": self.recent,
         }
         temporary = self.checkpoint.with_suffix(".part")
@@ -145,7 +156,7 @@ class _Run:
         if not self.checkpoint.is_file():
             return
         try:
-            state = torch.load(self.checkpoint, weights_only=True)
+            state = torch.load(self.checkpoint, map_location="cpu", weights_only=True)
         except Exception as error:
             raise FileDamaged(
                 "The checkpoint cannot be read.", where=self.checkpoint.name, hint="Train into another folder."
@@ -166,7 +177,7 @@ class _Run:
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.generator.set_state(state["generator"])
-        torch.set_rng_state(state["global_generator"])
+        set_dropout_state(self.settings.device, state["global_generator"])
         self.step, self.recent = state["step"], state["recent"]
 
 

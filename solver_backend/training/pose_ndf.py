@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from solver_backend.priors.pose_distance import JOINT_WEIGHTS
 from solver_backend.priors.pose_field import PoseField
-from solver_backend.priors.pose_ndf import PoseNDF, in_metric
+from solver_backend.priors.pose_ndf import PoseNDF, in_metric, metric_length
 from solver_backend.priors.softplus_stack import SoftplusStack
+from solver_backend.training.devices import device_of
 from solver_backend.training.pose_negatives import Labelled
 
 NUM_JOINTS = 21
@@ -33,16 +33,14 @@ class PoseNdfSettings:
     """Hidden layers of the five-layer distance network."""
     eikonal: float = 0.1
     """Weight of the eikonal term."""
-    eikonal_share: float = 0.5
-    """Share of the negatives on which it is taken."""
-    on_manifold: float = 0.3
-    """Share of a batch that are recorded poses, of distance 0."""
+    eikonal_share: float = 0.2
+    """Share of a batch on which it is taken, where it holds."""
+    eikonal_from: float = 0.6
+    """rad; nearer poses lie among their neighbours, and the mean distance to five of them is not as steep as one."""
     pool: int = 40_000
-    """Negatives drawn anew for each stage."""
-    stages: tuple[float, ...] = (1.0,)
-    """Share of the steps: far from the manifold, nearer, what projections meet, and more of that. One stage is the
-    default: after three (3/7, 2/7, 2/7 of 7,000 steps) 7 % of the samples lay outside the limits of joints and 93 % of
-    the projections lowered the true distance, with no better ranking."""
+    """Poses far from the manifold; half as many recorded ones, twice as many near, as many met by projections."""
+    stages: tuple[float, ...] = (0.15, 0.5, 0.35)
+    """Share of the steps: far from the manifold and on it, also near it, also what projections meet."""
     validation: int = 1500
     """Perturbed poses of unseen subjects that are measured on."""
     samples: int = 1000
@@ -71,13 +69,12 @@ class PoseFieldNet(nn.Module):
 
 
 class PoseNdfTask:
-    """Losses (4) on one stage's poses, and validation."""
+    """Losses (4) on one stage's poses, and validation; zero is no distance of its own, see ``labelled``."""
 
     def __init__(
         self,
         model: PoseFieldNet,
-        manifold: torch.Tensor,
-        negatives: Callable[[], Labelled],
+        poses: Callable[[], Labelled],
         validation: Labelled,
         settings: PoseNdfSettings,
         batch: int,
@@ -86,34 +83,28 @@ class PoseNdfTask:
 
         Args:
             model: what is trained on.
-            manifold: (M, 21, 4) recorded poses.
-            negatives: makes the stage's poses off the manifold; asked once, when the first batch is drawn.
+            poses: makes the stage's poses; asked once, when the first batch is drawn.
             validation: perturbed poses of unseen subjects.
             settings: losses and shares.
             batch: poses a step.
         """
-        self.model, self._manifold, self._make, self._validation = model, manifold, negatives, validation
+        self.model, self._make, self._validation = model, poses, validation
         self._settings, self._batch = settings, batch
 
     @cached_property
-    def _negatives(self) -> Labelled:
+    def _poses(self) -> Labelled:
         return self._make()
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``, the gradient in the metric of the distance."""
-        s, pool = self._settings, self._negatives
-        count = int(s.on_manifold * self._batch)
-        on = self._manifold[torch.randint(len(self._manifold), (count,), generator=generator)]
-        chosen = torch.randint(len(pool.quats), (self._batch - count,), generator=generator)
-        steep = int(s.eikonal_share * len(chosen))
-        quats = upper(torch.cat((pool.quats[chosen], on)))
-        target = torch.cat((pool.distance[chosen], torch.zeros(count)))
-        field = self.model.field
+        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance."""
+        s, pool, device = self._settings, self._poses, device_of(self.model)
+        chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
+        quats, target = upper(pool.quats[chosen]).to(device), pool.distance[chosen].to(device)
+        steep, field = int(s.eikonal_share * self._batch), self.model.field
         distance, gradient = field.with_gradient(quats[:steep])
-        length = metric_length(quats[:steep], gradient)
-        rest = field(quats[steep:])
-        error = (torch.cat((distance, rest)) - target).abs()
-        return error.mean() + s.eikonal * (length - 1.0).square().mean()
+        off = (metric_length(in_metric(quats[:steep], gradient)) - 1.0) * (target[:steep] > s.eikonal_from)
+        error = (torch.cat((distance, field(quats[steep:]))) - target).abs()
+        return error.mean() + s.eikonal * off.square().mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return how the field ranks and measures the perturbed poses of unseen subjects."""
@@ -134,13 +125,6 @@ def as_prior(model: PoseFieldNet) -> PoseNDF:
 def spearman(a: np.ndarray, b: np.ndarray) -> float:
     """Return the correlation of the ranks of two lists of numbers without ties (Spearman 1904)."""
     return float(np.corrcoef(np.argsort(np.argsort(a)), np.argsort(np.argsort(b)))[0, 1])
-
-
-def metric_length(quats: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
-    """Return the length (N,) of a gradient by quaternions in the metric of ``pose_distance``."""
-    steepest = in_metric(quats, gradient)
-    weights = torch.as_tensor(0.5 * JOINT_WEIGHTS, dtype=quats.dtype)
-    return torch.sqrt((weights[:, None] * steepest.square()).sum(dim=(1, 2)) + 1e-12)
 
 
 def upper(quats: torch.Tensor) -> torch.Tensor:

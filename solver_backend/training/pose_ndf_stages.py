@@ -1,54 +1,56 @@
-"""Pose-NDF trained in stages: from negatives far from the manifold to those that projections meet."""
+"""Pose-NDF trained in stages: from poses far from the manifold to those near it and those that projections meet."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
 import torch
 
 from solver_backend.body.joint_limits import excess_deg
+from solver_backend.errors import JobInvalid
 from solver_backend.training.augmentation import mirrored
 from solver_backend.training.corpus import Corpus
 from solver_backend.training.loop import run_training
-from solver_backend.training.nearest_poses import NearestPoses, unit_quats
+from solver_backend.training.nearest_poses import unit_quats
 from solver_backend.training.pose_ndf import PoseFieldNet, PoseNdfSettings, PoseNdfTask, as_prior
 from solver_backend.training.pose_negatives import (
+    NOBODY,
     Labelled,
-    blended_poses,
+    Manifold,
+    Poses,
+    blended,
     joined,
     labelled,
-    projected_poses,
+    projected,
     spread,
-    turned_poses,
+    turned,
 )
 from solver_backend.training.recipe import Job
 
-FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (2.0, 40.0), (1.0, 60.0)
+FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (0.5, 40.0), (1.0, 60.0)
 """Spread of the turns about each axis: of the first stage, the second, and the validation."""
 
 
-@dataclass(frozen=True)
-class Manifold:
-    """The recorded poses that a distance is measured to."""
+def manifold_of(training: Corpus) -> Manifold:
+    """Return the distinct poses of a corpus that lie within the joints' limits, and their mirror images.
 
-    quats: torch.Tensor
-    """(M, 21, 4): distinct training poses within the limits of joints, and their mirror images."""
-    nearest: NearestPoses
-
-    @classmethod
-    def of(cls, training: Corpus) -> Manifold:
-        """Take the distinct poses of a corpus that lie within the joints' limits."""
-        rotations = torch.as_tensor(possible_poses(training))
-        quats = torch.cat((unit_quats(rotations), unit_quats(mirrored(rotations))))
-        return cls(quats, NearestPoses(quats))
+    Raises:
+        JobInvalid: all are of one person, so that there is nobody else to measure a distance to.
+    """
+    frames = possible_frames(training)
+    rotations, people = torch.as_tensor(training.rotations[frames]), torch.as_tensor(training.people[frames])
+    if len(people.unique()) < 2:
+        raise JobInvalid("Pose-NDF learns from the recordings of several people, and these are of one.", where="data")
+    quats = torch.cat((unit_quats(rotations), unit_quats(mirrored(rotations))))
+    return Manifold.of(quats, people.repeat(2))
 
 
-def possible_poses(corpus: Corpus) -> np.ndarray:
-    """Return the distinct poses without those that no body can take: there a head, hand or foot was tracked wrongly."""
-    poses = corpus.rotations[np.unique(corpus.distinct)]
-    return poses[(excess_deg(poses.astype(np.float64)) == 0).all(axis=1)]
+def possible_frames(corpus: Corpus) -> np.ndarray:
+    """Return the distinct frames without those that no body can take: there a limb or the head was tracked wrongly."""
+    distinct = np.unique(corpus.distinct)
+    return distinct[(excess_deg(corpus.rotations[distinct].astype(np.float64)) == 0).all(axis=1)]
 
 
 def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, even: bool = True) -> Labelled:
@@ -57,20 +59,21 @@ def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, 
     The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
     8 degrees, and what tells them apart is mostly how the subjects differ.
     """
-    poses = unit_quats(torch.as_tensor(possible_poses(validation)))
+    poses = unit_quats(torch.as_tensor(validation.rotations[possible_frames(validation)]))
     generator = torch.Generator().manual_seed(1)
-    turned = turned_poses(poses, spread(count, ALL_DEG, generator, even=even), generator)
-    return labelled(turned, manifold.nearest)
+    chosen = poses[torch.randint(len(poses), (count,), generator=generator)]
+    unseen = Poses(chosen, torch.full((count,), NOBODY))
+    return labelled(turned(unseen, spread(count, ALL_DEG, generator, even=even), generator), manifold)
 
 
 class Stages:
-    """The negatives of every stage; those of a finished stage are made again only if a later one mixes them in."""
+    """The poses of every stage; those of a finished stage are made again only if a later one mixes them in."""
 
     def __init__(self, manifold: Manifold, settings: PoseNdfSettings, seed: int) -> None:
         self._manifold, self._settings, self._seed = manifold, settings, seed
         self._pools: dict[int, Labelled] = {}
 
-    def negatives(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
+    def poses(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
         """Return the poses of a stage: its own and all earlier ones, so that near ones join far ones.
 
         Args:
@@ -84,16 +87,16 @@ class Stages:
 
     def _own(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
         generator = torch.Generator().manual_seed(1000 * self._seed + stage)
-        poses, count = self._manifold.quats, self._settings.pool
+        manifold, count = self._manifold, self._settings.pool
         if stage == 0:
-            quats = turned_poses(poses, spread(count, FAR_DEG, generator), generator)
+            far = turned(manifold.drawn(count, generator), spread(count, FAR_DEG, generator), generator)
+            parts = [far, manifold.drawn(count // 2, generator)]
         elif stage == 1:
-            third = count // 3
-            turned = turned_poses(poses, spread(count - third, NEAR_DEG, generator), generator)
-            quats = torch.cat((turned, blended_poses(poses, third, generator)))
+            near = turned(manifold.drawn(2 * count, generator), spread(2 * count, NEAR_DEG, generator), generator)
+            parts = [near, blended(manifold, count // 4, generator)]
         else:
-            quats = projected_poses(as_prior(before[stage - 1]), poses, count, generator)
-        return labelled(quats, self._manifold.nearest)
+            parts = [projected(as_prior(before[stage - 1]), manifold, count, generator)]
+        return joined([labelled(part, manifold) for part in parts])
 
 
 def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> PoseFieldNet:
@@ -104,8 +107,8 @@ def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> Pos
     stages, ended = Stages(manifold, settings, job.settings.seed), []
     for number, share in enumerate(settings.stages):
         task = PoseNdfTask(
-            model, manifold.quats, lambda n=number: stages.negatives(n, ended), validation, settings, job.settings.batch
-        )
+            model, lambda n=number: stages.poses(n, ended), validation, settings, job.settings.batch
+        )  # fmt: skip
         rate = job.settings.learning_rate * (1.0 if number < 2 else 0.5)
         chosen = replace(job.settings, steps=max(1, round(share * job.settings.steps)), learning_rate=rate)
         trained = run_training(task, chosen, job.work / f"stage{number + 1}", job.progress)

@@ -12,6 +12,7 @@ from torch import nn
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.training.accuracy import reconstruction_accuracy
 from solver_backend.training.corpus import Corpus
+from solver_backend.training.devices import device_of
 from solver_backend.training.points import rotation_points
 from solver_backend.training.spherical_autoencoder import SphericalAutoencoder, spherical
 from solver_backend.training.windows import WindowSampler
@@ -47,14 +48,14 @@ class SPoserTask:
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct middle keys through noisy codes, and frames between through SIDER2 of three codes."""
-        s, batch = self._settings, self._sampler.draw(self._batch, generator)
+        s, batch = self._settings, self._sampler.draw(self._batch, generator).to(device_of(self.model))
         codes = self.model.encode(batch.rotations[:, :3].flatten(0, 1)).unflatten(0, (self._batch, 3))
-        noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator)
+        noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator).to(codes.device)
         between = sider2(codes[:, 0], codes[:, 1], codes[:, 2], batch.time)
         decoded = self.model.decode(torch.cat((spherical(codes[:, 1] + noise), between)))
         truth = torch.cat((batch.rotations[:, 1], batch.rotations[:, 3]))
         weight = torch.cat((torch.ones(self._batch), torch.full((self._batch,), s.between))) / (1.0 + s.between)
-        return pose_loss(truth, decoded, weight, s.orthogonality)
+        return pose_loss(truth, decoded, weight.to(codes.device), s.orthogonality)
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return reconstruction figures on the validation poses."""

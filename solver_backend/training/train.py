@@ -13,6 +13,7 @@ from solver_backend.errors import JobInvalid
 from solver_backend.progress import Progress, silent
 from solver_backend.training.clips import load_clips
 from solver_backend.training.corpus import HELD_OUT, KEYED_REPEATS, NEAR_REPEAT_M, Corpus, split_corpus
+from solver_backend.training.devices import check_device
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Finished, Job
 from solver_backend.training.train_gmm import train_gmm
@@ -56,7 +57,8 @@ def train(
         progress: called as stages advance.
 
     Raises:
-        JobInvalid: unknown prior.
+        JobInvalid: unknown prior or device.
+        BackendMissing: the device is not here.
         FileMissing: no recordings.
         TrainingMismatch: the checkpoint there was made with other settings.
     """
@@ -64,14 +66,24 @@ def train(
         raise JobInvalid(f"There is no prior {prior!r} (known: {', '.join(sorted(RECIPES))}).")
     out = Path(out)
     chosen = replace(settings or TrainingSettings(), seed=seed)
+    check_device(chosen.device)
     training, validation = split_corpus(load_clips(Path(data_dir), progress, cache=out / "fitted_takes"))
-    command = f"python -m solver_backend train {prior} --data DIR --seed {seed} --steps {chosen.steps}"
-    command += f" --hidden {hidden}" if prior == "sposer" else ""
+    command = _command(prior, chosen) + (f" --hidden {hidden}" if prior == "sposer" else "")
     job = Job(
         training, validation, chosen, out, Path(work) if work else out / f"{prior}_run", command,
         _describe(training, validation), progress, hidden,
     )  # fmt: skip
     return RECIPES[prior](job)
+
+
+def _command(prior: str, settings: TrainingSettings) -> str:
+    """Return the command that repeats a training, with the options that are not left at their defaults."""
+    usual, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
+    command += f" --steps {settings.steps}"
+    for name in ("batch", "learning_rate", "device"):
+        value = getattr(settings, name)
+        command += f" --{name.replace('_', '-')} {value}" if value != getattr(usual, name) else ""
+    return command
 
 
 def _describe(training: Corpus, validation: Corpus) -> dict[str, object]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.errors import JobInvalid
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.training.corpus import Corpus
@@ -23,7 +24,13 @@ expectation maximisation to the distinct poses and their mirror images, without 
 
 
 def train_gmm(job: Job) -> Finished:
-    """Fit, export and measure the mixture."""
+    """Fit, export and measure the mixture.
+
+    Raises:
+        JobInvalid: another device than the CPU.
+    """
+    if job.settings.device != "cpu":
+        raise JobInvalid("The mixture is fitted on the CPU alone.", where="device", hint="Leave out --device.")
     x = rotation_vectors(job.training)
     mixture, history = fit_mixture(x, COMPONENTS, job.settings.seed, ridge=RIDGE, progress=job.progress)
     arrays = {

@@ -16,7 +16,8 @@ from solver_backend.training.export import export_prior
 from solver_backend.training.model_card import write_model_card
 from solver_backend.training.nearest_poses import unit_quats
 from solver_backend.training.pose_ndf import PoseNdfSettings, field_arrays, spearman
-from solver_backend.training.pose_ndf_stages import Manifold, perturbed_validation, train_stages
+from solver_backend.training.pose_ndf_stages import manifold_of, perturbed_validation, train_stages
+from solver_backend.training.pose_negatives import Manifold
 from solver_backend.training.recipe import Finished, Job
 
 _SUMMARY = """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
@@ -34,7 +35,7 @@ true, a projection (eq. 6) lowers. `outside`: samples of which any joint lies be
 
 def train_pose_ndf(job: Job, settings: PoseNdfSettings = PoseNdfSettings()) -> Finished:
     """Train, export, measure the exported weights and write the model card."""
-    manifold = Manifold.of(job.training)
+    manifold = manifold_of(job.training)
     model = train_stages(job, settings, manifold)
     path = job.out / "pose_ndf.npz"
     arrays = field_arrays(model)

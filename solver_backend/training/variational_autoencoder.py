@@ -12,6 +12,7 @@ from torch import nn
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d
 from solver_backend.training.accuracy import reconstruction_accuracy
 from solver_backend.training.corpus import Corpus
+from solver_backend.training.devices import device_of
 from solver_backend.training.latents import LATENTS, Kind
 from solver_backend.training.sposer import pose_loss
 from solver_backend.training.windows import WindowSampler
@@ -79,12 +80,13 @@ class VaeTask:
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct the middle and the in-between frame of every window."""
         s = self._settings
-        truth = self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1)
+        truth = self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1).to(device_of(self.model))
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
         decoded = self.model.decode(z)
         penalty = torch.sqrt(1.0 + nats.square()) - 1.0 if s.kind == "rvposer" else nats
-        return pose_loss(truth, decoded, torch.ones(len(truth)), s.orthogonality) + s.divergence * penalty.mean()
+        evenly = torch.ones(len(truth), device=truth.device)
+        return pose_loss(truth, decoded, evenly, s.orthogonality) + s.divergence * penalty.mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return reconstruction figures on the validation poses, from codes without noise."""

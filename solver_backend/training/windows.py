@@ -31,6 +31,10 @@ class WindowBatch:
     time: torch.Tensor
     """(B,) of the frame between, 0..1."""
 
+    def to(self, device: torch.device) -> WindowBatch:
+        """Return the batch on a device."""
+        return WindowBatch(self.rotations.to(device), self.time.to(device))
+
 
 @dataclass(frozen=True)
 class WindowSampler:

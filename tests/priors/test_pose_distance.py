@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from solver_backend.geometry.quaternions import quat_from_rotvec
-from solver_backend.priors.pose_distance import JOINT_WEIGHTS, half_angles, pose_distance
+from solver_backend.geometry.quaternions import quat_from_rotvec, quat_multiply
+from solver_backend.priors.pose_distance import JOINT_WEIGHTS, TURN_METRIC, half_angles, pose_distance
 from solver_backend.types.joint_sets import SMPL_JOINTS
 
 
@@ -39,3 +39,11 @@ def test_one_joints_turn_counts_by_its_weight() -> None:
     weight = dict(zip(SMPL_JOINTS[1:22], JOINT_WEIGHTS, strict=True))
     assert weight["spine1"] > weight["left_shoulder"] > weight["left_elbow"] > weight["left_wrist"]
     assert weight["left_hip"] == weight["right_hip"] and abs(JOINT_WEIGHTS.mean() - 1) < 1e-12
+
+
+def test_small_turns_count_as_the_metric_says() -> None:
+    rng = np.random.default_rng(3)
+    turn = 1e-3 * rng.standard_normal((5, 21, 3))
+    poses = quat_from_rotvec(0.5 * rng.standard_normal((5, 21, 3)))
+    away = pose_distance(quat_multiply(quat_from_rotvec(turn), poses), poses)
+    np.testing.assert_allclose(away**2, (TURN_METRIC[:, None] * turn**2).sum((1, 2)), rtol=1e-5)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from solver_backend.errors import JobInvalid
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_rotvec
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_distance import pose_distance
-from solver_backend.priors.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf import in_metric, load_pose_ndf, metric_length
 from solver_backend.progress import silent
 from solver_backend.training.clips import Clip
 from solver_backend.training.corpus import Corpus, build_corpus
@@ -24,11 +25,20 @@ from solver_backend.training.pose_ndf import (
     PoseNdfTask,
     as_prior,
     field_arrays,
-    metric_length,
     upper,
 )
-from solver_backend.training.pose_ndf_stages import Manifold, possible_poses
-from solver_backend.training.pose_negatives import blended_poses, labelled, projected_poses, spread, turned_poses
+from solver_backend.training.pose_ndf_stages import manifold_of, possible_frames
+from solver_backend.training.pose_negatives import (
+    NOBODY,
+    Labelled,
+    Manifold,
+    Poses,
+    blended,
+    labelled,
+    projected,
+    spread,
+    turned,
+)
 from solver_backend.training.recipe import Job
 from solver_backend.training.train_pose_ndf import train_pose_ndf
 from tests.training.test_sposer_training import DATA
@@ -38,7 +48,6 @@ SMALL = PoseNdfSettings(
     encoder_hidden=4,
     field_hidden=(16, 16),
     pool=120,
-    stages=(3 / 7, 2 / 7, 2 / 7),
     validation=200,
     samples=20,
 )
@@ -48,7 +57,8 @@ def swaying(seed: int, frames: int = 60) -> Corpus:
     rng = np.random.default_rng(seed)
     phase, amplitude = rng.uniform(0, 6, (21, 3)), 0.15 * rng.standard_normal((21, 3))
     time = np.arange(frames)[:, None, None] / 30.0
-    return build_corpus([Clip("sway", "02", exp_so3(amplitude * np.sin(4 * time + phase)).astype(np.float32))])
+    sways = [exp_so3(k * amplitude * np.sin(4 * time + phase)).astype(np.float32) for k in (1.0, 1.1)]
+    return build_corpus([Clip(f"test/{who}", who, R) for who, R in zip(("01", "02"), sways, strict=True)])
 
 
 def job(folder: Path, steps: int, checkpoint_s: float = 60.0) -> Job:
@@ -72,23 +82,50 @@ def test_nearest_poses_against_comparing_all(scale: float) -> None:
 
 
 def test_turned_poses_lie_as_far_as_they_are_turned() -> None:
-    poses, generator = random_quats(50, 0), torch.Generator().manual_seed(0)
+    manifold, generator = Manifold.of(random_quats(50, 0), torch.arange(50)), torch.Generator().manual_seed(0)
     near, far = (
-        NearestPoses(poses).distances(turned_poses(poses, spread(300, degrees, generator), generator), 1)[:, 0].median()
+        turned(manifold.drawn(300, generator), spread(300, degrees, generator), generator)
         for degrees in ((1.0, 2.0), (30.0, 60.0))
     )
-    assert 0.03 < near < 0.08 and 1.0 < far < 2.2
-    blended = blended_poses(poses, 100, generator)
-    np.testing.assert_allclose(torch.linalg.vector_norm(blended, dim=-1).numpy(), 1.0, rtol=1e-6)
+    nearest = [manifold.nearest.distances(poses.quats, 1)[:, 0].median() for poses in (near, far)]
+    assert 0.03 < nearest[0] < 0.08 and 1.0 < nearest[1] < 2.2
+    mixed = blended(manifold, 100, generator)
+    np.testing.assert_allclose(torch.linalg.vector_norm(mixed.quats, dim=-1).numpy(), 1.0, rtol=1e-6)
+    assert (mixed.people == NOBODY).all()
+
+
+def test_distances_are_to_the_poses_of_other_people() -> None:
+    quats, people = random_quats(90, 0), torch.arange(90) % 3
+    manifold = Manifold.of(quats, people)
+    asked = Poses(random_quats(12, 1), torch.tensor([0, 1, 2, NOBODY] * 3))
+    found = labelled(asked, manifold).distance
+    for pose, who, distance in zip(asked.quats, asked.people, found, strict=True):
+        every = pose_distance(pose.double(), quats[people != who].double()).sort().values[:5].mean()
+        assert float(distance) == pytest.approx(float(every), rel=3e-3)
+    own = Poses(quats, people)
+    assert labelled(own, manifold).distance.min() > 0.5 > manifold.nearest.distances(quats, 1).max()
+    alone = swaying(0)
+    with pytest.raises(JobInvalid, match="several people"):
+        manifold_of(replace(alone, subjects=("01", "01")))
+
+
+def test_keyed_clips_are_people_of_their_own_and_the_unknown_one() -> None:
+    poses = swaying(0).rotations
+    names = ("keyed/roll", "keyed/sit", "expmap/a", "expmap/b", "mb2/02_01", "mb2/02_02")
+    who = ("keyed", "keyed", "unknown", "unknown", "02", "02")
+    parts = np.array_split(poses, len(names))
+    corpus = build_corpus([Clip(n, s, part) for n, s, part in zip(names, who, parts, strict=True)])
+    firsts = corpus.people[np.unique(corpus.clip_start)]
+    assert firsts[2] == firsts[3] and firsts[4] == firsts[5] and len(set(firsts.tolist())) == 4
 
 
 def test_poses_out_of_reach_are_no_part_of_the_manifold() -> None:
     corpus = swaying(0)
     bent = corpus.rotations.copy()
     bent[corpus.distinct[0], 14] = exp_so3(np.array([0.0, 3.0, 0.0]))  # the head looks backwards
-    assert len(possible_poses(replace(corpus, rotations=bent))) == len(np.unique(corpus.distinct)) - 1
-    manifold = Manifold.of(corpus)
-    assert len(manifold.quats) == 2 * len(possible_poses(corpus))
+    assert len(possible_frames(replace(corpus, rotations=bent))) == len(np.unique(corpus.distinct)) - 1
+    manifold = manifold_of(corpus)
+    assert len(manifold.quats) == len(manifold.people) == 2 * len(possible_frames(corpus))
     assert manifold.nearest.distances(manifold.quats[-5:], 1).max() < 1e-3
 
 
@@ -99,14 +136,14 @@ def test_a_distance_solves_the_eikonal_equation() -> None:
     rest[..., 0] = 1.0
     distance = pose_distance(quats, rest)
     (gradient,) = torch.autograd.grad(distance.sum(), quats)
-    np.testing.assert_allclose(metric_length(quats, gradient).detach().numpy(), 1.0, rtol=1e-7)
+    np.testing.assert_allclose(metric_length(in_metric(quats, gradient)).detach().numpy(), 1.0, rtol=1e-7)
 
 
 def test_field_gradient_flows_to_every_parameter() -> None:
     torch.manual_seed(0)
     net, quats = PoseFieldNet(SMALL), upper(random_quats(32, 3))
-    nearest = NearestPoses(random_quats(60, 4))
-    task = PoseNdfTask(net, quats, lambda: labelled(quats, nearest), labelled(quats, nearest), SMALL, 32)
+    poses = Labelled(quats, NearestPoses(random_quats(60, 4)).mean_distance(quats))
+    task = PoseNdfTask(net, lambda: poses, poses, SMALL, 32)
     task.loss(0, torch.Generator().manual_seed(0)).backward()
     assert all(p.grad is not None and float(p.grad.abs().sum()) > 0 for p in net.parameters())
     assert -1 <= task.evaluate(net)["spearman"] <= 1
@@ -115,9 +152,10 @@ def test_field_gradient_flows_to_every_parameter() -> None:
 def test_projected_poses_lie_nearer_than_they_started(tmp_path: Path) -> None:
     torch.manual_seed(0)
     prior = as_prior(PoseFieldNet(SMALL))
-    met = projected_poses(prior, random_quats(30, 5), 31, torch.Generator().manual_seed(0))
-    assert met.shape == (30, 21, 4)
-    np.testing.assert_allclose(torch.linalg.vector_norm(met, dim=-1).numpy(), 1.0, rtol=1e-5)
+    manifold = Manifold.of(random_quats(30, 5), torch.arange(30))
+    met = projected(prior, manifold, 31, torch.Generator().manual_seed(0))
+    assert met.quats.shape == (30, 21, 4) and int((met.people == NOBODY).sum()) == 10
+    np.testing.assert_allclose(torch.linalg.vector_norm(met.quats, dim=-1).numpy(), 1.0, rtol=1e-5)
 
 
 def test_training_learns_and_exports_what_it_learned(tmp_path: Path) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.solver.normal_equations import BlockTridiagonal
 
@@ -46,7 +48,8 @@ class PoseChain:
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the cost (1,) and its Gauss-Newton equations in the free tangents.
 
-        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w f² + λ_t/L Σ_l |y_t - y_{t-1}|²]``.
+        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w f² + λ_t/L Σ_l |y_t - y_{t-1}|²]``. The residual of the prior is the way
+        to the manifold, not its length alone: ``f²/2`` bends as the metric does, and a step as long as the field says.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -67,7 +70,8 @@ class PoseChain:
         neighbours = self._neighbours(xp, posed.points)
         stiff = data * self.seen + smooth * neighbours[:, None]
         stiff = xp.reshape(xp.broadcast_to(stiff[..., None], posed.points.shape), (count, -1, 1))
-        diagonal = xp.matmul(Jt, stiff * J) + w * by_free[:, :, None] * by_free[:, None, :]
+        bend = np.concatenate([np.zeros(3), np.repeat(TURN_METRIC, 3), np.zeros(3)])[list(self.free)]
+        diagonal = xp.matmul(Jt, stiff * J) + constant(w * np.diag(bend), stiff)
         cost = 0.5 * (data * xp.sum(error * error) + smooth * xp.sum(arriving**2) + w * xp.sum(distance**2))
         upper = -smooth * xp.matmul(Jt[:-1], J[1:])
         return xp.reshape(cost, (1,)), BlockTridiagonal(diagonal, upper, g)

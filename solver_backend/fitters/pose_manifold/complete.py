@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.errors import JobInvalid
 from solver_backend.fitters.pose_manifold.chain_equations import ManifoldWeights, PoseChain
 from solver_backend.fitters.pose_manifold.solve_chain import solve_chain
-from solver_backend.fitters.subject import PosedFrames, Subject, pose
-from solver_backend.geometry.arrays import constant
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.progress import Progress, silent
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
@@ -29,7 +27,8 @@ LIMBS: dict[str, tuple[str, ...]] = {
     "head_and_neck": ("neck", "head"),
 }
 """Groups of joints that may be named as missing, beside single joints."""
-START_SPREAD_RAD = 0.1
+_LOOKED_AT = 12
+"""Frames of a take that the candidates are tried on."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +37,16 @@ class CompleteSettings:
 
     manifold: float = 1.0
     """w, 1/rad²."""
-    smoothness: float = 20.0
-    """λ_t, 1/m², at 30 frames a second."""
+    smoothness: float = 2.0
+    """λ_t, 1/m², at 30 frames a second; chosen on takes of training subjects."""
     iterations: int = 30
     """Linearisations at most for each stretch of frames."""
+    candidates: int = 64
+    """Samples of the prior whose limbs are tried in place of the missing ones."""
     starts: int = 3
-    """Random starts near rest; the one whose poses end nearest to the manifold is kept."""
+    """Candidates, those that fit best, that are started from; the one that ends with the least cost is kept."""
     seed: int = 0
+    """Of the samples."""
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
@@ -75,6 +77,8 @@ def complete(
 ) -> PosedFrames:
     """Return the poses with the missing joints' rotations found near the manifold; nothing else moves.
 
+    The paper starts near rest and finds that the result hangs on it; here limbs of sampled poses are tried first.
+
     Args:
         subject: body, shape and the landmarks in which smoothness is measured.
         prior: whose distance is minimised.
@@ -88,8 +92,8 @@ def complete(
         PoseInvalid: known joints that are NaN or off SO(3).
     """
     best, least = None, float("inf")
-    for number in range(settings.starts):
-        start = _started(frames, missing, settings.seed + number)
+    for number, limb in enumerate(_starts(prior, frames, missing, settings)):
+        start = _with_limb(frames, missing, limb)
         observed = pose(subject, start).points
         weights = ManifoldWeights(0.0, settings.manifold, settings.smoothness * (fps / 30.0) ** 2)
         free = tuple(3 + 3 * joint + axis for joint in missing for axis in range(3))
@@ -102,12 +106,19 @@ def complete(
     return best
 
 
-def _started(frames: PosedFrames, missing: tuple[int, ...], seed: int) -> PosedFrames:
-    """Return the poses with one small random rotation for each missing joint, the same in all frames."""
+def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
+    """Return the missing joints' rotations (starts, n, 3, 3) of those samples that lie nearest to the manifold."""
     xp = array_namespace(frames.local)
-    turn = START_SPREAD_RAD * np.random.default_rng(seed).standard_normal((len(missing), 3))
-    start = exp_so3(constant(turn, frames.local))
+    limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
+    some = select_frames(frames, slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
+    cost = [xp.sum(prior.energy(_with_limb(some, missing, limb).local) ** 2) for limb in limbs]
+    return limbs[xp.argsort(xp.stack(cost))[: settings.starts]]
+
+
+def _with_limb(frames: PosedFrames, missing: tuple[int, ...], limb: Array) -> PosedFrames:
+    """Return the poses with the (n, 3, 3) rotations of the missing joints, the same in all frames."""
+    xp = array_namespace(frames.local)
     columns = [frames.local[:, j] for j in range(NUM_BODY_JOINTS)]
     for number, joint in enumerate(missing):
-        columns[joint] = xp.broadcast_to(start[number], columns[joint].shape)
+        columns[joint] = xp.broadcast_to(limb[number], columns[joint].shape)
     return PosedFrames(frames.root, xp.stack(columns, axis=1), frames.transl)

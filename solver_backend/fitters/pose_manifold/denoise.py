@@ -12,7 +12,7 @@ from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose
 from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.progress import Progress, silent
 
-WEIGHTS = ManifoldWeights(data=1.0, manifold=0.3, smoothness=2.0)
+WEIGHTS = ManifoldWeights(data=1.0, manifold=0.001, smoothness=2.0)
 """Chosen on takes of training subjects, clean and with noise of 6.5 degrees, at 30 frames a second."""
 
 

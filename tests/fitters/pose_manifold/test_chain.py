@@ -19,6 +19,7 @@ from solver_backend.fitters.pose_manifold.denoise import DenoiseSettings, denois
 from solver_backend.fitters.pose_manifold.solve_chain import solve_chain
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf import PoseNDF
 from tests.priors.pose_ndf_weights import random_prior
 
@@ -82,17 +83,16 @@ def test_gradient_against_central_differences(prior: PoseNDF, first: bool, free:
 
 
 def test_curvature_is_that_of_the_residuals(prior: PoseNDF) -> None:
-    """H = Jᵀ J of all residuals stacked: built here by differences of the residuals themselves."""
+    """H = Jᵀ J of the points' residuals, built here by differences of them, and the metric for the prior's."""
     problem, state, free = chain(prior, 3, (1, 9, 50, 67)), frames(3, 2), 4
     _, system = problem.linearise(state)
 
     def residuals(x: PosedFrames) -> np.ndarray:
         points = pose(problem.subject, x).points
         arriving = np.concatenate([points[:1] - problem.before, points[1:] - points[:-1]])
-        f = problem.prior.energy(x.local)
         scale = np.sqrt(np.array([WEIGHTS.data, WEIGHTS.smoothness]) / len(NAMES))
         error = problem.seen[..., None] * (points - problem.observed)
-        return np.concatenate([scale[0] * error.ravel(), scale[1] * arriving.ravel(), WEIGHTS.manifold**0.5 * f])
+        return np.concatenate([scale[0] * error.ravel(), scale[1] * arriving.ravel()])
 
     step, columns = 1e-6, []
     for i in range(3 * free):
@@ -101,9 +101,11 @@ def test_curvature_is_that_of_the_residuals(prior: PoseNDF) -> None:
             (residuals(problem.retract(state, move)) - residuals(problem.retract(state, -move))) / (2 * step)
         )
     J = np.stack(columns, axis=1)
-    np.testing.assert_allclose(dense(system, 3), J.T @ J, rtol=1e-4, atol=1e-6)
-    cost, _ = problem.linearise(state)
-    assert float(cost[0]) == pytest.approx(0.5 * float(residuals(state) @ residuals(state)), rel=1e-12)
+    turns = [0.0, TURN_METRIC[2], TURN_METRIC[15], 0.0]
+    expected = J.T @ J + WEIGHTS.manifold * np.diag(np.tile(turns, 3))
+    np.testing.assert_allclose(dense(system, 3), expected, rtol=1e-4, atol=1e-6)
+    squares = residuals(state) @ residuals(state) + WEIGHTS.manifold * (problem.prior.energy(state.local) ** 2).sum()
+    assert float(problem.linearise(state)[0][0]) == pytest.approx(0.5 * float(squares), rel=1e-12)
 
 
 def test_numpy_against_torch(prior: PoseNDF) -> None:
