@@ -5,8 +5,12 @@ from __future__ import annotations
 import re
 import zlib
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
+_POSE_FOLDERS = frozenset({"pose-sync", "pose", "pose-2d", "pose_sync"})
+"""Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
+_MOST_LEVELS = 3
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
@@ -43,19 +47,28 @@ def next_take(folder: Path) -> TakeFiles:
 def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
-    A file manager drops files, not folders: a frame of detections stands for the folder that holds the cameras'
-    folders, a calibration or a settings file for its own folder. Folders and capture files stand for themselves.
+    Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a calibration,
+    a settings file, stands for the nearest folder around it that holds cameras' detections. Folders and capture files
+    stand for themselves.
     """
     if path.is_dir() or path.suffix.lower() == ".npz":
         return path
-    folder = path.parent
-    if path.suffix.lower() != ".json" or not _holds_frames(folder):
-        return folder
-    root = folder.parent
-    return root.parent if root.name.lower() == "pose" else root
+    around = list(path.parents)[:_MOST_LEVELS]
+    return next((folder for folder in around if _holds_cameras(folder)), path.parent)
+
+
+def _holds_cameras(folder: Path) -> bool:
+    """Return whether a folder holds one folder of detections a camera, by itself or in its folder of poses."""
+    try:
+        below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
+    except OSError:
+        return False  # not ours to look into
+    if folder.name.lower() in _POSE_FOLDERS:
+        return False
+    return not _POSE_FOLDERS.isdisjoint(below) or sum(map(_holds_frames, below.values())) > 1
 
 
 def _holds_frames(folder: Path) -> bool:
-    """Return whether a folder holds one camera's detections: numbered JSON files, beside folders alike."""
-    numbered = sum(1 for path in folder.glob("*.json") if re.search(r"\d", path.stem))
-    return numbered > 1 or folder.name.lower().endswith(("_json", "json"))
+    """Return whether a folder holds one camera's detections: numbered JSON files."""
+    numbered = (path for path in folder.glob("*.json") if re.search(r"\d", path.stem))
+    return len(list(islice(numbered, 2))) > 1

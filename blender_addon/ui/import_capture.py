@@ -11,6 +11,9 @@ from bpy_extras.io_utils import ImportHelper
 from .following import FollowsRun
 from .locations import files_folder, usable
 
+SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml")
+"""Of the files a capture is made of: our own, detections, calibrations, settings."""
+
 
 class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
     """Reads a capture in the solver's process and sets up its cameras, footage and detections."""
@@ -22,7 +25,7 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
         "Choose a folder (a Pose2Sim trial, or folders of OpenPose JSON with a calibration) or any file in it"
     )
 
-    filter_glob: bpy.props.StringProperty(default="*.npz;*.json;*.toml;*.qca.txt", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
@@ -96,12 +99,12 @@ class MOCAP_OT_demo_capture(FollowsRun, bpy.types.Operator):
 
 
 class MOCAP_FH_capture(bpy.types.FileHandler):
-    """Takes files that are dropped on the 3D viewport."""
+    """Takes files that are dropped on the 3D viewport; Blender hands over no folders, so a file stands for its own."""
 
     bl_idname = "MOCAP_FH_capture"
     bl_label = "Motion capture"
     bl_import_operator = "mocap.import_capture"
-    bl_file_extensions = ".npz;.json;.toml"
+    bl_file_extensions = ";".join(SUFFIXES)
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:

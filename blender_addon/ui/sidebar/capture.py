@@ -26,7 +26,7 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
             return
         draw_failure(layout, context, _VERBS)
         if not capture.file:
-            draw_next(layout, context, "Drop a file of your capture on the viewport, or choose its folder.")
+            draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
         column = layout.column(align=True)
         column.scale_y = 1.0 if capture.file else 1.4
         column.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")

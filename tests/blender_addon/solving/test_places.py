@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from blender_addon.solving import places
 from blender_addon.solving.places import capture_folder, capture_root, next_take, safe_name
+from solver_backend.io.pose2sim import POSE_FOLDERS
 
 
 @pytest.mark.parametrize(
@@ -44,15 +46,25 @@ def test_take_numbers_are_not_used_twice(tmp_path):
         ("trial/Config.toml", "trial"),
         ("folders/Calib.toml", "folders"),
         ("folders/calibration.json", "folders"),
+        ("trial/calibration/Calib.qca.txt", "trial"),
+        ("trial/videos/cam01.mp4", "trial"),
+        ("folders/intrinsics/lens.yml", "folders"),
+        ("elsewhere/notes.txt", "elsewhere"),
         ("capture.npz", "capture.npz"),
         ("trial", "trial"),
     ],
 )
 def test_a_dropped_file_stands_for_its_capture(tmp_path, dropped, root):
-    for folder in ("trial/pose/cam01_json", "folders/cam01"):
+    for folder in ("trial/pose/cam01_json", "folders/cam01", "folders/cam02"):
         (tmp_path / folder).mkdir(parents=True)
         for frame in range(3):
             (tmp_path / folder / f"f_{frame:03d}.json").touch()
-    for name in ("trial/Config.toml", "folders/Calib.toml", "folders/calibration.json", "capture.npz"):
-        (tmp_path / name).touch()
+    others = ("trial/Config.toml", "folders/Calib.toml", "folders/calibration.json", "capture.npz", dropped)
+    for path in (tmp_path / name for name in others if name != "trial"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
     assert capture_root(tmp_path / dropped) == tmp_path / root
+
+
+def test_the_folders_of_poses_are_those_the_solver_knows():
+    assert frozenset(POSE_FOLDERS) == places._POSE_FOLDERS
