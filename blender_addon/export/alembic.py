@@ -10,6 +10,10 @@ from ..errors import NothingToExport
 from ..progress import Progress
 from .blender_exporters import run_exporter
 from .take import ExportTake, chosen
+from .whole_files import require_space, require_whole
+
+_BYTES_PER_VERTEX = 14
+"""Of each frame: three floats, and a little more."""
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
@@ -17,12 +21,15 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
 
     Raises:
         NothingToExport: the armature deforms no mesh.
+        OSError: the disk is too full for it.
     """
     if not take.meshes:
         raise NothingToExport(
             "The armature deforms no mesh.", where=take.name, hint="Alembic holds vertices: choose a format with bones."
         )
     progress("exporting Alembic", 0, 1)
+    vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
+    require_space(path, _BYTES_PER_VERTEX * vertices * take.num_frames)
     with chosen(take):
         run_exporter(
             bpy.ops.wm.alembic_export,
@@ -38,4 +45,5 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
                 "as_background_job": False,
             },
         )
+    require_whole(path)
     progress("exporting Alembic", 1, 1)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ..errors import ExporterMissing, ExportFailed
+
+_DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
 
 def run_exporter(
@@ -24,6 +28,7 @@ def run_exporter(
     Raises:
         ExporterMissing: this Blender has no such exporter.
         ExportFailed: it refused, or wrote nothing.
+        OSError: the disk is full or may not be written to.
     """
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
@@ -37,8 +42,16 @@ def run_exporter(
     try:
         done = operator(filepath=str(path), check_existing=False, **settings, **fitting)
     except RuntimeError as error:
+        _raise_if_disk(str(error), error)
         raise ExportFailed(f"Blender's exporter failed: {str(error).strip()}", where=path.name) from error
     if done != {"FINISHED"} or not path.is_file():
         raise ExportFailed(
             "Blender's exporter wrote nothing.", where=path.name, hint="Its messages are in the console."
         )
+
+
+def _raise_if_disk(text: str, error: RuntimeError) -> None:
+    """Raise what the system said, where it stands in the traceback an exporter gives for an error."""
+    for number in _DISK:
+        if os.strerror(number) in text:
+            raise OSError(number, os.strerror(number)) from error

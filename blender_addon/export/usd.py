@@ -10,11 +10,20 @@ from ..progress import Progress
 from .blender_exporters import run_exporter
 from .plain_take import plain_take
 from .take import ExportTake, chosen
+from .whole_files import require_space, require_whole
+
+_BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
 
 
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the armature, its meshes and the motion."""
+    """Write the armature, its meshes and the motion.
+
+    Raises:
+        OSError: the disk is too full for it.
+    """
     progress("exporting USD", 0, 1)
+    vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
+    require_space(path, _BYTES_PER_VERTEX * vertices + _BYTES_PER_FRAME * take.num_frames)
     with plain_take(take, progress) as plain, chosen(plain):
         run_exporter(
             bpy.ops.wm.usd_export,
@@ -34,4 +43,5 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
                 "convert_world_material": False,
             },
         )
+    require_whole(path)
     progress("exporting USD", 1, 1)

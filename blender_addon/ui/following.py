@@ -63,6 +63,14 @@ class FollowsRun(MocapOperator):
         """Take the result into the scene and return the operator's answer."""
         raise NotImplementedError
 
+    def rescue(self, context: bpy.types.Context) -> str:
+        """Take what a run that failed has finished into the scene, and say so in a sentence; "" if there is nothing.
+
+        Raises:
+            AddonError: what is there cannot be read.
+        """
+        return ""
+
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
         """Start the solver and follow it; without a window, wait for it.
 
@@ -106,16 +114,21 @@ class FollowsRun(MocapOperator):
         assert run is not None
         current.finish()
         _show(context, None)
-        if run.result is None:
-            error = run.error or {}
-            self.report({"INFO" if error.get("code") == "cancelled" else "ERROR"}, sentence(error))
-            return {"CANCELLED"}
         try:
-            return self.received(context, run.result)
+            if run.result is not None:
+                return self.received(context, run.result)
+            error = run.error or {}
+            if error.get("code") == "cancelled":
+                self.report({"INFO"}, sentence(error))
+            elif rescued := self.rescue(context):
+                self.report({"WARNING"}, f"{sentence(error)} {rescued}")
+                return {"FINISHED"}
+            else:
+                self.report({"ERROR"}, sentence(error))
         except AddonError as error:
             run.error = error.as_event()
             self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        return {"CANCELLED"}
 
     def _stop_timer(self, context: bpy.types.Context) -> None:
         if self._timer is not None:

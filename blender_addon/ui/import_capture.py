@@ -10,6 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from .following import FollowsRun
 from .locations import files_folder, usable
+from .paths import RELATIVE, absolute
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml")
 """Of the files a capture is made of: our own, detections, calibrations, settings."""
@@ -26,7 +27,8 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
     )
 
     filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
-    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -56,8 +58,8 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
     def _chosen(self) -> Path:
         """Return the first file that was dropped, or what was chosen: a file or a folder."""
         if self.files and self.files[0].name:
-            return Path(bpy.path.abspath(self.directory)) / self.files[0].name
-        return Path(bpy.path.abspath(self.filepath or self.directory))
+            return absolute(self.directory) / self.files[0].name
+        return absolute(self.filepath or self.directory)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage, and keep what was recognised for the panels."""

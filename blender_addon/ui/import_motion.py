@@ -6,6 +6,7 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from .operators import MocapOperator
+from .paths import RELATIVE, absolute
 
 
 class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
@@ -17,6 +18,7 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO", "PRESET"}  # noqa: RUF012 - Blender reads a plain set
 
     filename_ext = ".npz"
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
     filter_glob: bpy.props.StringProperty(default="*.npz", options={"HIDDEN"})
     capture_path: bpy.props.StringProperty(
         name="Capture", description="Capture file the motion was solved from: adds cameras, footage and detections"
@@ -45,7 +47,7 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
         from .arrivals import add_motion
 
         settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=self.set_scene, floor=self.floor)
-        take = add_motion(context, Path(self.filepath), settings, _path(self.capture_path), _path(self.body_path))
+        take = add_motion(context, absolute(self.filepath), settings, _path(self.capture_path), _path(self.body_path))
         for note in take.notes:
             self.report({"WARNING"}, note)
         self.report({"INFO"}, f"Baked '{take.action.name}' with {len(take.cameras)} cameras")
@@ -58,4 +60,4 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def _path(text: str) -> Path | None:
-    return Path(bpy.path.abspath(text)) if text else None
+    return absolute(text) if text else None

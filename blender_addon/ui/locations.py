@@ -8,6 +8,7 @@ import bpy
 
 from ..errors import OutputNotWritable
 from ..outputs import probe
+from .paths import absolute
 
 _PACKAGE = __package__.rpartition(".")[0]
 _BESIDE = "mocap"
@@ -50,7 +51,7 @@ def is_beside_file(scene: bpy.types.Scene) -> bool:
 
 def _wanted(scene: bpy.types.Scene) -> Path:
     if scene.mocap.folder:
-        return Path(bpy.path.abspath(scene.mocap.folder))
+        return absolute(scene.mocap.folder)
     if bpy.data.filepath:
         return Path(bpy.data.filepath).parent / _BESIDE
     try:

@@ -74,7 +74,7 @@ class MOCAP_OT_test_python(bpy.types.Operator):
 def chosen_python(context: bpy.types.Context) -> Path | None:
     """Return the interpreter the user chose, None for Blender's own."""
     preferences = _preferences(context)
-    return Path(bpy.path.abspath(preferences.python)) if preferences is not None and preferences.python else None
+    return Path(preferences.python) if preferences is not None and preferences.python else None
 
 
 def _preferences(context: bpy.types.Context) -> MocapPreferences | None:

@@ -7,9 +7,19 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..export import operators as export_operators
 from ..headless.blender_command import command
-from . import bone_colours, following, import_capture, import_motion, preferences, review, settings, solve, views
+from . import (
+    bone_colours,
+    export_take,
+    following,
+    import_capture,
+    import_motion,
+    preferences,
+    review,
+    settings,
+    solve,
+    views,
+)
 from .sidebar import cameras as cameras_panel
 from .sidebar import capture as capture_panels
 from .sidebar import export as export_panel
@@ -58,7 +68,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
     *map(_class, views.CLASSES),
-    _class(export_operators.MOCAP_OT_export_take),
+    _class(export_take.MOCAP_OT_export_take),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
     _class(capture_panels.VIEW3D_PT_mocap_problems),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
@@ -73,7 +83,7 @@ TABLE: tuple[Entry, ...] = (
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
-    _draw(bpy.types.TOPBAR_MT_file_export, export_operators.draw_export_menu),
+    _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),
     Entry(command.register, command.unregister),
 )
 """In the order of registration."""

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from ..solving.presets import PRESETS
+from .paths import RELATIVE
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
@@ -215,7 +216,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
     folder: bpy.props.StringProperty(
-        name="Folder", subtype="DIR_PATH",
+        name="Folder", subtype="DIR_PATH", options=RELATIVE,
         description="Where captures and takes are written; empty for 'mocap' beside the .blend file",
     )  # fmt: skip
     reading: bpy.props.PointerProperty(type=MocapReading)

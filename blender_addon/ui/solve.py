@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -35,6 +36,15 @@ class _Solves(FollowsRun):
         look = f"; {doubtful} frames deserve a look" if doubtful else ""
         self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
         return {"FINISHED"}
+
+    def rescue(self, context: bpy.types.Context) -> str:
+        """Bake a motion that is whole although what follows it, the report, is not."""
+        from .arrivals import take_motion
+
+        if not self._provenance.motion.is_file():
+            return ""
+        action = take_motion(context, replace(self._provenance, report=None))
+        return f"The motion itself is whole: it arrived as '{action.name}'."
 
 
 class MOCAP_OT_solve(_Solves, bpy.types.Operator):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...export.formats import FORMATS
-from ...export.operators import MOCAP_OT_export_take
+from ..export_take import MOCAP_OT_export_take
 from ..review import MOCAP_OT_select_body
 from .parts import MocapPanel, draw_next
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from blender_addon.bake.scene import BakedTake, bake_take
 from blender_addon.bake.takes import push_down
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
+from blender_addon.export import alembic, usd
 from blender_addon.export.blender_exporters import run_exporter
 from blender_addon.export.bvh import euler_zxy
 from blender_addon.export.formats import FORMATS
@@ -22,6 +26,7 @@ from blender_addon.export.take import take_of
 from blender_addon.export.write import WRITERS, export_take
 from blender_addon.files.skeleton import JOINTS
 from solver_backend.io.bvh import read_bvh
+from tests.blender_addon.full_disk import full_disk
 
 
 def test_every_format_has_a_writer() -> None:
@@ -53,6 +58,48 @@ def test_a_failed_export_leaves_what_was_there(
     with pytest.raises(OutputNotWritable, match=r"No space left on device.*enough free space"):
         export_take(take_of(scene, take.armature), name, path, overwrite=True)
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [(path.name, b"mine")]
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_disk_that_fills_up_half_way(
+    scene: Any, take: BakedTake, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blender's exporters meet the same: what they leave behind is cleared away, and the scene stays."""
+    path = tmp_path / f"walk{FORMATS[name].suffix}"
+    path.write_bytes(b"mine")
+    objects = sorted(bpy.data.objects.keys())
+    if name in ("usd", "alembic"):  # these would end the process
+        usage = shutil.disk_usage(tmp_path)
+        monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=20_000))
+    with (
+        full_disk(6000),
+        pytest.raises(OutputNotWritable, match=r"No space left|File too large"),
+    ):
+        export_take(take_of(scene, take.armature), name, path, overwrite=True)
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [(path.name, b"mine")]
+    assert sorted(bpy.data.objects.keys()) == objects
+    sys.last_traceback = sys.last_value = None  # the glTF exporter's file, which it does not close
+    gc.collect()
+
+
+@pytest.mark.parametrize("name", ["usd", "alembic"])
+def test_a_cut_file_is_no_result(
+    scene: Any, take: BakedTake, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a full disk the USD exporter says that it has finished."""
+    path = tmp_path / f"walk{FORMATS[name].suffix}"
+    try:
+        export_take(take_of(scene, take.armature), name, path)
+    except ExporterMissing as missing:
+        pytest.skip(str(missing))
+    whole = path.read_bytes()
+    cut = whole[: len(whole) // 2] if name == "usd" else whole[:5] + b"\0" + whole[6:]
+    module = {"usd": usd, "alembic": alembic}[name]
+    monkeypatch.setattr(module, "run_exporter", lambda _, part, *settings: part.write_bytes(cut))
+    with pytest.raises(OutputNotWritable, match="stopped in the middle of the file"):
+        export_take(take_of(scene, take.armature), name, path, overwrite=True)
+    assert path.read_bytes() == whole
 
 
 @pytest.mark.parametrize("name", ["fbx", "gltf", "usd", "alembic"])

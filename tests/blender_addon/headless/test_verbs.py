@@ -26,6 +26,7 @@ from blender_addon.solving.run import Run
 from solver_backend.io.capture_file import write_capture
 from solver_backend.io.motion_file import read_motion
 from solver_backend.synthetic.demo import demo_capture
+from tests.blender_addon.full_disk import full_disk
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -156,6 +157,17 @@ def test_export_of_a_blender_file_leaves_it_alone(
     (tmp_path / "no.blend").write_bytes(b"nothing")
     assert main(["export", str(tmp_path / "no.blend"), "--out", str(tmp_path), "--format", "csv", "--json"]) == 3
     assert said(capfd)["code"] == "file_damaged"
+
+
+def test_a_full_disk_leaves_no_half_blender_file(files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
+    assert main(command) == 0
+    before = (tmp_path / "walk.blend").read_bytes()
+    with full_disk(20_000):
+        assert main([*command, "--overwrite", "--json"]) == 3
+    event = said(capfd)
+    assert event["code"] == "output_not_writable" and "cannot save the file" in event["message"]
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("walk.blend", before)]
 
 
 @pytest.mark.slow

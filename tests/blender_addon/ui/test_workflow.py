@@ -3,83 +3,35 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
 import pytest
 from mathutils import Quaternion
 
-import blender_addon
 import solver_backend
 from blender_addon.bake.confidence_lane import current_confidence, read_lane
 from blender_addon.bake.curves import action_curves
 from blender_addon.bake.pose import read_pose
-from blender_addon.bake.solved_takes import Provenance, add_take
+from blender_addon.bake.solved_takes import add_take
 from blender_addon.bake.timing import set_scene_frame_rate
 from blender_addon.body.sliders import body_mesh
 from blender_addon.files.body_file import default_body_path, read_body
 from blender_addon.files.motion_file import read_motion
 from blender_addon.solving.presets import PRESETS
-from blender_addon.solving.run import start
 from blender_addon.ui import locations, solve
-from blender_addon.ui.arrivals import take_capture, take_motion
 from blender_addon.ui.following import FollowsRun, current
 from blender_addon.ui.settings import MocapSolve
-from solver_backend.cli.main import main as solver
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.io.capture_file import write_capture
 from solver_backend.io.motion_file import read_motion as read_solver_motion
 from solver_backend.io.motion_file import write_motion
-from solver_backend.synthetic.demo import demo_capture
-
-
-@dataclass(frozen=True)
-class Solved:
-    """A short capture, what the solver said when it read it, and its solved motion."""
-
-    folder: Path
-    read: dict[str, Any]
-
-    @property
-    def files(self) -> Provenance:
-        return Provenance(*(self.folder / name for name in ("take_01.npz", "capture.npz", "take_01.html", "job.json")))
-
-
-@pytest.fixture(scope="module")
-def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
-    """Read and solve the first half second of the demo capture once."""
-    folder = tmp_path_factory.mktemp("gelöst – 1")
-    whole = demo_capture()
-    assert whole.keypoints is not None
-    write_capture(folder / "source.npz", replace(whole, keypoints=whole.keypoints.frames(0, 30), truth={}))
-    run = start("convert", [str(folder / "source.npz"), "--out", str(folder / "capture.npz")], None, folder)
-    run.process.wait()
-    while not run.finished:
-        run.poll()
-    assert run.result is not None, run.error
-    out = ["--out", str(folder / "take_01.npz"), "--report", str(folder / "take_01.html")]
-    assert solver(["solve", str(folder / "capture.npz"), *out]) == 0
-    (folder / "job.json").write_text("{}")
-    return Solved(folder, run.result)
 
 
 @pytest.fixture
-def mocap(scene: bpy.types.Scene, tmp_path: Path) -> Iterator[bpy.types.PropertyGroup]:
-    blender_addon.register()
-    scene.mocap.folder = str(tmp_path / "Aufnahmen ü")
-    yield scene.mocap
-    blender_addon.unregister()
-
-
-@pytest.fixture
-def take(mocap: bpy.types.PropertyGroup, solved: Solved) -> bpy.types.Action:
-    """Return the take in the scene of its capture."""
-    take_capture(bpy.context.scene, solved.read)
-    return take_motion(bpy.context, solved.files)
+def take(solved_take: bpy.types.Action) -> bpy.types.Action:
+    return solved_take
 
 
 def test_import_says_what_was_recognised_and_sets_the_stage(mocap, solved, tmp_path):

@@ -1,12 +1,11 @@
 """The operator that exports the selected take, and its menu entry."""
 
-from pathlib import Path
-
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..errors import AddonError
-from .formats import FORMATS
+from ..export.formats import FORMATS
+from .paths import RELATIVE, absolute
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
@@ -17,6 +16,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
     bl_description = "Write the selected body's motion to a file that other programs read"
     bl_options = {"PRESET"}  # noqa: RUF012 - Blender reads a plain set
 
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
     format: bpy.props.EnumProperty(
         name="Format", items=[(name, item.label, item.description) for name, item in FORMATS.items()], default="fbx"
     )
@@ -53,13 +53,13 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Export and say where to."""
-        from .take import take_of
-        from .write import export_take
+        from ..export.take import take_of
+        from ..export.write import export_take
 
         if self.filepath.startswith("//") and not bpy.data.filepath:
             self.report({"ERROR"}, "A path that starts with // needs a saved file: save it, or name the whole path")
             return {"CANCELLED"}
-        path = Path(bpy.path.abspath(self.filepath))
+        path = absolute(self.filepath)
         windows = context.window_manager
         windows.progress_begin(0, 1)
         try:

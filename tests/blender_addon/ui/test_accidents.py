@@ -1,0 +1,110 @@
+"""What goes wrong around a solve: one sentence, nothing half-written, no lost work."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import bpy
+import pytest
+
+from blender_addon.solving.run import Run, start
+from blender_addon.ui import locations
+from blender_addon.ui.following import current
+from tests.blender_addon.full_disk import full_disk
+from tests.blender_addon.ui.conftest import Solved
+
+
+def written(folder: Path) -> dict[str, int]:
+    """Return the files below a folder, hidden ones included, with their sizes."""
+    return {p.relative_to(folder).as_posix(): p.stat().st_size for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_full_disk_keeps_the_capture_that_was_read_before(mocap, solved: Solved, tmp_path: Path) -> None:
+    assert bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz")) == {"FINISHED"}
+    before, objects = written(tmp_path), len(bpy.data.objects)
+    with full_disk(10_000), pytest.raises(RuntimeError, match=r"output cannot be written: File too large.*free space"):
+        bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz"))
+    assert written(tmp_path) == before and len(bpy.data.objects) == objects
+    assert Path(mocap.capture.file).is_file() and not current.busy
+
+
+def test_a_full_disk_during_a_solve_leaves_earlier_takes_and_no_half_motion(mocap, solved_take, solved: Solved) -> None:
+    before, actions = written(solved.folder), [action.name for action in bpy.data.actions]
+    with full_disk(12_000), pytest.raises(RuntimeError, match=r"output cannot be written: File too large.*free space"):
+        bpy.ops.mocap.solve()
+    new = written(solved.folder).keys() - before.keys()
+    assert {Path(name).suffixes[-1] for name in new} == {".json"}, "the job alone, to be solved again"
+    assert [action.name for action in bpy.data.actions] == actions
+    assert mocap.review.take == solved_take and current.last.error["code"] == "output_not_writable"
+    assert bpy.ops.mocap.solve() == {"FINISHED"} and mocap.review.take != solved_take
+
+
+def test_a_motion_is_not_lost_when_its_report_cannot_be_written(mocap, solved_take) -> None:
+    motion, report = (Path(solved_take[key]).stat().st_size for key in ("motion_file", "report_file"))
+    assert motion < report
+    with full_disk((motion + report) // 2):
+        assert bpy.ops.mocap.solve() == {"FINISHED"}
+    take = mocap.review.take
+    assert take != solved_take and Path(take["motion_file"]).is_file() and take["report_file"] == ""
+    assert "File too large" in current.last.error["message"]
+    with pytest.raises(RuntimeError, match=r"This take has no report.*Solve again with Report switched on"):
+        bpy.ops.mocap.open_report()
+
+
+def test_a_full_disk_is_said_before_the_job_is_written(mocap, solved_take, solved: Solved) -> None:
+    before = written(solved.folder)
+    mocap.folder = str(solved.folder)
+    with (
+        full_disk(100),
+        pytest.raises(RuntimeError, match=r"The folder for takes cannot be written to: File too large"),
+    ):
+        bpy.ops.mocap.solve()
+    assert written(solved.folder) == before
+
+
+def test_takes_of_a_capture_in_a_read_only_folder_go_where_new_captures_go(
+    mocap, solved_take, solved: Solved, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    before = written(solved.folder)
+
+    def probe(folder: Path) -> None:
+        if folder.is_relative_to(solved.folder):
+            raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(locations, "probe", probe)
+    assert bpy.ops.mocap.solve() == {"FINISHED"}
+    assert Path(mocap.review.take["motion_file"]).is_relative_to(tmp_path / "Aufnahmen ü")
+    assert written(solved.folder) == before
+    mocap.folder = str(solved.folder)
+    with pytest.raises(RuntimeError, match=r"Read-only file system.*choose another folder under Advanced"):
+        bpy.ops.mocap.solve()
+
+
+def test_a_capture_folder_may_move_after_the_import(mocap, solved: Solved, tmp_path: Path) -> None:
+    """Everything a solve needs was copied; reading it again says that it is gone and keeps what is there."""
+    source = tmp_path / "Quelle ü" / "source.npz"
+    source.parent.mkdir()
+    shutil.copy(solved.folder / "source.npz", source)
+    assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
+    source.parent.rename(tmp_path / "moved")
+    with pytest.raises(RuntimeError, match=r"The path does not exist.*source\.npz"):
+        bpy.ops.mocap.import_capture(filepath=mocap.capture.source)
+    assert mocap.capture.frames == 30 and len(mocap.capture.cameras) == 4
+    assert bpy.ops.mocap.solve() == {"FINISHED"} and mocap.review.take["frames"] == 30
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes are killed differently there")
+def test_a_solver_that_is_killed_leaves_the_scene_and_says_so(mocap, solved_take, monkeypatch) -> None:
+    def started(verb: str, arguments: list[str], python: Path | None, folder: Path) -> Run:
+        run = start(verb, arguments, python, folder)
+        os.kill(run.process.pid, signal.SIGKILL)
+        return run
+
+    monkeypatch.setattr("blender_addon.solving.run.start", started)
+    with pytest.raises(RuntimeError, match=r"The solver ended without a result.*signal 9.*earlier takes are untouched"):
+        bpy.ops.mocap.solve()
+    assert mocap.review.take == solved_take and not current.busy
