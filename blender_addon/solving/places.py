@@ -10,7 +10,6 @@ from pathlib import Path
 
 _POSE_FOLDERS = frozenset({"pose-sync", "pose", "pose-2d", "pose_sync"})
 """Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
-_MOST_LEVELS = 3
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
@@ -48,12 +47,12 @@ def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
     Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a calibration,
-    a settings file, stands for the nearest folder around it that holds cameras' detections. Folders and capture files
-    stand for themselves.
+    a settings file, stands for its folder or the one around it, whichever holds cameras' detections. Folders and capture
+    files stand for themselves.
     """
     if path.is_dir() or path.suffix.lower() == ".npz":
         return path
-    around = list(path.parents)[:_MOST_LEVELS]
+    around = (folder.parent if folder.name.lower() in _POSE_FOLDERS else folder for folder in path.parents[:2])
     return next((folder for folder in around if _holds_cameras(folder)), path.parent)
 
 
@@ -63,8 +62,6 @@ def _holds_cameras(folder: Path) -> bool:
         below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
     except OSError:
         return False  # not ours to look into
-    if folder.name.lower() in _POSE_FOLDERS:
-        return False
     return not _POSE_FOLDERS.isdisjoint(below) or sum(map(_holds_frames, below.values())) > 1
 
 
