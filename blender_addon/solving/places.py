@@ -46,9 +46,9 @@ def next_take(folder: Path) -> TakeFiles:
 def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
-    Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a calibration,
-    a settings file, stands for its folder or the one around it, whichever holds cameras' detections. Folders and capture
-    files stand for themselves.
+    Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a
+    calibration, a settings file, stands for its folder or the one around it, whichever holds cameras' detections.
+    Folders and capture files stand for themselves.
     """
     if path.is_dir() or path.suffix.lower() == ".npz":
         return path
