@@ -9,11 +9,14 @@ import numpy as np
 from solver_backend.cameras.point_fit import Rig
 from solver_backend.cameras.projection import project_with_jacobian
 from solver_backend.cameras.triangulation import Triangulation
+from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.types import Cameras
 
 DEPTH_SIGMA_M = 0.5
 """How far a point may lie from where it is first guessed: bounds what a single other view leaves open."""
+BLOCK_FRAMES = 256
+"""Frames worked on at a time."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +44,28 @@ def predict_views(
         confidence: (C, F, K), 0 where missing.
         triangulation: of the same detections.
     """
+    rig, start = Rig.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
+    inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
+
+    def block(frames: slice) -> Predictions:
+        return _predicted(rig, start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames], sigma_px)
+
+    parts = map_blocks(block, [slice(f, f + BLOCK_FRAMES) for f in range(0, max(len(start), 1), BLOCK_FRAMES)], xy)
+    return Predictions(*(np.concatenate([getattr(p, name) for p in parts], axis=1) for name in ("px", "covariance")))
+
+
+def _predicted(
+    rig: Rig, start: np.ndarray, xy: np.ndarray, confidence: np.ndarray, inliers: np.ndarray, sigma_px: np.ndarray
+) -> Predictions:
+    """Return the predictions around (F, K, 3) points."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)
-    rig = Rig.of(cameras, xy)
-    start = _everywhere(np.asarray(triangulation.points))
     px, J, _ = project_with_jacobian(rig.K, rig.distortion, rig.R, rig.t, start, rig.model)
     usable &= np.isfinite(px[..., 0])
     J = np.where(usable[..., None, None], J, np.nan_to_num(J))
-    scaled = np.swapaxes(J, -1, -2) / np.asarray(triangulation.sigma_px)[:, None, None] ** 2
+    scaled = np.swapaxes(J, -1, -2) / sigma_px[:, None, None] ** 2
     residual = np.where(usable[..., None], xy - px, 0.0)
     information, pull = scaled @ J, (scaled @ residual[..., None])[..., 0]
-    inliers = np.asarray(triangulation.inliers) & usable
+    inliers = inliers & usable
     agreeing = inliers.sum(axis=0) - inliers
     information_of, pull_of = _of_others(information, pull, inliers)
     information_all, pull_all = _of_others(information, pull, usable)
@@ -60,7 +75,7 @@ def predict_views(
     spread = inverse_symmetric_3x3(information_of + np.eye(3) / DEPTH_SIGMA_M**2)
     step = spread @ pull_of[..., None]
     covariance = J @ spread @ np.swapaxes(J, -1, -2)
-    covariance += np.eye(2) * np.asarray(triangulation.sigma_px)[:, None, None] ** 2
+    covariance += np.eye(2) * sigma_px[:, None, None] ** 2
     seen_by_others = (usable.sum(axis=0) - usable) > 0
     return Predictions(np.where(seen_by_others[..., None], px + (J @ step)[..., 0], np.nan), covariance)
 

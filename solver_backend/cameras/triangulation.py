@@ -11,6 +11,7 @@ from solver_backend.cameras.detector_noise import flat_views, measure_noise
 from solver_backend.cameras.point_fit import Rig, covariance_of, fit_points
 from solver_backend.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.parallel import map_blocks
 from solver_backend.types import Cameras
 
 LARGEST_SIGMA_M = 0.3
@@ -78,10 +79,10 @@ def triangulate(
     else:
         sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
     step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
-    parts = [
-        _triangulate_frames(rig, xy[:, f : f + step], confidence[:, f : f + step], sigma, largest_sigma_m)
-        for f in range(0, max(frames, 1), step)
-    ]
+    blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
+    parts = map_blocks(
+        lambda f: _triangulate_frames(rig, xy[:, f], confidence[:, f], sigma, largest_sigma_m), blocks, xy
+    )
     points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
     inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
     return Triangulation(points, covariance, inliers, residual, sigma)

@@ -93,7 +93,7 @@ def solve_sliding(
     for w in range(layout.num_windows):
         window = slice(2 * w, 2 * w + 3)
         free = np.array([False, True, True])
-        solved = solve_keys(model, layout.window_alone(w), keys.select(window), schedule, free)
+        solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, free)
         keys = keys.replaced(window, solved.keys)
         progress("Sliding bundle", w + 1, layout.num_windows)
     return hemisphere_aligned(keys)

@@ -7,17 +7,18 @@ from functools import partial
 
 import numpy as np
 
-from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys, solve_sliding
+from solver_backend.fitters.bundle import BundleModel, Schedule, solve_sliding
 from solver_backend.fitters.contacts import Contacts, find_contacts
 from solver_backend.fitters.frame import FrameStates
 from solver_backend.fitters.initial import fit_to_points
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses, resampled
+from solver_backend.fitters.long_take import sigma_of_joints, solve_long
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma, noise_inflation
+from solver_backend.fitters.uncertainty import noise_inflation
 from solver_backend.fitters.view_noise import reweighted
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import quat_from_matrix
@@ -63,10 +64,10 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, coarse))
     scale, steps = settings.robust_scale, settings.iterations
     schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2)
-    solution = solve_keys(model, layout, keys, schedule, alive=partial(progress, "Global bundle", 0, 3))
+    keys = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", 0, 3))
 
     finer = KeyframeLayout.even(problem.num_frames, fine)
-    keys, layout = resampled(solution.keys, layout, finer), finer
+    keys, layout = resampled(keys, layout, finer), finer
     model = replace(model, motion=motion_prior(problem, fine))
     contacts, term = None, problem.term
     for number, share in enumerate((2.0, 1.0)):
@@ -79,16 +80,15 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
         model = replace(model, residuals=settings.residual_rotations)
         schedule = Schedule((share * scale,), steps, tolerance=1e-3)
         alive = partial(progress, "Global bundle", number + 1, 3)
-        keys = solve_keys(model, layout, keys, schedule, alive=alive).keys
+        keys = solve_long(model, layout, keys, schedule, alive)
     progress("Global bundle", 3, 3)
 
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(model.subject, frames, problem.term, settings.robust_scale, max(1, fine // 2))
     # Standing feet steady the solution, but how sure it is follows from what the cameras say.
-    system = replace(model, term=term).equations(layout.rows(), keys, scale)[1].equations()
-    covariance = joint_covariance(model, layout, keys, frames, system, inflation)
+    sigma = sigma_of_joints(replace(model, term=term), layout, keys, frames, scale, inflation)
     feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
-    return BundleSolution(model.subject, frames, layout.key_times, joint_sigma(covariance), feet)
+    return BundleSolution(model.subject, frames, layout.key_times, sigma, feet)
 
 
 def motion_prior(problem: Problem, window: int) -> MotionPrior:

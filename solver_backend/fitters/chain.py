@@ -147,8 +147,8 @@ def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) 
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     window = np.repeat(np.arange(count), width)
-    by_keys = bundle_frames(prior, keys, window, rows.time.reshape(-1), residuals=False).by_keys
-    by_keys = xp.astype(by_keys, hessian.dtype)
+    between = bundle_frames(prior, keys, window, rows.time.reshape(-1), residuals=False)
+    by_keys = xp.astype(between.by_keys, hessian.dtype)
     weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), by_keys)
     tall = (count, width * FRAME_DOF, by_keys.shape[-1])
     return xp.matmul(xp.matrix_transpose(xp.reshape(by_keys, tall)), xp.reshape(weighted, tall))

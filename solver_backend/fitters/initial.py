@@ -13,6 +13,7 @@ from solver_backend.fitters.frame import FrameStates, fit_frames, posed
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.positions import PositionTerm
@@ -41,6 +42,8 @@ _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
 
 POSE_SIGMA_M = 0.03
 """How far points may lie from a body whose shape is still unknown, beside their own error."""
+BLOCK_FRAMES = 64
+"""Frames fitted at a time."""
 TOLERANCE = 1e-2
 """A start is good enough when no frame's cost falls by more than this share."""
 
@@ -89,6 +92,15 @@ def fit_to_points(
     subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int = 12
 ) -> FrameStates:
     """Fit poses to the triangulated points of these frames from several start poses; keep each frame's best."""
+    xp = array_namespace(subject.betas)
+    blocks = [frames[i : i + BLOCK_FRAMES] for i in range(0, len(frames), BLOCK_FRAMES)]
+    parts = map_blocks(lambda f: _fit_block(subject, prior, observations, f, iterations), blocks, subject.betas)
+    return FrameStates(*(xp.concat([getattr(part, name) for part in parts]) for name in ("z", "root", "transl")))
+
+
+def _fit_block(
+    subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int
+) -> FrameStates:
     xp = array_namespace(subject.betas)
     term = points_term(observations, frames, subject.betas)
     starts = [_start(subject, prior, term, values) for values in _START_POSES]

@@ -9,7 +9,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.latent import CODES, DecodedPoses, decode_poses, decoded_only
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.interpolation import sider2, sider2_with_jacobian
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_rotvec, quat_left_tangent, quat_multiply
 from solver_backend.priors.base import PosePrior
@@ -18,6 +18,8 @@ KEY_DOF = 36
 """Tangent of a keyframe: latent 30, root rotation 3 (world), translation 3."""
 RESIDUAL_DOF = 63
 """More, where joints may leave the manifold: one rotation vector a joint."""
+BLOCK_POSES = 2000
+"""Frames posed at a time."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,9 @@ class KeyframeLayout:
         time = (frames - self.bounds[:-1, None]) / np.diff(self.bounds)[:, None]
         return WindowRows(frames, time, float(stride) * inside)
 
-    def window_alone(self, window: int) -> KeyframeLayout:
-        """Return the layout of one window."""
-        return KeyframeLayout(self.bounds[window : window + 2])
+    def part(self, windows: slice) -> KeyframeLayout:
+        """Return the layout of some windows."""
+        return KeyframeLayout(self.bounds[windows.start : windows.stop + 1])
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,27 @@ def key_poses(
 ) -> PosedFrames:
     """Return the poses of these frame numbers, or of all frames of the layout."""
     window, time = layout.positions(layout.frames if frames is None else frames)
-    return bundle_frames(prior, keys, window, time, residuals=residuals, jacobian=False).poses
+    parts = [slice(i, i + BLOCK_POSES) for i in range(0, len(time), BLOCK_POSES)]
+    blocks = [_poses_at(prior, keys, window[part], time[part], residuals=residuals) for part in parts]
+    xp = array_namespace(keys.z)
+    return PosedFrames(*(xp.concat([getattr(block, name) for block in blocks]) for name in ("root", "local", "transl")))
+
+
+def _poses_at(
+    prior: PosePrior, keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool
+) -> PosedFrames:
+    """Return the poses at (window, time): SIDER-2 on codes and root, a parabola on the rest (eqs. 6.9, 6.10)."""
+    triple = [index(2 * window + i, keys.z) for i in range(3)]
+    t = constant(time, keys.z)
+    weights = lagrange(t)
+    transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
+    residual = None
+    if residuals:
+        residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
+    first, middle, last = triple
+    local = decoded_only(prior, sider2(keys.z[first], keys.z[middle], keys.z[last], t), residual)
+    root = matrix_from_quat(sider2(keys.quat[first], keys.quat[middle], keys.quat[last], t))
+    return PosedFrames(root, local, transl)
 
 
 @dataclass(frozen=True)
@@ -195,16 +217,14 @@ class BundleFrames:
 
     poses: PosedFrames
     """F poses."""
-    by_keys: Array | None
+    by_keys: Array
     """(F, 69, 3·D) by the three keys of each frame's window, D = 36 or 99."""
-    residual: Array
-    """(F, 21, 3) rotations off the manifold."""
 
 
 def bundle_frames(
-    prior: PosePrior, keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool, jacobian: bool = True
+    prior: PosePrior, keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool
 ) -> BundleFrames:
-    """Return the frames at (window, time): SIDER-2 on codes and root, a parabola on translations (eqs. 6.9, 6.10).
+    """Return the frames at (window, time) with their derivative by the keys.
 
     Args:
         prior: decoder of the codes.
@@ -212,10 +232,9 @@ def bundle_frames(
         window: (F,) window of each frame.
         time: (F,) position in it, 0..1.
         residuals: let the residual rotations act (and give them columns).
-        jacobian: also return the derivative.
     """
     xp = array_namespace(keys.z)
-    triple = [xp.asarray(2 * window + i) for i in range(3)]
+    triple = [index(2 * window + i, keys.z) for i in range(3)]
     t = constant(time, keys.z)
     first, middle, last = triple
     z, z_by = sider2_with_jacobian(keys.z[first], keys.z[middle], keys.z[last], t)
@@ -223,9 +242,6 @@ def bundle_frames(
     weights = lagrange(t)
     transl = sum(w[:, None] * keys.transl[i] for w, i in zip(weights, triple, strict=True))
     residual = sum(w[:, None, None] * keys.residual[i] for w, i in zip(weights, triple, strict=True))
-    if not jacobian:
-        local = decoded_only(prior, z, residual if residuals else None)
-        return BundleFrames(PosedFrames(matrix_from_quat(quat), local, transl), None, residual)
     decoded = decode_poses(prior, z, residual if residuals else None)
     poses = PosedFrames(matrix_from_quat(quat), decoded.local, transl)
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
@@ -239,7 +255,7 @@ def bundle_frames(
             chain[:, 66 + i, column + 33 + i] = weights[k]
         if residuals:
             _fill_residual(chain, decoded, weights[k], column + KEY_DOF)
-    return BundleFrames(poses, chain, residual)
+    return BundleFrames(poses, chain)
 
 
 def _fill_residual(chain: Array, decoded: DecodedPoses, weight: Array, first: int) -> None:

@@ -10,7 +10,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.between import key_tangents
 from solver_backend.fitters.bundle import BundleModel
 from solver_backend.fitters.chain import BLOCK_FRAMES
-from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, lagrange
+from solver_backend.fitters.keyframes import BLOCK_POSES, KeyframeLayout, Keyframes, lagrange
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose, select_frames
 from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.parallel import map_blocks
@@ -98,12 +98,15 @@ def noise_inflation(
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".
     """
-    points = pose(subject, frames).points
-    xp = array_namespace(points)
-    error, inlier = term.residuals(points, scale)
-    pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
-    product = xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair)
-    power = xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair)
-    r = float(np.clip(float(product) / max(float(power), 1e-12), 0.0, 0.95))
+    xp, count = array_namespace(frames.transl), frames.transl.shape[0]
+    product = power = 0.0
+    for start in range(0, count, BLOCK_POSES):
+        part = np.arange(start, min(start + BLOCK_POSES + 1, count))
+        points = pose(subject, select_frames(frames, index(part, frames.transl))).points
+        error, inlier = term.select(part).residuals(points, scale)
+        pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
+        product += float(xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair))
+        power += float(xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair))
+    r = float(np.clip(product / max(power, 1e-12), 0.0, 0.95))
     lag = np.arange(1, num_frames)
     return float(1 + 2 * ((1 - lag / num_frames) * r**lag).sum())

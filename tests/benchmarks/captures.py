@@ -9,9 +9,10 @@ import argparse
 import hashlib
 import inspect
 import json
+import re
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,14 +38,14 @@ WALKER = "08_01:10+125"
 
 
 def filmed(take: str, settings: BenchmarkSettings = BenchmarkSettings(), bad: str | None = None) -> Capture:
-    """Return the capture of a take "NAME:START+FRAMES", made worse by one of ``BAD`` if asked; from the cache if there.
+    """Return the capture of a take, made worse by one of ``BAD`` if asked; from the cache if there.
+
+    Takes are "NAME:START+FRAMES" or, forwards and backwards in turn, "NAME:START+FRAMES*TIMES".
 
     Raises:
         BenchmarkSkipped: the validation motions are not here.
     """
-    path = (
-        FOLDER / f"{take.replace(':', '_').replace('+', '_')}_{settings.num_views}views_{_key(take, settings, bad)}.npz"
-    )
+    path = capture_path(take, settings, bad)
     if path.exists():
         return read_capture(path)
     capture = benchmark_capture(_take(take), settings)
@@ -57,14 +58,22 @@ def filmed(take: str, settings: BenchmarkSettings = BenchmarkSettings(), bad: st
 
 def capture_path(take: str, settings: BenchmarkSettings, bad: str | None = None) -> Path:
     """Return where a capture is kept."""
-    stem = take.replace(":", "_").replace("+", "_")
+    stem = "_".join(re.split(r"[:+*]", take))
     return FOLDER / f"{stem}_{settings.num_views}views_{_key(take, settings, bad)}.npz"
 
 
 def _take(spec: str) -> benchmark.Take:
     name, _, part = spec.partition(":")
     start, _, frames = part.partition("+")
-    return take_named(name, int(frames) if frames else None, int(start or 0))
+    frames, _, times = frames.partition("*")
+    return there_and_back(take_named(name, int(frames) if frames else None, int(start or 0)), int(times or 1))
+
+
+def there_and_back(take: benchmark.Take, times: int) -> benchmark.Take:
+    """Return a take so many times as long: forwards and backwards in turn."""
+    order = np.arange(len(take.rotations))
+    frames = np.concatenate([order[:: 1 - 2 * (n % 2)] for n in range(times)])
+    return replace(take, rotations=take.rotations[frames], root=take.root[frames])
 
 
 def _key(take: str, settings: BenchmarkSettings, bad: str | None) -> str:
