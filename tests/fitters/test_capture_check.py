@@ -108,13 +108,21 @@ def test_exchanged_names_are_named_and_put_right(capture, count, pair):
     assert points_mm(found, few) < 1.05 * points_mm(checked(few), few)
 
 
-def test_a_late_camera_is_reported_and_moved_when_asked_for(capture):
-    late = bad_input.unsynchronised(capture, VIEW, 4)
+def test_a_slightly_late_camera_is_reported_and_moved_when_asked_for(capture):
+    late = bad_input.unsynchronised(capture, VIEW, 1)
     (fault,) = checked(late).faults
     assert named(fault) == (FaultKind.UNSYNCHRONISED, NAME, Remedy.REPORTED)
-    assert fault.figure == pytest.approx(4.0, abs=0.25)
+    assert fault.figure == pytest.approx(1.0, abs=0.25)
     found = checked(late, estimate_sync=True)
     assert [named(f) for f in found.faults] == [(FaultKind.UNSYNCHRONISED, NAME, Remedy.REPAIRED)]
+    assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
+
+
+def test_a_very_late_camera_is_named_and_moved_unasked(capture):
+    found = checked(bad_input.unsynchronised(capture, VIEW, 6))
+    (fault,) = found.faults
+    assert named(fault) == (FaultKind.UNSYNCHRONISED, NAME, Remedy.REPAIRED)
+    assert fault.figure == pytest.approx(6.0, abs=0.25)
     assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
 
 

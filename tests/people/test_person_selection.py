@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solver_backend.errors import NoDetections, TooFewViews
-from solver_backend.io.detections import Detections
-from solver_backend.io.person_selection import SelectedPerson, select_person
-from solver_backend.io.sightings import sightings
-from solver_backend.io.view_tracks import view_tracks
+from solver_backend.people.detections import Detections
+from solver_backend.people.person_selection import SelectedPerson, select_person
+from solver_backend.people.sightings import sightings
+from solver_backend.people.view_tracks import view_tracks
 from solver_backend.synthetic import bad_input
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
