@@ -268,3 +268,16 @@ def test_a_view_that_sees_one_person_elsewhere_is_kept_and_named():
     )
     seen = keypoints.confidence[1] > 0
     np.testing.assert_array_equal(found.keypoints.xy[1][seen], keypoints.xy[1][seen])
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda c: bad_input.bumped(c, 1, 5.0, 20), lambda c: bad_input.calibrations_exchanged(c, 0, 2)]
+)
+def test_views_of_one_person_each_are_kept_for_what_puts_cameras_right(spoil):
+    wrong = spoil(demo_capture(num_frames=40))
+    cameras, keypoints = wrong.require_multiview()
+    everybody = Detections(
+        cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
+    )
+    found = select_person(cameras, everybody, keypoints.fps)
+    np.testing.assert_array_equal(found.keypoints.confidence, keypoints.confidence)
