@@ -80,7 +80,7 @@ class MotionPrior:
         if count < 1:
             return xp.sum(value) * 0.0
         weights = weight * xp.ones_like(value[:count, 0])
-        residual = sum((c * value[i : count + i] for i, c in enumerate(stencil)), start=xp.zeros_like(value[:count]))
+        residual = xp.sum(xp.stack([c * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
         parts = [(i, c * tangents[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
             turned = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
