@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.fitters.chain import Chain
 from solver_backend.fitters.keyframes import KEY_DOF
-from solver_backend.fitters.motion_prior import MotionPrior
+from solver_backend.fitters.motion_prior import FADING_S, MotionPrior
 from tests.fitters.test_keyframes import random_keys
 
 KEYS = 7
@@ -67,7 +67,7 @@ def test_hessian_is_symmetric_positive_and_exact_for_translations():
 
 
 def test_between_unseen_keys_speed_fades():
-    """A body that goes at 1 m/s when it is last seen goes on for about a quarter of a metre."""
+    """A body that goes at 1 m/s when it is last seen goes on for about the way of ``FADING_S``."""
     spacing, count = 0.05, 41
     keys = replace(random_keys(count), transl=np.zeros((count, 3)))
     prior = MotionPrior(spacing, np.full((21, 3), 0.1), unseen=np.ones(count - 1, dtype=bool))
@@ -79,5 +79,5 @@ def test_between_unseen_keys_speed_fades():
     start = np.array([0.0, spacing])
     path = np.append(start, np.linalg.solve(H[2:, 2:], -H[2:, :2] @ start))
     speed = np.diff(path) / spacing
-    assert path[-1] == pytest.approx(0.25, abs=0.05)
-    assert speed[10] / speed[5] == pytest.approx(np.exp(-5 * spacing / 0.25), rel=0.1)
+    assert path[-1] == pytest.approx(FADING_S + 0.5 * spacing, abs=0.01)
+    assert speed[10] / speed[5] == pytest.approx(np.exp(-5 * spacing / FADING_S), rel=0.05)
