@@ -61,14 +61,14 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     coarse, fine = problem.frames_of(settings.window, 4), problem.frames_of(settings.refine_window)
     layout = KeyframeLayout.even(problem.num_frames, coarse)
     keys = initial_keys(problem, subject, layout)
-    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, layout, coarse))
+    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, coarse))
     scale, steps = settings.robust_scale, settings.iterations
     schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2)
     keys = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", 0, 3))
 
     finer = KeyframeLayout.even(problem.num_frames, fine)
     keys, layout = resampled(keys, layout, finer), finer
-    model = replace(model, motion=motion_prior(problem, layout, fine))
+    model = replace(model, motion=motion_prior(problem, fine))
     contacts, term = None, problem.term
     for number, share in enumerate((2.0, 1.0)):
         subject = _with_shape(problem, model, layout, keys, settings)
@@ -91,13 +91,10 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     return BundleSolution(model.subject, frames, layout.key_times, sigma, feet)
 
 
-def motion_prior(problem: Problem, layout: KeyframeLayout, window: int) -> MotionPrior:
-    """Return what is known of motion between the keys of a layout, half a window apart."""
+def motion_prior(problem: Problem, window: int) -> MotionPrior:
+    """Return what is known of motion between keys half a window apart."""
     spacing = 0.5 * window
-    return MotionPrior(
-        spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing,
-        unseen=layout.gaps(problem.observations.seen),
-    )  # fmt: skip
+    return MotionPrior(spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing)
 
 
 def _with_shape(

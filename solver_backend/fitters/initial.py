@@ -10,12 +10,14 @@ from array_api_compat import array_namespace
 
 from solver_backend.cameras.triangulation import Triangulation, triangulate
 from solver_backend.fitters.frame import FrameStates, fit_frames, posed
+from solver_backend.fitters.frame import select as select_states
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
+from solver_backend.priors.lifter import Lifted, load_lifter
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, Cameras, Keypoints2D
 
@@ -91,7 +93,7 @@ def points_term(observations: Observations, frames: np.ndarray, like: Array) -> 
 def fit_to_points(
     subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int = 12
 ) -> FrameStates:
-    """Fit poses to the triangulated points of these frames from several start poses; keep each frame's best."""
+    """Fit poses to the triangulated points of these frames, from where the lifter says or from the best start pose."""
     xp = array_namespace(subject.betas)
     blocks = [frames[i : i + BLOCK_FRAMES] for i in range(0, len(frames), BLOCK_FRAMES)]
     parts = map_blocks(lambda f: _fit_block(subject, prior, observations, f, iterations), blocks, subject.betas)
@@ -101,21 +103,38 @@ def fit_to_points(
 def _fit_block(
     subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int
 ) -> FrameStates:
-    xp = array_namespace(subject.betas)
     term = points_term(observations, frames, subject.betas)
+    states = _from_poses(subject, prior, term)
+    lifted = _lifted(subject, term)
+    states = select_states(lifted.usable, _placed(subject, lifted), states)
+    return fit_frames(subject, prior, term, states, (20.0, 5.0), iterations, tolerance=TOLERANCE)[0]
+
+
+def lifted_betas(subject: Subject, observations: Observations, frames: np.ndarray) -> Array:
+    """Return the (10,) shape that the lifter sees in these frames: their mean, or the subject's where it sees none."""
+    lifted = _lifted(subject, points_term(observations, frames, subject.betas))
+    xp = array_namespace(lifted.betas)
+    count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))
+    told = xp.where(lifted.usable[:, None], lifted.betas, xp.zeros_like(lifted.betas))
+    return subject.betas if count == 0 else xp.sum(told, axis=0) / count
+
+
+def _lifted(subject: Subject, term: PositionTerm) -> Lifted:
+    return load_lifter()(term.positions, term.weight > 0, subject.landmarks.names)
+
+
+def _placed(subject: Subject, lifted: Lifted) -> FrameStates:
+    """Return the lifted states of this subject, whose pelvis rests elsewhere than at the origin."""
+    rest = constant(subject.body.rest_joints(to_numpy(subject.betas))[0], lifted.z)
+    return FrameStates(lifted.z, lifted.root, lifted.pelvis - rest)
+
+
+def _from_poses(subject: Subject, prior: PosePrior, term: PositionTerm) -> FrameStates:
+    """Return each frame's best of the start poses."""
+    xp = array_namespace(term.positions)
     starts = [_start(subject, prior, term, values) for values in _START_POSES]
     misfit = xp.stack([term(pose(subject, posed(prior, s)).points, 20.0).cost for s in starts])
-    promising = xp.argsort(misfit, axis=0)[:2]
-    chosen = [_pick(starts, promising[k]) for k in range(2)]
-    stacked = FrameStates(*(xp.concat([getattr(s, name) for s in chosen]) for name in ("z", "root", "transl")))
-    tiled = PositionTerm(xp.concat([term.positions] * 2), xp.concat([term.weight] * 2))
-    states, cost = fit_frames(subject, prior, tiled, stacked, (20.0,), iterations, tolerance=TOLERANCE)
-    halves = [
-        FrameStates(states.z[h], states.root[h], states.transl[h])
-        for h in (slice(len(frames)), slice(len(frames), None))
-    ]
-    best = _pick(halves, xp.argmin(xp.reshape(cost, (2, -1)), axis=0))
-    return fit_frames(subject, prior, term, best, (5.0,), iterations, tolerance=TOLERANCE)[0]
+    return _pick(starts, xp.argmin(misfit, axis=0))
 
 
 def _pick(choices: list[FrameStates], index: Array) -> FrameStates:

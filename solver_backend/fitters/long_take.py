@@ -73,8 +73,7 @@ def solve_long(
         layout_of_part = layout.part(part.solved)
         held = 3 if part.kept.start else 0
         free = np.arange(layout_of_part.num_keys) >= held
-        some = keys.select(part.keys)
-        solved = solve_keys(model.part(part.keys), layout_of_part, some, schedule, free, alive).keys
+        solved = solve_keys(model, layout_of_part, keys.select(part.keys), schedule, free, alive).keys
         keys = hemisphere_aligned(keys.replaced(part.keys, solved))
     return keys
 
@@ -98,7 +97,7 @@ def sigma_of_joints(
     first, found = layout.bounds[0], []
     for part in parts_of(layout.num_windows, overlap, stretch, overlap):
         windows, some = layout.part(part.solved), keys.select(part.keys)
-        system = model.part(part.keys).equations(windows.rows(), some, scale)[1].equations()
+        system = model.equations(windows.rows(), some, scale)[1].equations()
         poses = select_frames(frames, index(windows.frames - first, keys.z))
         sigma = joint_sigma(joint_covariance(model, windows, some, poses, system, inflation))
         low, high = layout.bounds[part.kept.start] + (part.kept.start > 0), layout.bounds[part.kept.stop]

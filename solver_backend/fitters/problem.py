@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from solver_backend.body.body import Body
 from solver_backend.fitters.frame import fit_frames
-from solver_backend.fitters.initial import Observations, fit_to_points, sample_frames
+from solver_backend.fitters.initial import Observations, fit_to_points, lifted_betas, sample_frames
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import fit_shape
 from solver_backend.fitters.subject import Subject
-from solver_backend.priors.sposer import SPoser
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.progress import Progress
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import graduated_scales
@@ -28,7 +28,7 @@ class Problem:
 
     body: Body
     """The body model."""
-    prior: SPoser
+    prior: AutoencodingPrior
     """Decoder of poses."""
     observations: Observations
     """Triangulated points and the detector's noise."""
@@ -52,6 +52,8 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
     """Return the subject with shape and detector bias learned from a sample of frames."""
     frames = sample_frames(problem.observations, SAMPLE_FRAMES)
     progress("Learning the body", 0, 3)
+    if settings.betas is None:
+        subject = replace(subject, betas=lifted_betas(subject, problem.observations, frames))
     states = fit_to_points(subject, problem.prior, problem.observations, frames)
     progress("Learning the body", 1, 3)
     term = problem.term.select(frames)

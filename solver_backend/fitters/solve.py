@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +24,24 @@ from solver_backend.fitters.stretch import Stretch
 from solver_backend.fitters.stretch_method import solve_stretch
 from solver_backend.fitters.subject import Subject
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, load_sposer
 from solver_backend.progress import Progress, silent
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 
 
-def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent) -> Motion:
+def solve(
+    capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
+    prior: AutoencodingPrior | None = None,
+) -> Motion:  # fmt: skip
     """Solve the motion of the person in a multi-view capture.
 
     Args:
         capture: calibrated cameras and 2D keypoints.
         settings: method, backend and the rest.
         progress: called as stages advance.
+        prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -45,6 +50,7 @@ def solve(capture: Capture, settings: SolveSettings = SolveSettings(), progress:
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
     problem, subject = prepare(capture, settings, progress)
+    problem = problem if prior is None else replace(problem, prior=prior)
     subject = learn_subject(problem, subject, settings, progress)
     if settings.method == "frame":
         frames = solve_by_frame(problem, subject, settings, progress)

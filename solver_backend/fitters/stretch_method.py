@@ -56,7 +56,7 @@ def solve_stretch(
     layout, free = _layout(stretch, motion.num_frames, window)
     held = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, stretch)
     model = BundleModel(
-        subject, problem.prior, problem.term, motion_prior(problem, layout, window), settings.residual_rotations
+        subject, problem.prior, problem.term, motion_prior(problem, window), settings.residual_rotations
     )
     anew = initial_keys(problem, subject, layout)
     starts = [held, hemisphere_aligned(_mixed(free, anew, held))]

@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.base import AutoencodingPrior, check_codes, check_rotations
 from solver_backend.priors.decoder import (
     decoded_rotations,
     decoded_rotations_with_jacobian,
@@ -21,7 +21,7 @@ from solver_backend.priors.dense import DenseStack
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 
-class PoseAutoencoder(PosePrior):
+class PoseAutoencoder(AutoencodingPrior):
     """A prior whose decoder is a stack of dense layers from codes to the joints' 6D representation."""
 
     def __init__(
@@ -30,7 +30,6 @@ class PoseAutoencoder(PosePrior):
         self._encoder, self._decoder = encoder, decoder
         self._moved: dict[tuple[Any, ...], tuple[DenseStack, DenseStack]] = {}
         self.residual_sigma = residual_sigma
-        """(21, 3) rad: root mean square of the left rotation from decoded to true poses, on unseen subjects."""
         self.metadata = metadata
 
     @property

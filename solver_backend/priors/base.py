@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.errors import PoseInvalid
@@ -57,6 +58,13 @@ class PosePrior(ABC):
     @abstractmethod
     def sample(self, count: int, seed: int) -> Array:
         """Return ``count`` poses drawn from the prior, (count, 21, 3, 3), the same for the same seed."""
+
+
+class AutoencodingPrior(PosePrior):
+    """A prior that knows how far its reconstructions are off."""
+
+    residual_sigma: np.ndarray
+    """(21, 3) rad: root mean square of the left rotation from decoded to true poses, on unseen subjects."""
 
 
 def check_rotations(rotations: Array) -> None:

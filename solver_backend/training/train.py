@@ -17,6 +17,7 @@ from solver_backend.training.devices import check_device
 from solver_backend.training.loop import TrainingSettings
 from solver_backend.training.recipe import Finished, Job
 from solver_backend.training.train_gmm import train_gmm
+from solver_backend.training.train_lifter import train_lifter
 from solver_backend.training.train_pose_ndf import train_pose_ndf
 from solver_backend.training.train_sposer import train_sposer
 from solver_backend.training.train_vae import train_vae
@@ -29,6 +30,7 @@ RECIPES: dict[str, Callable[[Job], Finished]] = {
     "vposer": partial(train_vae, "vposer"),
     "svae": partial(train_vae, "svae"),
     "lie_vae": partial(train_vae, "lie_vae"),
+    "lifter": train_lifter,
 }
 """What trains each prior."""
 

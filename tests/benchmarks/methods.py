@@ -19,9 +19,14 @@ from solver_backend.fitters.baselines import (
     TriangulatedButterworth,
 )
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
+from tests.benchmarks.truth_prior import TruthPrior
 
 FILTER, PUBLISHED, OURS = "triangulation + Butterworth", "BundleMoCap++", "ours"
+EXACT_PRIOR = "ours, prior without error"
+"""Ours with a prior that reproduces the take's true poses: what is left is not the prior's fault."""
 BASELINES: dict[str, type[Baseline]] = {
     FILTER: TriangulatedButterworth, "MuVS": MuVS, "DCT": DCT, "ETC": ETC, "DMMR": DMMR, "BundleMoCap": BundleMoCap,
     PUBLISHED: BundleMoCapPlusPlus,
@@ -34,7 +39,7 @@ class Method:
     """A method with some of its settings changed."""
 
     kind: str
-    """A name of ``BASELINES``, or ``OURS``."""
+    """A name of ``BASELINES``, ``OURS`` or ``EXACT_PRIOR``."""
     changes: tuple[tuple[str, Any], ...] = ()
     """Names and values of the changed settings."""
     label: str = ""
@@ -58,24 +63,33 @@ class Method:
     @property
     def module(self) -> str:
         """The module that solves: what it imports decides whether an earlier result still holds."""
-        return "solver_backend.fitters.solve" if self.kind == OURS else BASELINES[self.kind].__module__
+        return "solver_backend.fitters.solve" if self._is_ours else BASELINES[self.kind].__module__
 
     def solver(self) -> Callable[[Capture], BaselineResult]:
         """Return the function that solves a capture."""
-        if self.kind != OURS:
+        if not self._is_ours:
             return BASELINES[self.kind](**dict(self.changes)).solve
         settings = SolveSettings(**dict(self.changes))
         solve = importlib.import_module(self.module).solve
 
         def ours(capture: Capture) -> BaselineResult:
-            motion = solve(capture, settings)
+            prior = _exact_prior(capture) if self.kind == EXACT_PRIOR else None
+            motion = solve(capture, settings, prior=prior)
             return BaselineResult(motion.keypoints3d, motion)
 
         return ours
 
     @property
+    def _is_ours(self) -> bool:
+        return self.kind in (OURS, EXACT_PRIOR)
+
+    @property
     def _settings(self) -> type:
-        return SolveSettings if self.kind == OURS else BASELINES[self.kind]
+        return SolveSettings if self._is_ours else BASELINES[self.kind]
+
+
+def _exact_prior(capture: Capture) -> TruthPrior:
+    return TruthPrior(load_sposer(), exp_so3(capture.truth["body_pose"][:, :63].reshape(-1, 21, 3)))
 
 
 def compared() -> list[Method]:
@@ -84,6 +98,7 @@ def compared() -> list[Method]:
         *map(Method, BASELINES),
         Method.of(OURS, "ours, sliding", method="sliding"),
         Method.of(OURS, "ours, global"),
+        Method(EXACT_PRIOR),
     ]
 
 

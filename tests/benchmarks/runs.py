@@ -33,7 +33,7 @@ from tests.benchmarks.methods import Method
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "bench_bundle" / "runs"
-WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz")
+WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz")
 
 
 @dataclass(frozen=True)

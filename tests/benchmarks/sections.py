@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -133,6 +134,28 @@ def bad(scope: Scope) -> Section:
     return Section("Bad input, ours", rows, (*ACCURACY, "reproj_px", "seconds"))
 
 
+def noise(scope: Scope) -> Section:
+    """What is left of the error when a part of the noise is taken away."""
+    detector = BenchmarkSettings().detector
+    steady = replace(detector, drift_mm=0.0)
+    exact = {"anatomy_mm": 0.0, "calibration_mm": 0.0, "detector": replace(detector, view_bias_mm=0.0)}
+    fewer: dict[str, dict[str, Any]] = {
+        "as it is": {},
+        "true cameras": {"calibration_mm": 0.0},
+        "joints as the body means them": {"anatomy_mm": 0.0},
+        "no bias by direction": {"detector": exact["detector"]},
+        "no drift": {"detector": steady},
+        "nothing constant": exact,
+        "nothing constant, no drift": exact | {"detector": replace(exact["detector"], drift_mm=0.0)},
+    }
+    rows = {}
+    for method in (Method("MuVS"), Method.of(OURS, "ours, global")):
+        for label, changes in fewer.items():
+            runs = scope.runs([method], takes=2)
+            rows[f"{method.name}, {label}"] = [replace(run, settings=replace(run.settings, **changes)) for run in runs]
+    return Section("Parts of the noise", rows, ("mpjpe_mm", "accel_m_s2", "kp_mpjpe_mm", "held50", "held95"))
+
+
 def length(scope: Scope) -> Section:
     """Time and memory by length, and by arithmetic."""
     rows, ours = {}, Method.of(OURS, "ours, global")
@@ -150,7 +173,7 @@ def length(scope: Scope) -> Section:
 
 SECTIONS: dict[str, Callable[[Scope], Section]] = {
     "methods": methods, "views": views, "windows": windows, "root": root, "optimiser": optimiser, "ablation": ablation,
-    "bad": bad, "length": length,
+    "bad": bad, "noise": noise, "length": length,
 }  # fmt: skip
 """Tables by name, in the order they are made."""
 

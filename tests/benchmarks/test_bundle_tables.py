@@ -80,7 +80,7 @@ def test_balls_of_honest_sigmas_hold_what_they_promise() -> None:
 
 def test_methods_have_names_of_their_own_and_known_settings() -> None:
     methods = [*compared(), *ablations()]
-    assert len({method.name for method in compared()}) == len(compared()) == len(BASELINES) + 2
+    assert len({method.name for method in compared()}) == len(compared()) == len(BASELINES) + 3
     assert all(method.known for method in methods)
     assert not Method.of(OURS, nonsense=1).known
     assert Method.of(PUBLISHED, window=30).name == "BundleMoCap++, window 30"

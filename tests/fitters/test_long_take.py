@@ -14,7 +14,7 @@ from solver_backend.residuals import usual_poses
 from tests.fitters.test_bundle import FRAMES, Scene
 
 TIGHT = Schedule((3.0,), 12, tolerance=1e-7)
-MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0, unseen=np.arange(30) // 6 == 2)
+MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0)
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,140 @@
+"""The lifter: pose code, root and shape of a person from the 3D points of a frame, by a small network.
+
+It says where a fit starts. Points are seen from the trunk, so that neither place nor heading matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from array_api_compat import array_namespace
+
+from solver_backend.errors import WeightsInvalid
+from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.rotations import matrix_from_6d
+from solver_backend.priors.dense import DenseStack
+from solver_backend.priors.sposer import LATENT_DIM, load_sposer, spherical
+from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+from solver_backend.types import NUM_BETAS
+
+DEFAULT_WEIGHTS: Path = ASSETS / "lifter.npz"
+SIDES = ("left", "right")
+TRUNK: tuple[str, ...] = tuple(f"{side}_{part}" for part in ("shoulder", "hip") for side in SIDES)
+"""Points that must be there."""
+POINTS: tuple[str, ...] = (
+    *TRUNK,
+    *(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle", "ear", "big_toe", "heel") for side in SIDES),
+    "nose",
+)
+"""Points the network looks at; those that a detector does not have are missing to it."""
+OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS
+_SMALLEST_M = 1e-3
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """What the network makes of F frames; meaningless where ``usable`` is False."""
+
+    z: Array
+    """(F, 32) unit zero-mean codes of SPoser."""
+    root: Array
+    """(F, 3, 3) body to world."""
+    pelvis: Array
+    """(F, 3) metres."""
+    betas: Array
+    """(F, 10) shape, as each frame alone tells it."""
+    usable: Array
+    """(F,) bool: shoulders and hips are there."""
+
+
+@dataclass(frozen=True)
+class TrunkFrame:
+    """Where the trunk of F people is: ``x_world = R x + origin``."""
+
+    R: Array
+    """(F, 3, 3): x to the person's left, y up the spine, z to the front."""
+    origin: Array
+    """(F, 3) middle of shoulders and hips, metres."""
+    valid: Array
+    """(F,) bool."""
+
+
+def trunk_frame(points: Array, seen: Array) -> TrunkFrame:
+    """Return the frame of shoulders and hips.
+
+    Args:
+        points: (F, 19, 3) metres in the order of ``POINTS``, finite.
+        seen: (F, 19) bool.
+    """
+    xp = array_namespace(points)
+    left_shoulder, right_shoulder, left_hip, right_hip = (points[:, i] for i in range(4))
+    up = 0.5 * (left_shoulder + right_shoulder - left_hip - right_hip)
+    across = 0.5 * (left_shoulder - right_shoulder + left_hip - right_hip)
+    R = matrix_from_6d(xp.concat([across, up], axis=-1))
+    front = xp.linalg.vector_norm(xp.linalg.cross(across, up), axis=-1)
+    valid = xp.all(seen[:, :4], axis=-1) & (front > _SMALLEST_M * xp.linalg.vector_norm(up, axis=-1))
+    return TrunkFrame(R, xp.mean(points[:, :4], axis=1), valid)
+
+
+def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
+    """Return (F, 76): points seen from the trunk in metres, 0 where missing, and which there are."""
+    xp = array_namespace(points)
+    local = xp.matmul(points - trunk.origin[:, None], trunk.R)
+    mask = xp.astype(seen, points.dtype)[..., None]
+    local = xp.where(seen[..., None], local, xp.zeros_like(local))
+    return xp.reshape(xp.concat([local, mask], axis=-1), (points.shape[0], 4 * len(POINTS)))
+
+
+def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
+    """Return what the (F, 51) output of the network means: code, turn and place against the trunk, shape."""
+    xp = array_namespace(output)
+    upright = xp.asarray([1.0, 0.0, 0.0, 0.0, 1.0, 0.0], dtype=output.dtype)
+    turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
+    pelvis = trunk.origin + xp.matmul(trunk.R, output[:, end : end + 3, None])[..., 0]
+    root = xp.matmul(trunk.R, matrix_from_6d(turn))
+    return Lifted(spherical(output[:, :LATENT_DIM]), root, pelvis, output[:, end + 3 :], trunk.valid)
+
+
+@dataclass(frozen=True)
+class Lifter:
+    """The network and what is known of it."""
+
+    stack: DenseStack
+    """76 to 51."""
+    metadata: dict[str, Any]
+    """Training command, data, figures."""
+
+    def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
+        """Return where a fit to these points starts.
+
+        Args:
+            points: (F, L, 3) world metres, finite.
+            seen: (F, L) bool.
+            names: L names of the points.
+        """
+        xp = array_namespace(points)
+        known = xp.asarray([name in names for name in POINTS])
+        index = xp.asarray([names.index(name) if name in names else 0 for name in POINTS])
+        chosen, there = points[:, index], seen[:, index] & known
+        trunk = trunk_frame(chosen, there)
+        return interpreted(self.stack.like(points)(features(chosen, there, trunk)), trunk)
+
+
+@cache
+def load_lifter(path: Path = DEFAULT_WEIGHTS) -> Lifter:
+    """Load the lifter's weights.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: it is for another body, version or SPoser, or damaged.
+    """
+    weights = read_weights(path, "lifter")
+    trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
+    if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
+        raise WeightsInvalid(
+            "The lifter was trained for other codes or points.", where=path.name, hint="Train it again, or reinstall."
+        )
+    return Lifter(read_stack(weights, "network", 4 * len(POINTS), OUTPUTS), weights.metadata)
