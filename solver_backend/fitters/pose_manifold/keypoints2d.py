@@ -10,6 +10,7 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_inverse_so3, log_so3
+from solver_backend.priors.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.residuals.evidence import PointTerm
 from solver_backend.residuals.robust import graduated_scales
@@ -26,6 +27,8 @@ class KeypointSettings:
 
     manifold: float = 50.0
     """w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f²`` lets go near the manifold."""
+    adaptive: bool = True
+    """False for a constant ``λ_θ = w``, 1/rad, to compare."""
     shape: float = 1.0
     """λ_β, of ``|β|²``."""
     bending: float = 1.0
@@ -95,22 +98,36 @@ class KeypointObjective:
     def _pose_terms(self, frames: PosedFrames) -> tuple[Array, Array, Array]:
         """Return cost, gradient (F, 69) and curvature (F, 69, 69) of the manifold and of bending."""
         xp = array_namespace(frames.local)
+        bend_cost, bend_pull, bend_curvature = bending(frames.local, self.settings.bending)
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
-        rows = [(self.settings.manifold, distance, xp.reshape(by_joints, (len(distance), -1)))]
-        vectors = log_so3(frames.local)
-        inverse = left_jacobian_inverse_so3(vectors)
-        for joint, axis, sign in BENDS:
-            penalty = xp.exp(sign * vectors[:, joint, axis])
-            one = constant(np.eye(21)[joint], penalty)[None, :, None]
-            slope = (sign * penalty)[:, None] * inverse[:, joint, axis, :]
-            rows.append((self.settings.bending, penalty, xp.reshape(one * slope[:, None, :], (len(penalty), -1))))
-        cost = sum(0.5 * w * xp.sum(r * r) for w, r, _ in rows)
-        J = xp.stack([w**0.5 * by for w, _, by in rows], axis=1)
-        r = xp.stack([w**0.5 * r for w, r, _ in rows], axis=1)
-        nothing = xp.zeros_like(J[..., :3])
-        J = xp.concat([nothing, J, nothing], axis=-1)
-        Jt = xp.permute_dims(J, (0, 2, 1))
-        return cost, xp.matmul(Jt, r[..., None])[..., 0], xp.matmul(Jt, J)
+        w, by_joints = self.settings.manifold, xp.reshape(by_joints, (len(distance), -1))
+        if self.settings.adaptive:
+            cost, pull, stiff = 0.5 * w * xp.sum(distance**2), w * distance[:, None] * by_joints, w + 0.0 * distance
+        else:
+            cost, pull, stiff = w * xp.sum(distance), w * by_joints, w / xp.clip(distance, 1e-3, None)
+        metric = constant(np.diag(np.repeat(TURN_METRIC, 3)), distance)
+        curvature = bend_curvature + stiff[:, None, None] * metric
+        g = xp.zeros((len(distance), FRAME_DOF), dtype=distance.dtype, device=getattr(distance, "device", None))
+        H = xp.zeros_like(g)[:, :, None] * g[:, None, :]
+        g[:, 3:66], H[:, 3:66, 3:66] = bend_pull + pull, curvature
+        return cost + bend_cost, g, H
+
+
+def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
+    """Return ``λ_α/2 Σ exp(2 α)``, its gradient (F, 63) and its curvature (F, 63, 63) by the joints' left tangents."""
+    xp = array_namespace(local)
+    vectors = log_so3(local)
+    inverse, count = left_jacobian_inverse_so3(vectors), local.shape[0]
+    penalties, slopes = [], []
+    for joint, axis, sign in BENDS:
+        penalty = xp.exp(sign * vectors[:, joint, axis])
+        one = constant(np.eye(21)[joint], penalty)[None, :, None]
+        slope = (sign * penalty)[:, None] * inverse[:, joint, axis, :]
+        penalties.append(penalty)
+        slopes.append(xp.reshape(one * slope[:, None, :], (count, -1)))
+    r, J = xp.stack(penalties, axis=1), xp.stack(slopes, axis=1)
+    Jt = xp.permute_dims(J, (0, 2, 1))
+    return 0.5 * weight * xp.sum(r * r), weight * xp.matmul(Jt, r[..., None])[..., 0], weight * xp.matmul(Jt, J)
 
 
 def fit_keypoints(

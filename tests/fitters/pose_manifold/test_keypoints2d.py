@@ -43,11 +43,11 @@ def term(truth: PosedFrames, betas: np.ndarray, views: int, like=np.zeros(1)) ->
     return ReprojectionTerm.of(cameras, keypoints, np.full(COUNT, 3.0), like)
 
 
-def test_gradient_against_central_differences(tmp_path: Path) -> None:
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_gradient_against_central_differences(tmp_path: Path, adaptive: bool) -> None:
     prior, betas = random_prior(tmp_path), 0.3 * np.ones(10)
-    objective = KeypointObjective(
-        subject(betas), prior, term(frames(0, 0.2), betas, 2), KeypointSettings(bending=3.0), 10.0
-    )
+    settings = KeypointSettings(bending=3.0, adaptive=adaptive)
+    objective = KeypointObjective(subject(betas), prior, term(frames(0, 0.2), betas, 2), settings, 10.0)
     state, step = (frames(1, 0.25), betas), 1e-6
     _, system = objective.linearise(state)
     g = np.concatenate([system.g_shared, system.g_blocks.ravel()])
