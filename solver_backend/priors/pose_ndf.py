@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.joint_limits import JOINT_LIMITS, MARGIN_DEG, from_swing_and_twist
 from solver_backend.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_left_tangent
+from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
 from solver_backend.priors.pose_distance import JOINT_WEIGHTS
 from solver_backend.priors.pose_field import PoseField
@@ -25,6 +26,11 @@ _UNIT_WITHIN = 1e-3
 """Largest error of a quaternion's length that still counts as a unit quaternion."""
 
 
+_STARTS = 0.75 * np.stack(
+    (JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)), -1
+)
+
+
 @dataclass(frozen=True)
 class ProjectionSettings:
     """Gradient descent to the manifold (eq. 6)."""
@@ -33,7 +39,7 @@ class ProjectionSettings:
     """At most."""
     step_size: float = 0.3
     """The factor α at first: one would leave a field that is a distance in one step."""
-    reach: float = 1.0
+    reach: float = 0.9
     """How far a pose may be moved in all, by the distance it begins at: farther on lies the middle of all poses."""
     tolerance: float = 1e-3
     """Distance, rad, at which a pose counts as on the manifold, and way that counts as none."""
@@ -154,9 +160,10 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> np.ndarray:
-        """Return ``count`` random poses (60° about random axes, at one sigma) projected to the manifold."""
-        rotvecs = np.radians(60.0) * np.random.default_rng(seed).standard_normal((count, NUM_BODY_JOINTS, 3)) / 3**0.5
-        return self.project(matrix_from_quat(quat_from_rotvec(rotvecs)))
+        """Return ``count`` projected poses whose joints began anywhere in the middle three quarters of their ranges."""
+        drawn = np.random.default_rng(seed).random((count, NUM_BODY_JOINTS, 3))
+        low, high = _STARTS[..., 0], _STARTS[..., 1]
+        return self.project(from_swing_and_twist(low + (high - low) * drawn))
 
 
 def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:

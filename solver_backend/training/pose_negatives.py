@@ -12,7 +12,7 @@ from solver_backend.priors.pose_ndf import PoseNDF, ProjectionSettings
 from solver_backend.training.nearest_poses import NearestPoses
 
 START_DEG = 60.0
-"""Spread of the random poses whose projections are looked at, as in ``PoseNDF.sample``."""
+"""Spread of the random poses whose projections are looked at."""
 NOBODY = -1
 """Whose a pose is that was made of no one's."""
 
@@ -103,7 +103,7 @@ def projected(prior: PoseNDF, manifold: Manifold, count: int, generator: torch.G
     order = torch.randperm(3 * third, generator=generator)
     rotations = matrix_from_quat(torch.cat((random, near.quats))[order])
     parts = [
-        prior.project(part, ProjectionSettings(steps=steps))
+        prior.project(part, ProjectionSettings(steps=steps, reach=1.0))
         for part, steps in zip(rotations.split(third), (4, 12, 40), strict=True)
     ]
     people = torch.cat((torch.full((third,), NOBODY), near.people))[order]

@@ -21,15 +21,19 @@ from solver_backend.training.pose_negatives import Manifold
 from solver_backend.training.recipe import Finished, Job
 
 _SUMMARY = """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
-over the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained on distances (2) to
-the mean of the 5 nearest recorded poses and on the eikonal equation, on recorded poses and on negatives far from them.
-Unlike the paper: q and -q are one input by construction, the gradient is taken in the metric of the distance, features
-have 8 numbers, and the stages with negatives nearer to the manifold are left out: measured, they made projections and
-samples worse. Manifold: distinct training poses within the limits of joints (`body/joint_limits.py`), mirrored too."""
+over the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained in three stages on
+the mean of distances (2) to the 5 nearest recorded poses and on the eikonal equation: on poses far from the manifold
+and on it, then also near it, then also on those that projections meet. Manifold: distinct training poses within the
+limits of joints (`body/joint_limits.py`), mirrored too. Unlike the paper, q and -q are one input by construction, the
+gradient is taken in the metric of the distance, features have 8 numbers, and **distances are to the poses of other
+people than the one a pose came from**, recorded poses included: these lie 0.4 rad (median) from everybody else's, and
+so do those of somebody unseen. With zero for recorded poses, and negatives labelled by their own neighbours, a field
+says 0.0 where the true distance of an unseen person's pose is 0.4, and negatives nearer and nearer make that worse."""
 _METHOD = """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
 turned by 1° to 60° about every axis at one sigma (half of them in some joints only). `near`: half of the poses turned
 by less than 8°. True distance: mean over the 5 nearest training poses. `lowered`: poses whose distance, predicted or
-true, a projection (eq. 6) lowers. `outside`: samples of which any joint lies beyond its range of motion and 15°.
+true, a projection (eq. 6) lowers; it moves no pose farther than 0.9 of the distance it began at. Samples begin with
+every joint in the middle three quarters of its range; `outside`: any joint beyond its range of motion and 15°.
 """
 
 

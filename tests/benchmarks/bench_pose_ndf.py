@@ -2,13 +2,16 @@
 
 Mean error of the skin's vertices, every fifth frame, root known, 30 frames a second. Denoising: recorded takes as they
 are, and with every joint turned by Gaussian noise of 6.5 degrees about each axis (the paper's noise is 9.3 cm).
-Completion: a limb's joints unknown. Against RVPoser by the paper's eq. 9, and against no prior at all (for completion:
-the limb at rest). Interpolation: way of the vertices from frame to frame. Samples: average pairwise distance of joints,
-and joints beyond their range of motion. Pictures go to build/bench_pose_ndf.
+Completion: a limb's joints unknown. Against VPoser and RVPoser by the paper's eq. 9, and against no prior at all (for
+completion: the limb at rest). Keypoints: ten frames of every take before one known camera, 25 keypoints with 5 px of
+noise, from rest poses turned by 15 degrees (eqs. 10 and 11; error after the best similarity). Interpolation: way of the
+vertices from frame to frame. Samples: average pairwise distance of joints, and joints beyond their range of motion.
+Pictures go to build/bench_pose_ndf.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -23,12 +26,14 @@ from solver_backend.fitters.pose_manifold.chain_equations import ManifoldWeights
 from solver_backend.fitters.pose_manifold.complete import complete, missing_joints
 from solver_backend.fitters.pose_manifold.denoise import WEIGHTS, DenoiseSettings, denoise
 from solver_backend.fitters.pose_manifold.interpolate import interpolate_poses
+from solver_backend.fitters.pose_manifold.keypoints2d import KeypointSettings
 from solver_backend.fitters.pose_manifold.motions import LAYOUT
-from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.pose_ndf import load_pose_ndf
+from tests.benchmarks.keypoint_fits import latent_fit, manifold_fit, sighting
 from tests.benchmarks.latent_chain import LatentChain
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.pose_pictures import draw_strips
@@ -41,6 +46,9 @@ NOISE_DEG, FPS = 6.5, 30.0
 OCCLUSIONS = {
     "leg": ("left_leg",), "arm": ("left_arm",), "shoulder_upper_arm": ("right_collar", "right_shoulder"),
 }  # fmt: skip
+KEYPOINT_SETTINGS = KeypointSettings(manifold=100.0, robust_scale=20.0, iterations=30)
+CONSTANT_WEIGHT, PULLS = 100.0, {"vposer": 0.1, "rvposer": 5.0}
+"""λ_θ of the fits to keypoints, each the best of several on training takes."""
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "bench_pose_ndf"
 _BODY = load_body()
 _SUBJECT = Subject(_BODY, marker_landmarks(_BODY, LAYOUT), np.zeros(10), np.zeros((len(LAYOUT), 3)))
@@ -48,15 +56,16 @@ _SUBJECT = Subject(_BODY, marker_landmarks(_BODY, LAYOUT), np.zeros(10), np.zero
 
 def run() -> list[Metric]:
     """Make all tables and the pictures."""
-    prior, vae = load_pose_ndf(), load_vae("rvposer")
+    prior, vaes = load_pose_ndf(), {name: load_vae(name) for name in ("vposer", "rvposer")}
     takes = {length: [_take(name, start, length) for name, start in TAKES] for length in LENGTHS}
     metrics: list[Metric] = []
     shown: dict[str, np.ndarray] = {}
     for length, cut in takes.items():
-        metrics += _denoising(prior, vae, cut, length, shown)
-        metrics += _completion(prior, vae, cut, length, shown)
-    metrics += _interpolation(prior, vae, takes[LENGTHS[0]], shown)
-    metrics += _samples(prior, vae, shown)
+        metrics += _denoising(prior, vaes, cut, length, shown)
+        metrics += _completion(prior, vaes, cut, length, shown)
+    metrics += _keypoints(prior, vaes, takes[LENGTHS[0]])
+    metrics += _interpolation(prior, vaes, takes[LENGTHS[0]], shown)
+    metrics += _samples(prior, vaes, shown)
     draw_strips(_BODY, shown, PICTURES)
     return metrics
 
@@ -67,7 +76,7 @@ def _take(name: str, start: int, length: int) -> PosedFrames:
     return PosedFrames(rotations[:, 0], rotations[:, 1:22], take.root[::2])
 
 
-def _denoising(prior, vae, takes, length, shown) -> list[Metric]:
+def _denoising(prior, vaes, takes, length, shown) -> list[Metric]:
     rng = np.random.default_rng(length)
     errors: dict[str, list[float]] = {}
     for truth in takes:
@@ -77,7 +86,7 @@ def _denoising(prior, vae, takes, length, shown) -> list[Metric]:
         for data, start in (("clean", truth), ("noisy", noisy)):
             for row, work in (
                 ("no_prior", partial(_denoised, prior, ManifoldWeights(1.0, 0.0, WEIGHTS.smoothness))),
-                ("rvposer", partial(_latent_denoised, vae)),
+                *((name, partial(_latent_denoised, vae)) for name, vae in vaes.items()),
                 ("pose_ndf", partial(_denoised, prior, WEIGHTS)),
             ):
                 found = work(start)
@@ -102,7 +111,7 @@ def _latent_denoised(vae, noisy: PosedFrames) -> PosedFrames:
     return PosedFrames(noisy.root, chain.solve(), noisy.transl)
 
 
-def _completion(prior, vae, takes, length, shown) -> list[Metric]:
+def _completion(prior, vaes, takes, length, shown) -> list[Metric]:
     errors: dict[str, list[float]] = {}
     for truth in takes:
         for name, limbs in OCCLUSIONS.items():
@@ -112,7 +121,7 @@ def _completion(prior, vae, takes, length, shown) -> list[Metric]:
             hidden = PosedFrames(truth.root, rest, truth.transl)
             found = {
                 "rest": hidden,
-                "rvposer": _latent_completed(vae, hidden, missing),
+                **{name: _latent_completed(vae, hidden, missing) for name, vae in vaes.items()},
                 "pose_ndf": complete(_SUBJECT, prior, hidden, missing, FPS),
             }
             for row, frames in found.items():
@@ -137,17 +146,15 @@ def _latent_completed(vae, hidden: PosedFrames, missing: tuple[int, ...]) -> Pos
     return PosedFrames(hidden.root, local, hidden.transl)
 
 
-def _interpolation(prior, vae, takes, shown, pairs: int = 40, count: int = 10) -> list[Metric]:
+def _interpolation(prior, vaes, takes, shown, pairs: int = 40, count: int = 10) -> list[Metric]:
     poses, rng = np.concatenate([t.local for t in takes]), np.random.default_rng(0)
     start, end = poses[rng.permutation(len(poses))[:pairs]], poses[rng.permutation(len(poses))[:pairs]]
     share = np.linspace(0.0, 1.0, count + 2)
     ends = prior.project(start)[:, None], prior.project(end)[:, None]
-    codes = [vae.encode(x)[:, None] for x in (start, end)]
-    blended = (1 - share[:, None]) * codes[0] + share[:, None] * codes[1]
     turn = log_so3(end @ np.swapaxes(start, -1, -2))[:, None]
     ways = {
         "pose_ndf": np.concatenate([ends[0], interpolate_poses(prior, start, end, count), ends[1]], axis=1),
-        "rvposer": vae.decode(blended.reshape(-1, 32)).reshape(pairs, count + 2, 21, 3, 3),
+        **{name: _latent_way(vae, start, end, share) for name, vae in vaes.items()},
         "slerp": exp_so3(share[:, None, None] * turn) @ start[:, None],
     }
     metrics = []
@@ -165,9 +172,34 @@ def _interpolation(prior, vae, takes, shown, pairs: int = 40, count: int = 10) -
     return metrics
 
 
-def _samples(prior, vae, shown, count: int = 500) -> list[Metric]:
+def _latent_way(vae, start: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    codes = [vae.encode(x)[:, None] for x in (start, end)]
+    way = (1 - share[:, None]) * codes[0] + share[:, None] * codes[1]
+    return vae.decode(way.reshape(-1, way.shape[-1])).reshape(*way.shape[:2], 21, 3, 3)
+
+
+def _keypoints(prior, vaes, takes) -> list[Metric]:
+    mixture = load_gmm()
+    rest = mixture.decode((mixture.shares[:, None] * mixture.means).sum(axis=0)[None])[0]
+    seen = [sighting(select_frames(take, slice(0, None, 6)), rest, seed) for seed, take in enumerate(takes)]
+    settings = KEYPOINT_SETTINGS
+    rows = {
+        "no_prior": partial(manifold_fit, prior, settings=replace(settings, manifold=0.0)),
+        "pose_ndf_constant": partial(
+            manifold_fit, prior, settings=replace(settings, adaptive=False, manifold=CONSTANT_WEIGHT)
+        ),
+        "pose_ndf": partial(manifold_fit, prior, settings=settings),
+        **{name: partial(latent_fit, vae, pull=PULLS[name], settings=settings) for name, vae in vaes.items()},
+    }
+    return [
+        Metric(f"keypoints_{name}_mm", float(np.mean([fit(seen=s) for s in seen])), "mm", rel_tol=0.1)
+        for name, fit in rows.items()
+    ]
+
+
+def _samples(prior, vaes, shown, count: int = 500) -> list[Metric]:
     metrics = []
-    for row, source in (("pose_ndf", prior), ("rvposer", vae), ("gmm", load_gmm())):
+    for row, source in {"pose_ndf": prior, **vaes, "gmm": load_gmm()}.items():
         local = np.asarray(source.sample(count, 0))
         shown[f"samples_{row}"] = local[:12]
         root, transl = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
