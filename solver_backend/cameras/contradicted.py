@@ -104,7 +104,8 @@ def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
     stretches = contradictions(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
     trials = [_suspects(stretch, triangulation, keypoints) for stretch in stretches]
     if triangulation.sigma_px.mean() > usual:
-        trials += [[Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))]]
+        # Views that agree on a wrong world put the blame on a right one: first, every view is tried as a whole.
+        trials.insert(0, [Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))])
     for suspects in trials:
         trial = explain(cameras, keypoints, suspects, sigma)
         if trial is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,10 @@ class BundleModel:
     """What is known of motion; None for the data alone."""
     residuals: bool = False
     """Free the residual rotations of each key, held to zero by the prior's own statistics."""
+
+    def part(self, keys: slice) -> BundleModel:
+        """Return what some of the keys are judged by."""
+        return self if self.motion is None else replace(self, motion=self.motion.part(keys))
 
     def equations(self, rows: WindowRows, keys: Keyframes, scale: float) -> tuple[Array, Chain]:
         """Return cost and equations of data and priors at these keys."""

@@ -12,7 +12,7 @@ from solver_backend.fitters.contacts import Contacts, find_contacts
 from solver_backend.fitters.frame import FrameStates
 from solver_backend.fitters.initial import fit_to_points
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses, resampled
-from solver_backend.fitters.long_take import sigma_of_joints, solve_long
+from solver_backend.fitters.long_take import covariance_of_joints, solve_long
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -40,8 +40,8 @@ class BundleSolution:
     """F poses."""
     key_times: np.ndarray
     """Frame numbers of the keys."""
-    sigma: Array | None
-    """(F, 24) standard deviation of each joint in metres, where the method knows it."""
+    covariance: Array | None
+    """(F, 24, 6) covariance of each joint in square metres (see ``packed``), where the method knows it."""
     contacts: np.ndarray | None = None
     """(F, 2) bool: left and right foot stand, where the method knows it."""
 
@@ -61,14 +61,14 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     coarse, fine = problem.frames_of(settings.window, 4), problem.frames_of(settings.refine_window)
     layout = KeyframeLayout.even(problem.num_frames, coarse)
     keys = initial_keys(problem, subject, layout)
-    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, coarse))
+    model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, layout, coarse))
     scale, steps = settings.robust_scale, settings.iterations
     schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2)
     keys = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", 0, 3))
 
     finer = KeyframeLayout.even(problem.num_frames, fine)
     keys, layout = resampled(keys, layout, finer), finer
-    model = replace(model, motion=motion_prior(problem, fine))
+    model = replace(model, motion=motion_prior(problem, layout, fine))
     contacts, term = None, problem.term
     for number, share in enumerate((2.0, 1.0)):
         subject = _with_shape(problem, model, layout, keys, settings)
@@ -86,15 +86,18 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(model.subject, frames, problem.term, settings.robust_scale, max(1, fine // 2))
     # Standing feet steady the solution, but how sure it is follows from what the cameras say.
-    sigma = sigma_of_joints(replace(model, term=term), layout, keys, frames, scale, inflation)
+    covariance = covariance_of_joints(replace(model, term=term), layout, keys, frames, scale, inflation)
     feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
-    return BundleSolution(model.subject, frames, layout.key_times, sigma, feet)
+    return BundleSolution(model.subject, frames, layout.key_times, covariance, feet)
 
 
-def motion_prior(problem: Problem, window: int) -> MotionPrior:
-    """Return what is known of motion between keys half a window apart."""
+def motion_prior(problem: Problem, layout: KeyframeLayout, window: int) -> MotionPrior:
+    """Return what is known of motion between the keys of a layout, half a window apart."""
     spacing = 0.5 * window
-    return MotionPrior(spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing)
+    return MotionPrior(
+        spacing / problem.fps, problem.prior.residual_sigma, frames_per_key=0.5 * spacing,
+        unseen=layout.gaps(problem.observations.seen),
+    )  # fmt: skip
 
 
 def _with_shape(

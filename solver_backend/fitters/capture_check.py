@@ -13,15 +13,18 @@ from solver_backend.cameras.synchronisation import estimate_delays, synchronised
 from solver_backend.cameras.triangulation import Triangulation, triangulate
 from solver_backend.cameras.view_faults import Mirrored, NamedLike
 from solver_backend.fitters.initial import Observations, observations_of
+from solver_backend.people.strangers import leave_out_strangers
 from solver_backend.progress import Progress
 from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
 
 STAGE = "Checking the cameras"
-STEPS = 4
+STEPS = 5
 LEAST_DELAY_FRAMES = 0.5
 """Smaller delays are not worth a word ..."""
 LEAST_DELAY_SIGMAS = 12.0
 """... nor those that are not told surely: neighbouring frames err alike, so that the true deviation is larger."""
+LATE_FRAMES = 2.0
+"""A camera that is late by so much is moved unasked: by then fast limbs contradict the other views."""
 AWAY_S = 0.25
 """Shorter absences are not named, only bridged and flagged."""
 
@@ -43,13 +46,14 @@ def check_capture(
 ) -> CheckedCapture:
     """Find faults of single views and put them right.
 
-    Whole views first (names, mirrored, turned), then time, then limbs, and what is still wrong is left out.
+    Whole views first (names, mirrored, turned), then time, then passers-by and limbs, and what is still wrong is left
+    out.
 
     Args:
         capture: as it was read.
         observations: of that capture.
         progress: told how far the checks are.
-        estimate_sync: move each camera's detections by its estimated delay.
+        estimate_sync: move each camera's detections by its estimated delay, however small.
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
@@ -57,16 +61,18 @@ def check_capture(
     progress(STAGE, 1, STEPS)
     timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
     progress(STAGE, 2, STEPS)
-    sides = undo_swaps(cameras, timed, triangulation)
+    alone = leave_out_strangers(cameras, timed, triangulation)
     progress(STAGE, 3, STEPS)
+    sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
+    progress(STAGE, 4, STEPS)
     rest = leave_out(cameras, sides.keypoints, sides.triangulation)
     observations = observations_of(rest.triangulation)
-    progress(STAGE, 4, STEPS)
+    progress(STAGE, 5, STEPS)
     faults = [_fault_of(cameras, fault) for fault in views.faults] + late
     for swap in sides.swaps:
         where = cameras.names[swap.view], swap.first, swap.last
         faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
-    for stretch in rest.stretches:
+    for stretch in alone.stretches + rest.stretches:
         where = cameras.names[stretch.view], stretch.first, stretch.last
         faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
     faults += _absences(observations.seen, keypoints.fps)
@@ -75,19 +81,21 @@ def check_capture(
 
 
 def _in_time(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, apply: bool
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, every: bool
 ) -> tuple[Keypoints2D, Triangulation, list[Fault]]:
-    """Return the detections, moved in time if asked for, their triangulation, and the cameras that are late."""
+    """Return the detections, those of (every or very) late cameras moved, their triangulation, and what is late."""
     delays = estimate_delays(cameras, keypoints, triangulation.sigma_px)
-    least = np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
-    views = np.flatnonzero(np.abs(delays.frames) >= least)
-    remedy, last = Remedy.REPAIRED if apply else Remedy.REPORTED, keypoints.num_frames - 1
+    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
+    moved = late & (every | (np.abs(delays.frames) >= LATE_FRAMES))
     faults = [
-        Fault(FaultKind.UNSYNCHRONISED, cameras.names[v], 0, last, round(float(delays.frames[v]), 2), remedy)
-        for v in views
-    ]
-    if apply and faults:
-        keypoints = synchronised(keypoints, np.nan_to_num(delays.frames))
+        Fault(
+            FaultKind.UNSYNCHRONISED, cameras.names[v], 0, keypoints.num_frames - 1,
+            round(float(delays.frames[v]), 2), Remedy.REPAIRED if moved[v] else Remedy.REPORTED,
+        )
+        for v in np.flatnonzero(late)
+    ]  # fmt: skip
+    if moved.any():
+        keypoints = synchronised(keypoints, np.where(moved | every, np.nan_to_num(delays.frames), 0.0))
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     return keypoints, triangulation, faults
 

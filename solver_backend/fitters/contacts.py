@@ -16,6 +16,8 @@ HEIGHT_M = 0.04
 """A planted point is at most this far above its own lowest stand."""
 SHORTEST_S = 0.12
 """A foot that touches the floor for less does not stand."""
+BREAK_S = 0.1
+"""A foot that leaves its place for less did not: no step is so short."""
 SIGMA_M = 0.006
 """How far a planted point's skin and shoe give."""
 _FOOT_POINTS = ("big_toe", "small_toe", "heel")
@@ -43,14 +45,16 @@ class Contacts:
         return StandingTerm(data, constant(self.anchors, like), constant(weight, like))
 
 
-def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float) -> Contacts:
+def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float, fixed: np.ndarray | None = None) -> Contacts:
     """Find the stretches in which points of the feet are slow and low.
 
     Args:
         points: (F, L, 3) solved positions, metres, Z up.
         names: of the L points.
         fps: frames per second.
+        fixed: (F,) bool, frames that will not move: a stand that includes some is where they are.
     """
+    fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
     frames, count = points.shape[:2]
     columns = _foot_columns(names)
     planted, anchors = np.zeros((frames, count), dtype=bool), np.zeros((frames, count, 3))
@@ -68,15 +72,27 @@ def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float) -> Con
             continue
         lowest = np.nanpercentile(height[:, place], 20)
         low = slow[:, place] & (feet[:, place, 2] < lowest + HEIGHT_M)
-        for first, stop in _runs(low):
+        for first, stop in _joined(_runs(low), round(BREAK_S * fps)):
             if stop - first >= shortest:
                 planted[first:stop, column] = True
-                anchors[first:stop, column] = feet[first:stop, place].mean(axis=0)
+                sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
+                anchors[first:stop, column] = feet[first:stop, place][sure].mean(axis=0)
     return Contacts(planted, anchors)
 
 
 def _foot_columns(names: tuple[str, ...]) -> list[int]:
     return [k for k, name in enumerate(names) if name.split("_", 1)[-1] in _FOOT_POINTS]
+
+
+def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
+    """Return runs with those that are fewer frames than that apart made one."""
+    joined: list[tuple[int, int]] = []
+    for first, stop in runs:
+        if joined and first - joined[-1][1] < frames:
+            joined[-1] = joined[-1][0], stop
+        else:
+            joined.append((first, stop))
+    return joined
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -74,6 +74,13 @@ class KeyframeLayout:
         time = (frames - self.bounds[:-1, None]) / np.diff(self.bounds)[:, None]
         return WindowRows(frames, time, float(stride) * inside)
 
+    def gaps(self, seen: np.ndarray) -> np.ndarray:
+        """Return (2N,) bool: none of the frames from one key to the next is ``seen``, (F,) of the whole take."""
+        before = np.concatenate([[0], np.cumsum(seen)])
+        times = self.key_times
+        first, last = np.ceil(times[:-1]).astype(int), np.floor(times[1:]).astype(int)
+        return before[last + 1] == before[first]
+
     def part(self, windows: slice) -> KeyframeLayout:
         """Return the layout of some windows."""
         return KeyframeLayout(self.bounds[windows.start : windows.stop + 1])

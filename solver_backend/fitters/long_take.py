@@ -12,8 +12,9 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned
 from solver_backend.fitters.subject import PosedFrames, select_frames
-from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma
+from solver_backend.fitters.uncertainty import joint_covariance
 from solver_backend.geometry.arrays import Array, index
+from solver_backend.geometry.symmetric import packed
 
 STRETCH_WINDOWS = 160
 """Windows solved at a time."""
@@ -73,16 +74,17 @@ def solve_long(
         layout_of_part = layout.part(part.solved)
         held = 3 if part.kept.start else 0
         free = np.arange(layout_of_part.num_keys) >= held
-        solved = solve_keys(model, layout_of_part, keys.select(part.keys), schedule, free, alive).keys
+        some = keys.select(part.keys)
+        solved = solve_keys(model.part(part.keys), layout_of_part, some, schedule, free, alive).keys
         keys = hemisphere_aligned(keys.replaced(part.keys, solved))
     return keys
 
 
-def sigma_of_joints(
+def covariance_of_joints(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, scale: float, inflation: float,
     stretch: int = STRETCH_WINDOWS, overlap: int = OVERLAP_WINDOWS,
 ) -> Array:  # fmt: skip
-    """Return (F, 24) standard deviations of the joints in metres, stretch after stretch.
+    """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, stretch after stretch.
 
     Args:
         model: what the keys were judged by.
@@ -97,9 +99,9 @@ def sigma_of_joints(
     first, found = layout.bounds[0], []
     for part in parts_of(layout.num_windows, overlap, stretch, overlap):
         windows, some = layout.part(part.solved), keys.select(part.keys)
-        system = model.equations(windows.rows(), some, scale)[1].equations()
+        system = model.part(part.keys).equations(windows.rows(), some, scale)[1].equations()
         poses = select_frames(frames, index(windows.frames - first, keys.z))
-        sigma = joint_sigma(joint_covariance(model, windows, some, poses, system, inflation))
+        spread = packed(joint_covariance(model, windows, some, poses, system, inflation))
         low, high = layout.bounds[part.kept.start] + (part.kept.start > 0), layout.bounds[part.kept.stop]
-        found.append(sigma[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
+        found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
     return array_namespace(keys.z).concat(found)

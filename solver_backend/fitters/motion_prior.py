@@ -1,8 +1,8 @@
-"""What holds keyframes where the data say nothing: bounded acceleration, and residual rotations near the manifold."""
+"""What holds keyframes where the data say nothing: bounded acceleration, fading speed, residuals near the manifold."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -13,10 +13,18 @@ from solver_backend.fitters.latent import CODES
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import quat_left_tangent
 
+FADING_S = 0.15
+"""Where nobody is seen, speeds fade within this time."""
+
 
 @dataclass(frozen=True)
 class MotionPrior:
-    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s² + 1/2 sum_k rhoᵀ P rho``."""
+    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s² + 1/2 sum_k rhoᵀ P rho``.
+
+    Bounded acceleration alone carries speed on through a gap: people would lean ever further and drift off. So between
+    unseen keys speed is bounded too, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` with keys h apart: the least of both
+    fades as ``exp(-t / tau)`` towards a steady way from one end of the gap to the other.
+    """
 
     spacing_s: float
     """Time between keys."""
@@ -30,6 +38,12 @@ class MotionPrior:
     """rad/s², of the root's rotation."""
     latent_sigma: float = 9.6
     """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
+    unseen: np.ndarray | None = None
+    """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""
+
+    def part(self, keys: slice) -> MotionPrior:
+        """Return the priors on some of the keys."""
+        return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def add_to(self, chain: Chain, keys: Keyframes, *, residuals: bool) -> Array:
         """Add the priors' equations to the chain in place and return their cost."""
@@ -37,7 +51,10 @@ class MotionPrior:
         cost = xp.zeros((), dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
         for value, tangents, sigma, first in self._smooth_parts(keys):
             weight = 1.0 / (sigma * self.spacing_s**2) ** 2
-            cost = cost + self._add_acceleration(chain, value, tangents, weight, first)
+            cost = cost + self._add_differences(chain, value, tangents, (1, -2, 1), weight, first)
+            if self.unseen is not None and self.unseen.any():
+                fading = constant(self.unseen * weight * (self.spacing_s / FADING_S) ** 2, value)
+                cost = cost + self._add_differences(chain, value, tangents, (-1, 1), fading, first)
         if residuals:
             precision = constant((1.0 / self.residual_sigma.reshape(-1) ** 2) * self.frames_per_key, keys.z)
             cost = cost + self._add_residual(chain, keys, precision)
@@ -54,26 +71,31 @@ class MotionPrior:
             (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, 33),
         ]
 
-    def _add_acceleration(self, chain: Chain, value: Array, tangents: Array, weight: float, first: int) -> Array:
+    def _add_differences(
+        self, chain: Chain, value: Array, tangents: Array, stencil: tuple[int, ...], weight: Array | float, first: int
+    ) -> Array:
+        """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²`` with the coefficients c of a stencil."""
         xp = array_namespace(value)
-        if value.shape[0] < 3:
+        count = value.shape[0] - len(stencil) + 1
+        if count < 1:
             return xp.sum(value) * 0.0
-        residual = value[:-2] - 2 * value[1:-1] + value[2:]
-        parts = [(0, tangents[:-2]), (1, -2 * tangents[1:-1]), (2, tangents[2:])]
+        weights = weight * xp.ones_like(value[:count, 0])
+        residual = xp.sum(xp.stack([c * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
+        parts = [(i, c * tangents[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
-            turned = xp.permute_dims(left, (0, 2, 1)) * weight
+            turned = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
             gradient = xp.matmul(turned, residual[..., None])[..., 0]
             for j, right in parts:
                 if j >= i:
                     self._scatter(chain, i, j, xp.matmul(turned, right), first)
-            for parity in range(min(2, len(residual))):
-                keys = np.arange(i, i + len(residual))[parity::2]
+            for parity in range(min(2, count)):
+                keys = np.arange(i, i + count)[parity::2]
                 blocks, column = keys // 2, int(keys[0] % 2) * chain.dof + first
                 chain.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
-        return 0.5 * weight * xp.sum(residual * residual)
+        return 0.5 * xp.sum(weights[:, None] * residual * residual)
 
     def _scatter(self, chain: Chain, i: int, j: int, blocks: Array, first: int) -> None:
-        """Add (K - 2, d, d) blocks that couple the keys k + i and k + j, k = 0..K-3."""
+        """Add blocks that couple the keys k + i and k + j, k = 0, 1, ..."""
         xp = array_namespace(blocks)
         size = blocks.shape[-1]
         for parity in (0, 1):

@@ -11,6 +11,7 @@ from solver_backend.fitters.initial import Observations
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.symmetric import mean_sigma
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, NUM_JOINTS, Capture, Motion
 
 
@@ -21,7 +22,7 @@ def build_motion(
     observations: Observations,
     *,
     key_times: np.ndarray,
-    sigma: Any | None,
+    covariance: Any | None,
     scale: float,
     contacts: np.ndarray | None = None,
     provenance: dict[str, Any],
@@ -34,7 +35,7 @@ def build_motion(
         frames: F poses.
         observations: triangulation and noise.
         key_times: frame numbers of the keyframes (may fall between frames).
-        sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
+        covariance: (F, 24, 6) of each joint in square metres (see ``packed``), if the method knows it.
         scale: robust scale in standard deviations, beyond which a detection counts as an outlier.
         contacts: (F, 2) bool, left and right foot stand, if the method knows it.
         provenance: stored as it is.
@@ -66,7 +67,8 @@ def build_motion(
         joints=joints,
         keypoints3d=points,
         joint_set=keypoints.joint_set,
-        joint_sigma=None if sigma is None else to_numpy(sigma),
+        joint_sigma=None if covariance is None else mean_sigma(to_numpy(covariance)),
+        joint_covariance=None if covariance is None else to_numpy(covariance),
         keyframes=keyframes,
         contacts=contacts,
         flags=_flags(normalised, observations.seen),

@@ -64,7 +64,7 @@ def solve(
         solution.frames,
         problem.observations,
         key_times=solution.key_times,
-        sigma=solution.sigma,
+        covariance=solution.covariance,
         contacts=solution.contacts,
         scale=settings.robust_scale,
         provenance=_provenance(capture, settings, problem),

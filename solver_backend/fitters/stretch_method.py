@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,17 +11,21 @@ import numpy as np
 from solver_backend.errors import MotionInvalid
 from solver_backend.fitters.bundle import BundleModel, KeySolution, Schedule, solve_keys
 from solver_backend.fitters.bundle_method import initial_keys, motion_prior, spread_over
+from solver_backend.fitters.contacts import Contacts, find_contacts
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.result import build_motion
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.shape import ShapePrior, refit_shape
 from solver_backend.fitters.stretch import Stretch
-from solver_backend.fitters.subject import PosedFrames, Subject, select_frames
-from solver_backend.fitters.uncertainty import joint_covariance, joint_sigma, noise_inflation
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.uncertainty import joint_covariance, noise_inflation
+from solver_backend.fitters.view_noise import reweighted
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
+from solver_backend.geometry.symmetric import packed
 from solver_backend.progress import Progress
+from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Motion
 
 
@@ -33,7 +37,8 @@ def solve_stretch(
 
     Keys stand at the stretch's ends and at the pins, whose poses are held, and evenly between. A window on either side
     of the stretch is held too, so that speed and direction carry on. Of two starts, the motion as it is and single
-    frames fitted anew, the one that ends lower is kept.
+    frames fitted anew, the one that ends lower is kept; then feet that stand in it are held, those that stand beyond
+    the stretch to where they stand there.
 
     Args:
         problem: the capture made ready.
@@ -55,9 +60,9 @@ def solve_stretch(
     window = problem.frames_of(settings.refine_window)
     layout, free = _layout(stretch, motion.num_frames, window)
     held = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, stretch)
-    model = BundleModel(
-        subject, problem.prior, problem.term, motion_prior(problem, window), settings.residual_rotations
-    )
+    term = _weighed(problem, subject, before, settings) if settings.learn_noise else problem.term
+    motions = motion_prior(problem, layout, window)
+    model = BundleModel(subject, problem.prior, term, motions, settings.residual_rotations)
     anew = initial_keys(problem, subject, layout)
     starts = [held, hemisphere_aligned(_mixed(free, anew, held))]
     scale = settings.robust_scale
@@ -66,12 +71,37 @@ def solve_stretch(
         schedule = Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3)
         found.append(solve_keys(model, layout, start, schedule, free))
         progress("Solving the stretch", len(found), 3)
-    best = min(found, key=lambda solution: solution.cost)
-    frames = key_poses(problem.prior, best.keys, layout, residuals=model.residuals)
+    keys = min(found, key=lambda solution: solution.cost).keys
+    contacts = None
+    if settings.contacts:
+        frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
+        contacts = _contacts(problem, subject, before, frames, layout, stretch)
+        standing = replace(model, term=contacts.held(term, keys.z))
+        keys = solve_keys(standing, layout, keys, Schedule((scale,), settings.iterations, tolerance=1e-3), free).keys
+    frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(subject, frames, problem.term.select(layout.frames), scale, max(1, window // 2))
-    sigma = joint_sigma(joint_covariance(model, layout, best.keys, frames, best.system, inflation))
+    chain = model.equations(layout.rows(), keys, scale)[1]
+    chain.hold(free)
+    covariance = packed(joint_covariance(model, layout, keys, frames, chain.equations(), inflation))
     progress("Solving the stretch", 3, 3)
-    return _spliced(problem, subject, motion, before, layout, free, frames, sigma, stretch, settings)
+    solved = Resolved(layout, free, frames, to_numpy(covariance), contacts)
+    return _spliced(problem, subject, motion, before, solved, stretch, settings)
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A stretch solved again, with the windows on either side of it."""
+
+    layout: KeyframeLayout
+    """Windows."""
+    free: np.ndarray
+    """(2N + 1,) bool: the keys that moved."""
+    frames: PosedFrames
+    """Poses of the frames of the layout."""
+    covariance: np.ndarray
+    """(n, 24, 6) of the joints in these frames (see ``packed``)."""
+    contacts: Contacts | None
+    """Of the whole take, if feet were held."""
 
 
 def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:
@@ -114,6 +144,25 @@ def _with_bias(problem: Problem, subject: Subject, before: PosedFrames, settings
     return refit_shape(subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=False)
 
 
+def _weighed(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> ReprojectionTerm:
+    """Return the data with the reliability of each view's keypoints learned from the earlier motion."""
+    sample = spread_over(problem.num_frames)
+    return reweighted(subject, select_frames(before, sample), problem.term, settings.robust_scale, sample)
+
+
+def _contacts(
+    problem: Problem, subject: Subject, before: PosedFrames, frames: PosedFrames, layout: KeyframeLayout,
+    stretch: Stretch,
+) -> Contacts:  # fmt: skip
+    """Return which points of the feet stand in the earlier motion with the new frames in their places."""
+    points = to_numpy(pose(subject, before).points)
+    points[layout.frames] = to_numpy(pose(subject, frames).points)
+    number = np.arange(problem.num_frames)
+    return find_contacts(
+        points, subject.landmarks.names, problem.fps, (number < stretch.first) | (number > stretch.last)
+    )
+
+
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
     """Return keys that have exactly these poses at their times (half-way along the turn between two frames)."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
@@ -147,34 +196,32 @@ def _mixed(free: np.ndarray, anew: Keyframes, held: Keyframes) -> Keyframes:
 
 
 def _spliced(
-    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, layout: KeyframeLayout,
-    free: np.ndarray, frames: PosedFrames, sigma: Array, stretch: Stretch, settings: SolveSettings,
+    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: Resolved, stretch: Stretch,
+    settings: SolveSettings,
 ) -> Motion:  # fmt: skip
     """Return the earlier motion with the frames of the stretch replaced."""
-    moved = layout.frames[(layout.frames >= stretch.first) & (layout.frames <= stretch.last)]
-    ends = {int(t) for t, f in zip(layout.key_times, free, strict=True) if not f and t in (stretch.first, stretch.last)}
-    pinned = {pin.frame for pin in stretch.pins}
-    moved = np.array([f for f in moved if f not in ends or f in pinned])
-    part = moved - layout.bounds[0]
+    layout, pinned = solved.layout, {pin.frame for pin in stretch.pins}
+    inside = (layout.frames >= stretch.first) & (layout.frames <= stretch.last)
+    held = set(layout.key_times[~solved.free]) & {stretch.first, stretch.last} - pinned
+    moved = layout.frames[inside & ~np.isin(layout.frames, list(held))]
     whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
-        getattr(whole, name)[moved] = getattr(frames, name)[part]
+        getattr(whole, name)[moved] = getattr(solved.frames, name)[moved - layout.bounds[0]]
+    covariance = np.zeros((problem.num_frames, *solved.covariance.shape[1:]))
+    covariance[layout.frames] = solved.covariance
     key_times = layout.key_times[(layout.key_times >= stretch.first) & (layout.key_times <= stretch.last)]
     again = build_motion(
-        problem.capture, subject, whole, problem.observations, key_times=key_times, sigma=None,
+        problem.capture, subject, whole, problem.observations, key_times=key_times, covariance=covariance,
         scale=settings.robust_scale, provenance=motion.provenance,
+        contacts=None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names),
     )  # fmt: skip
     values: dict[str, Any] = {}
     for field in fields(Motion):
         old, new = getattr(motion, field.name), getattr(again, field.name)
-        axis = 1 if field.name == "reprojection_px" else 0
         if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name != "betas":
             values[field.name] = old.copy()
-            index = (slice(None), moved) if axis else moved
+            index = (slice(None), moved) if field.name == "reprojection_px" else moved
             values[field.name][index] = new[index]
-    if motion.joint_sigma is not None:
-        values["joint_sigma"] = motion.joint_sigma.copy()
-        values["joint_sigma"][moved] = np.asarray(sigma)[part]
     entry = {"first": stretch.first, "last": stretch.last, "pins": sorted(pinned)}
     provenance = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
     provenance["statistics"] = again.provenance["statistics"]

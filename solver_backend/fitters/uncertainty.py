@@ -81,12 +81,6 @@ def _pose_covariance(diagonal: Array, upper: Array, tangents: Array, windows: sl
     return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, FRAME_DOF, FRAME_DOF))
 
 
-def joint_sigma(covariance: Array) -> Array:
-    """Return (F, 24) standard deviations in metres, the root mean square over the axes of (F, 24, 3, 3)."""
-    xp = array_namespace(covariance)
-    return xp.sqrt(xp.linalg.trace(covariance) / 3)
-
-
 def noise_inflation(
     subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, num_frames: int
 ) -> float:

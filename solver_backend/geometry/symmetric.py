@@ -1,4 +1,4 @@
-"""Inverse of many symmetric 3x3 matrices at once, in closed form."""
+"""Many symmetric 3x3 matrices at once: inverse in closed form, and the six numbers that say each."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
+
+_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def inverse_symmetric_3x3(A: Array, smallest: float = 1e-12) -> Array:
@@ -29,3 +31,22 @@ def inverse_symmetric_3x3(A: Array, smallest: float = 1e-12) -> Array:
     scale = 1.0 / xp.where(det > smallest * mean**3, det, xp.full_like(det, math.nan))
     entries = [scale * m for m in (aa, ab, ac, ab, bb, bc, ac, bc, cc)]
     return xp.reshape(xp.stack(entries, axis=-1), tuple(A.shape))
+
+
+def packed(A: Array) -> Array:
+    """Return (..., 6): the entries xx, xy, xz, yy, yz, zz of (..., 3, 3) symmetric matrices."""
+    xp = array_namespace(A)
+    return xp.stack([A[..., i, j] for i, j in _PACKED], axis=-1)
+
+
+def unpacked(entries: Array) -> Array:
+    """Return the (..., 3, 3) symmetric matrices of (..., 6) entries xx, xy, xz, yy, yz, zz."""
+    xp = array_namespace(entries)
+    order = [_PACKED.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
+    return xp.reshape(xp.stack([entries[..., k] for k in order], axis=-1), (*entries.shape[:-1], 3, 3))
+
+
+def mean_sigma(entries: Array) -> Array:
+    """Return (...) standard deviations, the root mean square over the axes, of (..., 6) covariances."""
+    xp = array_namespace(entries)
+    return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)

@@ -11,8 +11,8 @@ import numpy as np
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.units import resized
 from solver_backend.io.camera_names import name_key, natural_key
-from solver_backend.io.detections import Detections
 from solver_backend.io.mp4 import VideoHeader, read_video_header
+from solver_backend.people.detections import Detections
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")

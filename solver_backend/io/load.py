@@ -16,9 +16,9 @@ from solver_backend.io.capture_file import read_capture
 from solver_backend.io.footage import find_footage, headers, with_sizes_of
 from solver_backend.io.mp4 import VideoHeader
 from solver_backend.io.openpose_json import read_detections
-from solver_backend.io.person_selection import select_person
 from solver_backend.io.pose2sim import TrialConfig, camera_folders, read_config, trials_below
 from solver_backend.io.world_check import check_world
+from solver_backend.people.person_selection import select_person
 from solver_backend.progress import Progress, silent
 from solver_backend.types import Capture, JointSet
 

@@ -51,7 +51,7 @@ def write_motion(path: Path | str, motion: Motion, overwrite: bool = False) -> P
         arrays["hand_pose"] = hands
     if motion.joint_set is not None:
         arrays["joint_set"] = np.array(motion.joint_set.value)
-    for key in ("keypoints3d", "joint_sigma", "reprojection_px"):
+    for key in ("keypoints3d", "joint_sigma", "joint_covariance", "reprojection_px"):
         if (value := getattr(motion, key)) is not None:
             arrays[key] = np.asarray(value, np.float32)
     for key, dtype in (("keyframes", np.bool_), ("contacts", np.bool_), ("flags", np.uint8)):
@@ -89,6 +89,7 @@ def read_motion(path: Path | str) -> Motion:
         keypoints3d=_optional(fields, "keypoints3d", (frames, None, 3)),
         joint_set=fields.joint_set() if "joint_set" in fields else None,
         joint_sigma=_optional(fields, "joint_sigma", (frames, NUM_JOINTS)),
+        joint_covariance=_optional(fields, "joint_covariance", (frames, NUM_JOINTS, 6)),
         keyframes=_optional(fields, "keyframes", (frames,), np.bool_),
         contacts=_optional(fields, "contacts", (frames, 2), np.bool_),
         flags=_optional(fields, "flags", (frames,), np.uint8),

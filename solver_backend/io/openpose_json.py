@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from solver_backend.errors import FileDamaged, KeypointCountMismatch, NoDetections, NonFiniteData
-from solver_backend.io.detections import Detections
 from solver_backend.io.frame_numbers import frame_numbers, shared_range
 from solver_backend.io.joint_set_recognition import choose_joint_set
+from solver_backend.people.detections import Detections
 from solver_backend.progress import Progress, silent
 from solver_backend.types import JointSet
 

@@ -13,8 +13,8 @@ import numpy as np
 from solver_backend.cameras.distortion import distort
 from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.detections import Detections as Everybody
-from solver_backend.io.person_selection import select_person
+from solver_backend.people.detections import Detections as Everybody
+from solver_backend.people.person_selection import select_person
 from solver_backend.synthetic.benchmark import JOINT_SET, Take, cast_person
 from solver_backend.synthetic.filming import Person, film
 from solver_backend.synthetic.keypoint_detector import Detections, DetectorModel

@@ -42,7 +42,9 @@ class Motion:
     joint_set: JointSet | None = None
     """Names of keypoints3d."""
     joint_sigma: np.ndarray | None = None
-    """(F, 24) standard deviation of each joint in metres."""
+    """(F, 24) standard deviation of each joint in metres, the root mean square over the axes."""
+    joint_covariance: np.ndarray | None = None
+    """(F, 24, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz of the world's axes."""
     keyframes: np.ndarray | None = None
     """(F,) bool: the frame is a keyframe of the solver."""
     contacts: np.ndarray | None = None
@@ -59,7 +61,8 @@ class Motion:
         shapes = {
             "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (NUM_JOINTS - 1)),
             "transl": (frames, 3), "joints": (frames, NUM_JOINTS, 3), "joint_sigma": (frames, NUM_JOINTS),
-            "keyframes": (frames,), "contacts": (frames, 2), "flags": (frames,),
+            "joint_covariance": (frames, NUM_JOINTS, 6), "keyframes": (frames,), "contacts": (frames, 2),
+            "flags": (frames,),
         }  # fmt: skip
         for name, shape in shapes.items():
             value = getattr(self, name)

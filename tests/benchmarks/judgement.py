@@ -9,6 +9,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.baselines import BaselineResult
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.symmetric import unpacked
 from solver_backend.metrics import (
     accel_error_m_s2,
     angle_mae_deg,
@@ -29,7 +30,7 @@ COLUMNS = (
     "skating_cm_f", "reproj_px", "undone", "held50", "held80", "held95",
 )  # fmt: skip
 """``kp`` are the keypoints on the body, for methods without joints; ``undone`` the share of exchanges of three frames
-or more that left no trace; ``held`` the share of true joints inside the told 50, 80 and 95 % balls."""
+or more that left no trace; ``held`` the share of true joints inside the told 50, 80 and 95 % ellipsoids."""
 HELD = {"held50": 2.366, "held80": 4.642, "held95": 7.815}
 """Quantiles of the chi-square distribution with three degrees of freedom."""
 SHORTEST_EXCHANGE = 3
@@ -59,7 +60,7 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
         "pck7": pck_percent(found, joints, 0.07),
         "mae_deg": angle_mae_deg(*rotations), "accel_m_s2": accel_error_m_s2(found, joints, fps),
     }  # fmt: skip
-    return row | coverage(found, joints, result.motion.joint_sigma)
+    return row | coverage(found, joints, result.motion.joint_covariance)
 
 
 def body_points(motion: Motion) -> np.ndarray:
@@ -70,11 +71,12 @@ def body_points(motion: Motion) -> np.ndarray:
     return pose_landmarks(body, landmarks, motion.betas, exp_so3(motion.global_orient), local, motion.transl).points
 
 
-def coverage(found: np.ndarray, joints: np.ndarray, sigma: np.ndarray | None) -> Row:
-    """Return the percentage of true joints inside the told balls; nothing where none are told."""
-    if sigma is None:
+def coverage(found: np.ndarray, joints: np.ndarray, covariance: np.ndarray | None) -> Row:
+    """Return the percentage of true joints inside the told ellipsoids; nothing where none are told."""
+    if covariance is None:
         return {}
-    squared = (((found - joints) / sigma[..., None]) ** 2).sum(-1)
+    error = (found - joints)[..., None]
+    squared = (error * np.linalg.solve(unpacked(covariance), error)).sum((-1, -2))
     return {name: 100.0 * float((squared <= quantile).mean()) for name, quantile in HELD.items()}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.fitters.baselines import BaselineResult
+from solver_backend.geometry.symmetric import packed
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.benchmarks import runs
@@ -68,12 +69,12 @@ def test_an_exchange_leaves_a_trace_where_its_limb_is_wrong_while_it_lasts(captu
     assert np.isnan(exchanges_undone(capture, points))
 
 
-def test_balls_of_honest_sigmas_hold_what_they_promise() -> None:
+def test_honest_ellipsoids_hold_what_they_promise() -> None:
     rng = np.random.default_rng(1)
-    sigma = rng.uniform(0.005, 0.02, (400, 24))
+    root = rng.normal(size=(400, 24, 3, 3)) * [0.005, 0.01, 0.03]
     joints = rng.normal(size=(400, 24, 3))
-    found = joints + sigma[..., None] * rng.normal(size=joints.shape)
-    held = coverage(found, joints, sigma)
+    found = joints + (root @ rng.normal(size=(400, 24, 3, 1)))[..., 0]
+    held = coverage(found, joints, packed(root @ root.swapaxes(-1, -2)))
     assert [held["held50"], held["held80"], held["held95"]] == pytest.approx([50, 80, 95], abs=1.5)
     assert coverage(found, joints, None) == {}
 

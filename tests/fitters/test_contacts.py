@@ -55,3 +55,14 @@ def test_planted_points_are_pulled_to_their_anchors_and_others_left_alone():
     step, direction = 1e-7, np.random.default_rng(1).normal(size=points.shape)
     numeric = (term(moved + step * direction, 3.0).cost - term(moved - step * direction, 3.0).cost) / (2 * step)
     np.testing.assert_allclose((evidence.gradient * direction).sum((1, 2)), numeric, atol=1e-3 / SIGMA_M)
+
+
+def test_a_stand_outlasts_a_twitch_and_stays_where_frames_are_fixed():
+    points = walk()
+    points[20:24, 1, 0] += [0.01, 0.03, 0.03, 0.01]
+    points[30:50, 1, 0] += 0.02
+    fixed = np.arange(FRAMES) < 15
+    contacts = find_contacts(points, NAMES, FPS, fixed)
+    assert contacts.planted[2:47, 1].all()
+    np.testing.assert_allclose(contacts.anchors[2:47, 1, 0], 0.2, atol=1e-9)
+    assert find_contacts(points, NAMES, FPS).anchors[10, 1, 0] > 0.205

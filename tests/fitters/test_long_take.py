@@ -6,15 +6,16 @@ import pytest
 from solver_backend.fitters import chain, keyframes, uncertainty
 from solver_backend.fitters.bundle import Schedule, solve_keys
 from solver_backend.fitters.keyframes import KeyframeLayout, key_poses, resampled
-from solver_backend.fitters.long_take import parts_of, sigma_of_joints, solve_long
+from solver_backend.fitters.long_take import covariance_of_joints, parts_of, solve_long
 from solver_backend.fitters.motion_prior import MotionPrior
 from solver_backend.fitters.subject import pose
 from solver_backend.fitters.uncertainty import noise_inflation
+from solver_backend.geometry.symmetric import mean_sigma, unpacked
 from solver_backend.residuals import usual_poses
 from tests.fitters.test_bundle import FRAMES, Scene
 
 TIGHT = Schedule((3.0,), 12, tolerance=1e-7)
-MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0)
+MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0, unseen=np.arange(30) // 6 == 2)
 
 
 @pytest.fixture(autouse=True)
@@ -42,14 +43,17 @@ def test_stretches_agree_with_the_whole_and_are_joined_at_their_keys(scene):
     assert np.abs(rough - points[0]).max() > 5 * np.abs(points[1] - points[0]).max()
 
 
-def test_sigma_of_stretches_is_that_of_the_whole(scene):
+def test_covariance_of_stretches_is_that_of_the_whole(scene):
     model = scene.model(MOTION, residuals=True)
     frames = scene.poses(scene.start)
     one, cut = (
-        sigma_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, stretch, overlap=4) for stretch in (99, 5)
+        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, stretch, overlap=4)
+        for stretch in (99, 5)
     )
-    assert one.shape == (FRAMES, 24)
-    np.testing.assert_allclose(cut, one, rtol=0.01)
+    assert one.shape == (FRAMES, 24, 6)
+    assert np.linalg.eigvalsh(unpacked(one)).min() > 0
+    scale = mean_sigma(one)[..., None] ** 2
+    np.testing.assert_allclose(cut / scale, one / scale, atol=0.02)
 
 
 def test_parts_hold_every_window_once():

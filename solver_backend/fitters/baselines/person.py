@@ -46,7 +46,7 @@ class Prepared:
     ) -> BaselineResult:
         """Return the poses of all frames as a result."""
         motion = build_motion(
-            self.capture, self.subject, frames, self.problem.observations, sigma=None, scale=ROBUST_SCALE,
+            self.capture, self.subject, frames, self.problem.observations, covariance=None, scale=ROBUST_SCALE,
             key_times=np.arange(0) if key_times is None else key_times, provenance={"baseline": name},
         )  # fmt: skip
         assert motion.keypoints3d is not None

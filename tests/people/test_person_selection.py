@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solver_backend.errors import NoDetections, TooFewViews
-from solver_backend.io.detections import Detections
-from solver_backend.io.person_selection import SelectedPerson, select_person
-from solver_backend.io.sightings import sightings
-from solver_backend.io.view_tracks import view_tracks
+from solver_backend.people.detections import Detections
+from solver_backend.people.person_selection import SelectedPerson, select_person
+from solver_backend.people.sightings import sightings
+from solver_backend.people.view_tracks import view_tracks
 from solver_backend.synthetic import bad_input
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
@@ -268,3 +268,16 @@ def test_a_view_that_sees_one_person_elsewhere_is_kept_and_named():
     )
     seen = keypoints.confidence[1] > 0
     np.testing.assert_array_equal(found.keypoints.xy[1][seen], keypoints.xy[1][seen])
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda c: bad_input.bumped(c, 1, 5.0, 20), lambda c: bad_input.calibrations_exchanged(c, 0, 2)]
+)
+def test_views_of_one_person_each_are_kept_for_what_puts_cameras_right(spoil):
+    wrong = spoil(demo_capture(num_frames=40))
+    cameras, keypoints = wrong.require_multiview()
+    everybody = Detections(
+        cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
+    )
+    found = select_person(cameras, everybody, keypoints.fps)
+    np.testing.assert_array_equal(found.keypoints.confidence, keypoints.confidence)

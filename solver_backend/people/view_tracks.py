@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.io.sightings import Sightings
+from solver_backend.people.sightings import Sightings
 
 STEP_SHARE = 0.2
 """From frame to frame a person's keypoints move by less than this share of the person's size."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.io.sightings import MIN_POINTS, Sightings
+from solver_backend.people.sightings import MIN_POINTS, Sightings
 from solver_backend.types import Cameras
 
 TOLERANCE_M = 0.15

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.io.view_agreement import PeopleInSpace
+from solver_backend.people.view_agreement import PeopleInSpace
 
 
 def concatenated(blocks: list[PeopleInSpace]) -> PeopleInSpace:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from solver_backend.io.view_agreement import PeopleInSpace
+from solver_backend.people.view_agreement import PeopleInSpace
 
 STEP_M = 0.2
 """A person's middle moves and is mismeasured by no more than this ..."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
-from solver_backend.io.detections import Detections
+from solver_backend.people.detections import Detections
 from solver_backend.types import Cameras, JointSet
 
 MIN_POINTS = 4

@@ -1,0 +1,66 @@
+"""Stretches in which a view shows somebody else than the person whom most views agree on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.cameras.contradicted import LeftOut
+from solver_backend.cameras.disagreement import Stretch, runs
+from solver_backend.cameras.triangulation import Triangulation, triangulate
+from solver_backend.errors import NoDetections, TooFewViews
+from solver_backend.people.detections import Detections
+from solver_backend.people.person_finding import find_person, strange_views
+from solver_backend.types import Cameras, Keypoints2D
+
+BRIEF_S = 0.25
+"""Fewer frames of somebody else are left to the robust penalty; sightings this close together are one stretch."""
+
+
+def leave_out_strangers(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> LeftOut:
+    """Drop what a view shows while its detector took a passer-by for the person.
+
+    Views that agree on a passer-by may be as many as those that agree on the person, or more: who is the person is told
+    by following both through space and through each view (see ``find_person``). A view that is alone is believed.
+
+    Args:
+        cameras: C cameras; with two, nothing is left out.
+        keypoints: detections of one person.
+        triangulation: of these detections.
+    """
+    strange = _strange(cameras, keypoints) if len(cameras) > 2 else np.zeros(keypoints.confidence.shape[:2], bool)
+    least = BRIEF_S * keypoints.fps
+    stretches = [Stretch(*run) for run in runs(_closed(strange, round(least)))]
+    stretches = [s for s in stretches if strange[s.view, s.frames].sum() >= least]
+    if not stretches:
+        return LeftOut(keypoints, triangulation, ())
+    confidence = keypoints.confidence.copy()
+    for stretch in stretches:
+        confidence[stretch.view, stretch.frames][strange[stretch.view, stretch.frames]] = 0.0
+    keypoints = replace(keypoints, confidence=confidence)
+    return LeftOut(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(stretches))
+
+
+def _strange(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
+    """Return (C, F) where a view sees somebody who is not the person, and another view sees somebody too."""
+    everybody = Detections(
+        cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
+    )
+    sees = (keypoints.confidence > 0).any(axis=-1)
+    try:
+        accepted = find_person(cameras, everybody, keypoints.fps).accepted
+    except (NoDetections, TooFewViews):
+        return np.zeros(sees.shape, bool)
+    person = accepted[:, :, 0]
+    person[strange_views(everybody, accepted)] = True
+    return sees & ~person & (sees.sum(axis=0) > 1)
+
+
+def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
+    """Return (C, F) with gaps of at most so many frames filled."""
+    closed = mask.copy()
+    for view, first, last in runs(~mask):
+        if last - first < frames and first > 0 and last < mask.shape[1] - 1:
+            closed[view, first : last + 1] = True
+    return closed
