@@ -7,6 +7,7 @@ shape alone, so a take is a few matrix products.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ def pose_landmarks(
 
 def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Array | None) -> Array:
     """Return the (L, J, 3) levers h of a shape: what each global rotation carries of each landmark."""
-    levers = constant(_constant_levers(body, landmarks.weights, landmarks.anchors, body.joints_template), betas)
+    levers = constant(_rest_levers(body, landmarks), betas)
     levers = levers + xp.matmul(constant(_shape_levers(body, landmarks), betas), betas)
     if offsets is None:
         return levers
@@ -157,6 +158,13 @@ def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joint
     return levers
 
 
+@lru_cache(maxsize=64)
+def _rest_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
+    """Return the (L, J, 3) levers of the mean shape."""
+    return _constant_levers(body, landmarks.weights, landmarks.anchors, body.joints_template)
+
+
+@lru_cache(maxsize=64)
 def _shape_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
     """Return the (L, J, 3, 10) derivative of the levers by the shape."""
     return _constant_levers(body, landmarks.weights, landmarks.shapedirs, body.joints_shapedirs)

@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
 
 NEWTON_STEPS = 20
-_GRID = 768
-"""Angles between 0 and 89.4° at which the slope of the distortion is looked at."""
+_RADII = np.tan(np.linspace(0.0, 1.56, 768))
+"""Radii, at angles between 0 and 89.4°, at which the slope of the distortion is looked at."""
 _SMALL_SQUARE = 1e-8
 
 
@@ -72,8 +73,7 @@ def largest_radius(distortion: Array, model: str) -> Array:
         (C,).
     """
     xp = array_namespace(distortion)
-    step = 1.56 / (_GRID - 1)
-    r = constant([math.tan(i * step) for i in range(_GRID)], distortion)
+    r = constant(_RADII, distortion)
     u = (r * r)[None, :] * xp.ones_like(distortion[:, :1])
     k = _coefficients(distortion, u)
     scale, slope = _radial(u, k, model)

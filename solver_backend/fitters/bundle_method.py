@@ -134,7 +134,9 @@ def spread_over(num_frames: int) -> np.ndarray:
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:
     """Return keyframes fitted to the triangulated points of the seen frames nearest to them."""
     seen = np.flatnonzero(problem.observations.seen)
-    nearest = seen[np.abs(layout.key_times[:, None] - seen).argmin(axis=1)]
+    after = np.clip(np.searchsorted(seen, layout.key_times), 1, max(1, len(seen) - 1))
+    before, after = seen[after - 1], seen[np.minimum(after, len(seen) - 1)]
+    nearest = np.where(layout.key_times - before <= after - layout.key_times, before, after)
     unique, inverse = np.unique(nearest, return_inverse=True)
     states: FrameStates = fit_to_points(subject, problem.prior, problem.observations, unique)
     index = np.asarray(inverse).reshape(-1)

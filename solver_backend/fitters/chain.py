@@ -17,7 +17,7 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
 from solver_backend.solver.normal_equations import BlockTridiagonal
 
-BLOCK_FRAMES = 160
+BLOCK_FRAMES = 256
 """Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""
 MATRICES = 5
 """Frames of a window whose matrices are formed: they change slowly, and the keys' weights on them are quartics."""

@@ -16,7 +16,7 @@ from solver_backend.fitters.uncertainty import joint_covariance
 from solver_backend.geometry.arrays import Array, index
 from solver_backend.geometry.symmetric import packed
 
-STRETCH_WINDOWS = 160
+STRETCH_WINDOWS = 100
 """Windows solved at a time."""
 OVERLAP_WINDOWS = 8
 """Windows beyond a stretch that are solved along with it: what comes later has no say in what is kept."""
