@@ -8,11 +8,9 @@ import bpy
 import numpy as np
 
 from ..files.skeleton import JOINTS, NUM_JOINTS, PARENTS
-from .key_reduction import SparseCurves, reduce_keys
+from .key_reduction import reduce_keys
 from .rotations import matrix_from_quat
-
-_NEAR_M = 0.1
-"""A joint that moves no other still turns its own part of the body."""
+from .sparse_curves import SparseCurves
 
 
 @dataclass(frozen=True)
@@ -47,14 +45,19 @@ def thin_channels(
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = _rest(armature)
-    lever_m = np.concatenate([np.ones(3), np.repeat(2 * _reach(heads), 4)])
-    curves = reduce_keys(channels, candidates, max(2, count), lever_m)
+    joints = _joints(channels, heads, axes)
+
+    def apart(first: int, found: np.ndarray) -> np.ndarray:
+        """Return (n,) metres by which the joint farthest off is off."""
+        off = _joints(found, heads, axes) - joints[first : first + len(found)]
+        return np.linalg.norm(off, axis=-1).max(axis=1)
+
+    curves = reduce_keys(channels, candidates, max(2, count), apart)
     found = curves.sampled(frames)
-    distance = np.linalg.norm(_joints(found, heads, axes) - _joints(channels, heads, axes), axis=-1)
     cosine = np.abs((_quaternions(found) * _quaternions(channels)).sum(-1)).clip(max=1)
     return curves, KeyDeviation(
         keys=len(curves.frames),
-        joints_mm=float(1000 * distance.max()),
+        joints_mm=float(1000 * apart(0, found).max()),
         degrees=float(np.degrees(2 * np.arccos(cosine)).max()),
     )
 
@@ -63,17 +66,6 @@ def _rest(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     """Return heads (24, 3) and axes (24, 3, 3) of the bones at rest, in the armature's frame."""
     rest = np.array([armature.data.bones[joint].matrix_local for joint in JOINTS], dtype=np.float64)
     return rest[:, :3, 3], rest[:, :3, :3]
-
-
-def _reach(heads: np.ndarray) -> np.ndarray:
-    """Return (24,) the distance from each joint to the farthest that hangs on it, and a little more."""
-    reach = np.zeros(NUM_JOINTS)
-    for j in range(NUM_JOINTS):
-        above = j
-        while above >= 0:
-            reach[above] = max(reach[above], np.linalg.norm(heads[j] - heads[above]))
-            above = PARENTS[above]
-    return reach + _NEAR_M
 
 
 def _quaternions(channels: np.ndarray) -> np.ndarray:

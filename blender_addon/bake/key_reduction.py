@@ -1,116 +1,89 @@
-"""A take with few keys: some of the solver's own, joined by smooth curves that stay as near to the take as they can."""
+"""Which frames of a take deserve a key: laid where the take is worst without, then moved to where they serve best."""
 
 from __future__ import annotations
 
-import heapq
-from dataclasses import dataclass
+from bisect import bisect_left
+from typing import Protocol
 
 import numpy as np
 
-_PULL = 1e-3
-"""Weight that draws slopes to those of their neighbours, so that keys side by side have one too."""
+from .sparse_curves import SparseCurves
+
+_MOVES = (1, -1, 2, -2, 4, -4)
+"""Candidates by which a key is moved on trial."""
+_SWEEPS = 4
+_NEIGHBOURS = 3
+"""Keys on either side of a moved one that are fitted anew with it; the fit feels one farther off to a hundredth."""
+_POWER = 6
+"""Of the mean of distances that keys are moved to lessen: near the largest distance, and smooth."""
+_SHARE = 8
+"""In each pass over the take one in so many of the missing keys is laid."""
 
 
-@dataclass(frozen=True)
-class SparseCurves:
-    """N curves of cubic pieces that share K keys, smooth across them (cubic Hermite splines)."""
+class Distance(Protocol):
+    """How far found values are from a take."""
 
-    frames: np.ndarray
-    """(K,) frames of the take, ascending."""
-    values: np.ndarray
-    """(K, N) at the keys: those of the take."""
-    slopes: np.ndarray
-    """(K, N) per frame."""
-
-    def sampled(self, num_frames: int) -> np.ndarray:
-        """Return the (F, N) values on every frame of the take."""
-        if len(self.frames) == 1:
-            return np.repeat(self.values, num_frames, axis=0)
-        left, basis = _hermite(self.frames, num_frames)
-        at_left, at_right, slope_left, slope_right = basis.T[..., None]
-        ends = at_left * self.values[left] + at_right * self.values[left + 1]
-        return ends + slope_left * self.slopes[left] + slope_right * self.slopes[left + 1]
+    def __call__(self, first: int, found: np.ndarray) -> np.ndarray:
+        """Return (n,) metres for values (n, N) of the frames from ``first`` on."""
+        ...
 
 
-def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, lever_m: np.ndarray) -> SparseCurves:
+def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance) -> SparseCurves:
     """Return curves with at most ``count`` keys, laid where the take needs them.
 
     Args:
         values: (F, N) whole curves.
         candidates: (C,) frames at which a key may lie, ascending; the first and last frame always may.
         count: keys, at least 2.
-        lever_m: (N,) metres by which a unit of each curve moves the body, to compare curves with.
-    """
-    if len(values) == 1:
-        return SparseCurves(np.zeros(1, int), values, np.zeros_like(values))
-    frames = choose_keys(values * lever_m, candidates, count)
-    return SparseCurves(frames, values[frames], fit_slopes(values, frames))
-
-
-def choose_keys(values: np.ndarray, candidates: np.ndarray, count: int) -> np.ndarray:
-    """Return frames of keys: the piece that fits worst is split, at the candidate nearest to its worst frame.
-
-    Args:
-        values: (F, N) curves in comparable units.
-        candidates: (C,) frames, ascending.
-        count: keys at most.
+        distance: how far curves are from the take.
     """
     last = len(values) - 1
-    keys = {0, last}
-    pieces = [_piece(values, candidates, 0, last)]
-    while len(keys) < count and pieces:
-        _, split, first, stop = heapq.heappop(pieces)
-        if split < 0:
-            continue
-        keys.add(split)
-        heapq.heappush(pieces, _piece(values, candidates, first, split))
-        heapq.heappush(pieces, _piece(values, candidates, split, stop))
-    return np.array(sorted(keys))
+    free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
+    return SparseCurves.fitted(values, _move(values, free, _lay(values, free, count, distance), distance))
 
 
-def fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (K, N) slopes at the keys with the least squared distance of the curves from ``values`` (F, N).
-
-    A piece is linear in its two slopes, so the normal equations are tridiagonal and the same for all curves.
-    """
-    left, basis = _hermite(frames, len(values))
-    at_keys = values[frames]
-    rest = values - basis[:, :1] * at_keys[left] - basis[:, 1:2] * at_keys[left + 1]
-    normal = np.zeros((len(frames), len(frames)))
-    right = np.zeros_like(at_keys)
-    for side in (0, 1):
-        np.add.at(right, left + side, basis[:, 2 + side, None] * rest)
-        for other in (0, 1):
-            np.add.at(normal, (left + side, left + other), basis[:, 2 + side] * basis[:, 2 + other])
-    pull = _PULL * max(1.0, float(normal.diagonal().mean()))
-    usual = np.gradient(at_keys, frames, axis=0)
-    return np.linalg.solve(normal + pull * np.eye(len(frames)), right + pull * usual)
+def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -> np.ndarray:
+    """Return keys, added at the worst frames of the worst pieces until there are enough or no frame is left."""
+    keys = free[[0, -1]] if len(values) > 1 else free
+    while len(keys) < min(count, len(free)):
+        error = distance(0, SparseCurves.fitted(values, keys).sampled(len(values)))
+        open_frames = np.setdiff1d(free, keys)
+        pieces = np.searchsorted(keys, open_frames)
+        best: dict[int, tuple[float, int]] = {}
+        for piece in np.unique(pieces).tolist():
+            worst = keys[piece - 1] + int(error[keys[piece - 1] : keys[piece] + 1].argmax())
+            inside = open_frames[pieces == piece]
+            best[piece] = float(error[worst]), int(inside[np.abs(inside - worst).argmin()])
+        ranked = sorted(best.values(), reverse=True)[: max(1, (count - len(keys)) // _SHARE)]
+        keys = np.union1d(keys, [frame for _, frame in ranked])
+    return keys
 
 
-def _piece(values: np.ndarray, candidates: np.ndarray, first: int, last: int) -> tuple[float, int, int, int]:
-    """Return a piece for the heap: minus its largest distance from its best cubic, where to split it, and its ends.
+def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
+    """Return the keys after moving each to a candidate nearby as long as that lessens the distances around it."""
+    taken = keys.tolist()
+    for _ in range(_SWEEPS):
+        before = list(taken)
+        for k in range(1, len(taken) - 1):
+            first, stop = max(0, k - _NEIGHBOURS), min(len(taken), k + _NEIGHBOURS + 1)
+            around = taken[first:stop]
+            least = _cost(values, around, distance)
+            at = bisect_left(free, taken[k])
+            for index in (at + move for move in _MOVES if 0 <= at + move < len(free)):
+                if not taken[k - 1] < free[index] < taken[k + 1]:
+                    continue
+                tried = [*taken[first:k], int(free[index]), *taken[k + 1 : stop]]
+                cost = _cost(values, tried, distance)
+                if cost < least:
+                    least, taken[k] = cost, int(free[index])
+        if taken == before:
+            break
+    return np.array(taken)
 
-    -1 stands for a piece that cannot be split.
-    """
-    inside = candidates[np.searchsorted(candidates, first, "right") : np.searchsorted(candidates, last)]
-    if not len(inside):
-        return 0.0, -1, first, last
-    part = values[first : last + 1]
-    u = np.linspace(0, 1, len(part))[:, None]
-    rest = part - (1 - u) * part[0] - u * part[-1]
-    bumps = np.concatenate([u * (1 - u), u * (1 - u) * (2 * u - 1)], axis=1)
-    fit = bumps @ np.linalg.lstsq(bumps, rest, rcond=None)[0]
-    distance = np.linalg.norm(rest - fit, axis=1)
-    worst = first + int(distance.argmax())
-    return -float(distance.max()), int(inside[np.abs(inside - worst).argmin()]), first, last
 
-
-def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the key before each frame (F,) and the weights (F, 4) of both values and both slopes around it."""
-    at = np.arange(num_frames)
-    left = np.clip(np.searchsorted(frames, at, "right") - 1, 0, len(frames) - 2)
-    length = (frames[left + 1] - frames[left]).astype(float)
-    u = (at - frames[left]) / length
-    value_right = u * u * (3 - 2 * u)
-    slopes = length * u * (1 - u) * (1 - u), -length * u * u * (1 - u)
-    return left, np.stack([1 - value_right, value_right, *slopes], axis=1)
+def _cost(values: np.ndarray, keys: list[int], distance: Distance) -> float:
+    """Return the sum of powers of the distances between the first and the last of some keys."""
+    first, stop = keys[0], keys[-1] + 1
+    part = values[first:stop]
+    found = SparseCurves.fitted(part, np.array(keys) - first).sampled(len(part))
+    return float((distance(first, found) ** _POWER).sum())
