@@ -1,6 +1,6 @@
 """Takes of exercises and of fast dance (10 s each, the truth of two benchmark captures) thinned to few keys.
 
-Keys may lie on every fifth frame, as the solver's do. "largest" is how far any joint is from the full take on any frame.
+Keys may lie on every fifth frame, as the solver's do. "largest" is how far any joint is from the full take.
 """
 
 from __future__ import annotations
