@@ -55,7 +55,7 @@ def bake_action(
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
     armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
-    armature["body"] = motion.body
+    armature["body"], armature["provenance"] = motion.body, motion.provenance
     action["fps"] = motion.fps
     action["frames"], action["frame_start"] = motion.num_frames, timing.start
     action["body"] = motion.body

@@ -10,7 +10,8 @@ from ..bake.coordinates import R_ARMATURE_BODY
 from ..bake.rotations import rotvec_from_matrix
 from ..body.shape import get_betas
 from ..errors import NothingToExport
-from ..files.body_file import default_body_path, read_body
+from ..files.body_choice import body_path_of
+from ..files.body_file import read_body
 from ..files.skeleton import NUM_JOINTS, PARENTS
 from ..progress import Progress
 from .plain_take import is_body
@@ -29,6 +30,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 
     Raises:
         NothingToExport: it is not known which shape the body has.
+        BodyMissing: its shape was changed, and the file of the body it was solved for is not at hand.
     """
     betas, rest_pelvis = _shape(take)
     pose = sample_joints(take, progress)
@@ -61,7 +63,7 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
     betas = get_betas(take.meshes[0]) if is_body(take) else solved
     if np.allclose(betas, solved, atol=1e-4):
         return solved, rest_pelvis
-    body = read_body(default_body_path())
+    body = read_body(body_path_of(take.armature.get("provenance", "")))
     if body.id != take.armature["body"]:
         raise NothingToExport(
             "The body's shape was changed after the solve, and its body file is not at hand.",

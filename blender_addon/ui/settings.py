@@ -11,9 +11,9 @@ from .paths import RELATIVE
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
-    ("FAST", "Fast", "Few iterations: for a first look"),
-    ("BALANCED", "Balanced", "The solver's own settings"),
-    ("BEST", "Best", "Many iterations: for takes that Balanced leaves doubtful"),
+    ("FAST", "Fast", "Keys farther apart, a third less time: for a first look"),
+    ("BALANCED", "Balanced", "The solver's own settings: for most takes"),
+    ("BEST", "Best", "Keys closer together: for dance, sports and other fast limbs"),
     ("CUSTOM", "Custom", "The settings below"),
 )
 _METHOD_ITEMS = (

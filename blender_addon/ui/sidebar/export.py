@@ -7,7 +7,7 @@ import bpy
 from ...export.formats import FORMATS
 from ..export_take import MOCAP_OT_export_take
 from ..review import MOCAP_OT_select_body
-from .parts import MocapPanel, draw_next
+from .parts import MocapPanel, draw_next, wrapped
 
 
 class VIEW3D_PT_mocap_export(MocapPanel, bpy.types.Panel):
@@ -32,3 +32,4 @@ class VIEW3D_PT_mocap_export(MocapPanel, bpy.types.Panel):
         grid = layout.grid_flow(columns=2, even_columns=True, align=True)
         for name, item in FORMATS.items():
             grid.operator(MOCAP_OT_export_take.bl_idname, text=item.label, translate=False).format = name
+        wrapped(layout, context, "File > Export would also write the body's helper bones.", "INFO")

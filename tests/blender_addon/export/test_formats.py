@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from blender_addon.bake.deviation import evaluated_joints
 from blender_addon.bake.rotations import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.bake.scene import BakedTake, bake_take
+from blender_addon.bake.skinning import pose_joints
 from blender_addon.bake.takes import push_down
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
@@ -24,6 +26,7 @@ from blender_addon.export.bvh import euler_zxy
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import WRITERS, export_take
+from blender_addon.files.motion_file import read_motion
 from blender_addon.files.skeleton import JOINTS
 from solver_backend.io.bvh import read_bvh
 from tests.blender_addon.full_disk import full_disk
@@ -152,6 +155,12 @@ def test_what_the_user_did_to_the_take_is_exported(scene: Any, take: BakedTake, 
     np.testing.assert_allclose(found, expected, atol=1e-4)
     with pytest.raises(NothingToExport, match="shape was changed after the solve"):
         export_take(exported, "amass", tmp_path / "walk.npz")
+    take.armature["provenance"] = json.dumps({"settings": {"body": str(files.body_path)}})
+    export_take(exported, "amass", tmp_path / "walk.npz")
+    motion = read_motion(tmp_path / "walk.npz")
+    np.testing.assert_allclose(motion.betas, get_betas(take.mesh), atol=1e-5)
+    _, joints = pose_joints(files.body.rest_joints(motion.betas), motion.rotvec[[0, 29]], motion.transl[[0, 29]])
+    np.testing.assert_allclose(joints, expected, atol=1e-4)
     take.armature.scale = (2, 2, 2)
     bpy.context.view_layer.update()
     with pytest.raises(NothingToExport, match="The armature is scaled"):
