@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +12,7 @@ from .errors import BackendMissing
 
 PACKAGE = "solver_backend"
 _BUNDLED, _WHEELS = "backend", "wheels"
+_ROOM_FOR_BYTE_CODE = 32 * 2**20
 _ADDON = Path(__file__).resolve().parent
 
 
@@ -51,7 +53,8 @@ def environment_for_child(python: Path | None = None, inherited: Mapping[str, st
     """Return the environment of a solver started by ``backend_command``.
 
     ``PYTHONPATH`` holds the solver and, straight from their wheels, the pure-Python packages it imports. All other
-    settings of Python are dropped, as Blender itself does, and the working folder is not searched for modules.
+    settings of Python are dropped, as Blender itself does, and the working folder is not searched for modules. On a
+    disk that is nearly full no byte code is kept: Python 3.11 would keep a cut file, which breaks every later start.
 
     Args:
         python: interpreter that will run; None for Blender's own, which gets nothing from the user's site packages.
@@ -64,4 +67,6 @@ def environment_for_child(python: Path | None = None, inherited: Mapping[str, st
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}
     paths = [backend_folder(), *sorted((_ADDON / _WHEELS).glob("*.whl"))]
     settings = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
+    if shutil.disk_usage(backend_folder()).free < _ROOM_FOR_BYTE_CODE:
+        settings["PYTHONDONTWRITEBYTECODE"] = "1"
     return kept | settings | ({"PYTHONNOUSERSITE": "1"} if python is None else {})

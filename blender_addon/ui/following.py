@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from ..solving.run import Run
 
 _INTERVAL_S = 0.1
+_REDRAW_S = 0.5
+"""Least time between two redraws of progress: on a slow screen they would take time from the solver."""
 
 
 class Current:
@@ -50,6 +53,7 @@ class FollowsRun(MocapOperator):
     """
 
     _timer: bpy.types.Timer | None = None
+    _shown = 0.0
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -97,7 +101,8 @@ class FollowsRun(MocapOperator):
             self._stop_timer(context)
             _show(context, None)
             return {"CANCELLED"}
-        if event.type == "TIMER" and run.poll():
+        if event.type == "TIMER" and run.poll() and time.monotonic() - self._shown > _REDRAW_S:
+            self._shown = time.monotonic()
             _show(context, f"Motion capture: {run.headline} ({run.share:.0%})")
         if not run.finished:
             return {"PASS_THROUGH"}

@@ -12,6 +12,7 @@ import pytest
 from blender_addon import backend_environment
 from blender_addon.backend_environment import backend_command, backend_folder, environment_for_child
 from blender_addon.errors import BackendMissing
+from tests.blender_addon.full_disk import full_disk
 
 
 def test_a_child_finds_the_solver_from_anywhere_and_nothing_of_the_working_folder(tmp_path: Path) -> None:
@@ -36,3 +37,9 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(backend_environment, "_ADDON", tmp_path / "addon")
     with pytest.raises(BackendMissing, match="The solver is not in the add-on's folder"):
         environment_for_child()
+
+
+def test_no_byte_code_is_kept_on_a_disk_that_is_nearly_full() -> None:
+    assert "PYTHONDONTWRITEBYTECODE" not in environment_for_child()
+    with full_disk(1_000_000):
+        assert environment_for_child()["PYTHONDONTWRITEBYTECODE"] == "1"
