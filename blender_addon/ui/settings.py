@@ -148,8 +148,8 @@ class MocapSolve(bpy.types.PropertyGroup):
         default=3.0, min=0.1, max=100,
     )  # fmt: skip
     estimate_sync: bpy.props.BoolProperty(
-        name="Correct Delays", description="Move each camera's detections by its estimated delay; without, delays are "
-        "only reported", default=False,
+        name="Correct Delays", description="Move each camera's detections by its estimated delay; without, only "
+        "delays of two frames and more are corrected", default=False,
     )  # fmt: skip
     backend: bpy.props.EnumProperty(name="Arrays", description="What computes", items=_BACKEND_ITEMS)
     body: bpy.props.StringProperty(

@@ -34,7 +34,7 @@ class SolveSettings:
     body: str = "neutral"
     """Name of the body, or the path of a body file."""
     estimate_sync: bool = False
-    """Move each camera's detections by its estimated delay; without, delays are only reported."""
+    """Move each camera's detections by its estimated delay; without, only delays of two frames and more."""
     contacts: bool = True
     """Hold feet that stand to where they stand."""
     learn_noise: bool = True

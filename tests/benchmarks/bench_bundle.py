@@ -30,8 +30,8 @@ OUT = ROOT / "build" / "bench_bundle"
 UNITS = {
     "mpjpe_mm": "MPJPE", "pa_mpjpe_mm": "PA-MPJPE", "rmse_mm": "RMSE", "mae_deg": "MAE °", "pck3": "PCK3",
     "pck7": "PCK7", "accel_m_s2": "accel", "kp_mpjpe_mm": "points", "kp_accel_m_s2": "p.accel",
-    "skating_cm_f": "skating", "reproj_px": "reproj", "undone": "undone", "seconds": "s",
-    "cpu_s": "CPU s", "peak_mb": "MB",
+    "skating_cm_f": "skating", "reproj_px": "reproj", "undone": "undone", "seen_mm": "seen",
+    "unseen_mm": "unseen", "seconds": "s", "cpu_s": "CPU s", "peak_mb": "MB",
 }  # fmt: skip
 """Headings: mm, degrees, percent, m/s², cm a frame, px."""
 

@@ -22,7 +22,7 @@ from solver_backend.metrics import (
     rmse_mm,
 )
 from solver_backend.synthetic.keypoint_detector import limb_columns
-from solver_backend.types import SMPL_JOINTS, Capture, JointSet, Motion
+from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, JointSet, Motion
 
 Row = dict[str, float]
 COLUMNS = (
@@ -60,7 +60,7 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
         "pck7": pck_percent(found, joints, 0.07),
         "mae_deg": angle_mae_deg(*rotations), "accel_m_s2": accel_error_m_s2(found, joints, fps),
     }  # fmt: skip
-    return row | coverage(found, joints, result.motion.joint_covariance)
+    return row | by_sight(result.motion, joints) | coverage(found, joints, result.motion.joint_covariance)
 
 
 def body_points(motion: Motion) -> np.ndarray:
@@ -69,6 +69,15 @@ def body_points(motion: Motion) -> np.ndarray:
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     local = exp_so3(motion.body_pose[:, :63].reshape(-1, 21, 3))
     return pose_landmarks(body, landmarks, motion.betas, exp_so3(motion.global_orient), local, motion.transl).points
+
+
+def by_sight(motion: Motion, joints: np.ndarray) -> Row:
+    """Return the MPJPE of the frames in which the person was seen, and of those that were bridged."""
+    if motion.flags is None:
+        return {}
+    unseen = (motion.flags & FLAG_UNSEEN) > 0
+    kinds = {"seen_mm": ~unseen, "unseen_mm": unseen}
+    return {name: mpjpe_mm(motion.joints[some], joints[some]) for name, some in kinds.items() if some.any()}
 
 
 def coverage(found: np.ndarray, joints: np.ndarray, covariance: np.ndarray | None) -> Row:

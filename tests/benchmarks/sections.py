@@ -131,7 +131,7 @@ def bad(scope: Scope) -> Section:
     ours = Method.of(OURS, "ours, global")
     rows = {"as it should be": scope.runs([ours], takes=1)}
     rows |= {name.replace("_", " "): scope.runs([ours], takes=1, bad=name) for name in BAD}
-    return Section("Bad input, ours", rows, (*ACCURACY, "reproj_px", "seconds"))
+    return Section("Bad input, ours", rows, ("seen_mm", "unseen_mm", *ACCURACY, "reproj_px", "seconds"))
 
 
 def noise(scope: Scope) -> Section:

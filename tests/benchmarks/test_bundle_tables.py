@@ -13,11 +13,12 @@ from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.benchmarks import runs
 from tests.benchmarks.bench_bundle import table
-from tests.benchmarks.judgement import COLUMNS, coverage, exchanges_undone, judged, worst_joints
+from tests.benchmarks.judgement import COLUMNS, by_sight, coverage, exchanges_undone, judged, worst_joints
 from tests.benchmarks.methods import BASELINES, OURS, PUBLISHED, Method, ablations, compared
 from tests.benchmarks.requirements import requirements
 from tests.benchmarks.runs import Outcome, Run, code_version
 from tests.benchmarks.sections import SECTIONS, Scope, Section, medians
+from tests.io.scenes import small_motion
 
 
 @pytest.fixture(scope="module")
@@ -112,3 +113,12 @@ def test_requirements_are_judged_by_ratio() -> None:
     assert not verdicts["acceleration error against MuVS"].met
     assert verdicts["exchanges of 3 frames or more without a trace, %"].met
     assert verdicts["MPJPE against MuVS"].line().startswith("  ✓")
+
+
+def test_seen_and_bridged_frames_are_judged_apart() -> None:
+    motion = small_motion(6)
+    motion = replace(motion, flags=np.array([0, 0, 1, 3, 2, 0], np.uint8))
+    joints = motion.joints.copy()
+    joints[[2, 3], :, 0] += 0.2
+    assert by_sight(motion, joints) == pytest.approx({"seen_mm": 0.0, "unseen_mm": 200.0}, abs=1e-3)
+    assert set(by_sight(replace(motion, flags=np.zeros(6, np.uint8)), joints)) == {"seen_mm"}
