@@ -91,6 +91,8 @@ def _length(rows: dict[str, Row]) -> Iterator[Requirement]:
         yield _at_most("exponent of time by length", float(np.polyfit(frames, seconds, 1)[0]), 1.1)
     if 2000 in sized:
         yield _at_most("2,000 frames of 4 views, NumPy, seconds", sized[2000]["seconds"], 16.0)
+    if 20000 in sized:
+        yield _at_most("memory for 20,000 frames of 4 views, MB", sized[20000]["peak_mb"], 1500.0)
     if "ours, torch, 2000 frames" in rows:
         yield _at_most("2,000 frames of 4 views, torch, seconds", rows["ours, torch, 2000 frames"]["seconds"], 8.0)
     published = rows.get(f"{PUBLISHED}, 2000 frames")

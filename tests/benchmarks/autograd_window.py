@@ -1,0 +1,63 @@
+"""Cost and gradient of one window as BundleMoCap++ was published: by automatic differentiation in PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver_backend.cameras.projection import project
+from solver_backend.fitters.baselines.windows import KeyState, Window
+from solver_backend.fitters.keyframes import lagrange
+from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.interpolation import sider2
+from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.robust import geman_mcclure
+
+
+@dataclass(frozen=True)
+class AutogradWindow:
+    """A window of SPoser's codes whose gradient PyTorch finds; landmarks stand for the body, no mesh is posed."""
+
+    window: Window
+    """What is fixed; its root turns by SIDER-2."""
+    term: ReprojectionTerm
+    """Data of the window's frames, as tensors."""
+
+    def objective(self, state: KeyState) -> tuple[float, KeyState]:
+        """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
+        quats = quat_from_matrix(np.concatenate([self.window.first[1], state[1]]))
+        quats = quats * np.cumprod(np.r_[1.0, np.where((quats[1:] * quats[:-1]).sum(-1) < 0, -1.0, 1.0)])[:, None]
+        like = self.term.K
+        fixed = [constant(part, like) for part in (self.window.first[0], quats[:1], self.window.first[2])]
+        free = [constant(part, like).clone().requires_grad_() for part in (state[0], quats[1:], state[2])]
+        cost = self._cost(fixed, free)
+        cost.backward()
+        by_code, by_quat, by_transl = (to_numpy(part.grad) for part in free)
+        turns = (quat_left_tangent(quats[1:]).swapaxes(-1, -2) @ by_quat[..., None])[..., 0]
+        return float(cost.detach()), (by_code, turns, by_transl)
+
+    def _cost(self, fixed: list[Any], free: list[Any]) -> Any:
+        term, subject = self.term, self.window.subject
+        xp, t = _torch(), constant(self.window.time, term.K)
+        z, quat, transl = (xp.concat([a, b]) for a, b in zip(fixed, free, strict=True))
+        local = self.window.prior.decode(sider2(z[:1], z[1:2], z[2:], t))
+        root = matrix_from_quat(sider2(quat[:1], quat[1:2], quat[2:], t))
+        frames = PosedFrames(root, local, xp.stack(lagrange(t), dim=1) @ transl)
+        known = (constant(part, term.K) for part in (subject.betas, subject.offsets))
+        points = pose(Subject(subject.body, subject.landmarks, *known), frames).points
+        px = project(term.K, term.distortion, term.R, term.t, points, term.model)
+        seen = term.weight > 0
+        error = xp.where(seen[..., None], px - term.xy, xp.zeros_like(px))
+        per_sigma = term.weight / xp.where(seen, term.confidence, xp.ones_like(term.confidence))
+        penalty, _ = geman_mcclure(per_sigma * (error**2).sum(-1), self.window.scale)
+        return 0.5 * (term.confidence * penalty).sum()
+
+
+def _torch() -> Any:
+    import torch
+
+    return torch

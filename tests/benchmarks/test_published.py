@@ -1,0 +1,28 @@
+"""The gradient that PyTorch finds against the one worked out by hand."""
+
+import numpy as np
+import pytest
+
+from solver_backend.fitters.baselines.person import prepare
+from solver_backend.fitters.baselines.windows import SPHERICAL
+from solver_backend.fitters.keyframes import KeyframeLayout
+from solver_backend.synthetic.demo import demo_capture
+from tests.benchmarks.bench_published import first_key, window_of
+
+
+def test_autograd_equals_the_gradient_by_hand():
+    torch = pytest.importorskip("torch")
+    capture = demo_capture()
+    prepared, layout = prepare(capture), KeyframeLayout.even(capture.num_frames, 20)
+    key = first_key(prepared)
+    window = window_of(prepared, layout, 1, key, torch.zeros(1, dtype=torch.float64))
+    rng = np.random.default_rng(0)
+    start = tuple(part.repeat(2, axis=0) for part in key)
+    z = start[0] + 0.02 * rng.normal(size=start[0].shape)
+    z -= z.mean(-1, keepdims=True)
+    state = (z / np.linalg.norm(z, axis=-1, keepdims=True), start[1], start[2] + 0.01)
+    (cost, gradient), (by_hand, expected) = window.objective(state), window.window.objective(state)
+    assert cost == pytest.approx(by_hand, rel=1e-9)
+    gradient, expected = (SPHERICAL.project(state, found) for found in (gradient, expected))
+    for name, one, other in zip("zRt", gradient, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max(), err_msg=name)
