@@ -10,12 +10,15 @@ import numpy as np
 
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
-from ..files.body_file import BodyFile
-from ..files.motion_file import MotionFile
+from ..files.body_choice import body_path_of
+from ..files.body_file import BodyFile, read_body
+from ..files.motion_file import MotionFile, read_motion
 from .action import bake_action
 from .scene import BakeSettings, bake_take, require_body
 from .timing import TakeTiming, scene_frame_rate
 
+PATHS = ("motion_file", "capture_file", "report_file", "job_file")
+"""Custom properties of an action: the files it came from and went to."""
 BETAS = "betas"
 """Custom property of an action: the shape it was solved with."""
 
@@ -31,9 +34,8 @@ class Provenance:
 
     def write(self, action: bpy.types.Action) -> None:
         """Keep the paths as custom properties of the action."""
-        action["motion_file"], action["capture_file"] = str(self.motion), str(self.capture)
-        action["report_file"] = str(self.report) if self.report is not None else ""
-        action["job_file"] = str(self.job)
+        for key, path in zip(PATHS, (self.motion, self.capture, self.report or "", self.job), strict=True):
+            action[key] = str(path)
 
 
 def add_take(
@@ -79,6 +81,27 @@ def add_take(
     show_take(armature, action)
     scene.frame_set(scene.frame_current)
     return armature, action
+
+
+def thinned_take(
+    scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, keys_per_second: float
+) -> bpy.types.Action:
+    """Add a take of smooth curves through about so many keys a second of a solved take's motion, and play it.
+
+    Raises:
+        AddonError: the take's motion or body can no longer be read.
+    """
+    motion = read_motion(Path(take["motion_file"]))
+    body = read_body(body_path_of(motion.provenance))
+    require_body(motion, body)
+    timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
+    rest_pelvis = body.rest_joints(motion.betas)[0]
+    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second)
+    for key in (*PATHS, BETAS):
+        action[key] = take[key]
+    show_take(armature, action)
+    scene.frame_set(scene.frame_current)
+    return action
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:

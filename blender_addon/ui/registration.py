@@ -18,6 +18,7 @@ from . import (
     review,
     settings,
     solve,
+    takes,
     views,
 )
 from .sidebar import cameras as cameras_panel
@@ -67,6 +68,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve.MOCAP_OT_resolve_range),
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
+    *map(_class, takes.CLASSES),
     *map(_class, views.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
@@ -78,6 +80,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
     _class(review_panels.VIEW3D_PT_mocap_review),
     _class(review_panels.VIEW3D_PT_mocap_resolve),
+    _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),

@@ -1,4 +1,4 @@
-"""Looking at a take: doubtful stretches, pins, takes, confidence, the report."""
+"""Looking at a take: doubtful stretches, pins, confidence, the report."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ..bake.takes import takes_of
-from ..errors import FileMissing, TakeMissing
+from ..errors import FileMissing
 from .bone_colours import colour_bones
 from .operators import MocapOperator, NeedsBody, NeedsTake
 
@@ -76,28 +75,6 @@ class MOCAP_OT_unpin(MocapOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
-    """Plays another take."""
-
-    bl_idname = "mocap.show_take"
-    bl_label = "Show Take"
-    bl_description = "Play this take"
-
-    name: bpy.props.StringProperty(options={"HIDDEN"})
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Play it."""
-        from ..bake.solved_takes import show_take
-
-        scene, settings = context.scene, context.scene.mocap
-        action = next((a for a in takes_of(settings.capture.file) if a.name == self.name), None)
-        if action is None:
-            raise TakeMissing(f"There is no take '{self.name}' for this body.")
-        show_take(settings.review.armature, action)
-        scene.frame_set(scene.frame_current)
-        return {"FINISHED"}
-
-
 class MOCAP_OT_show_confidence(NeedsTake, bpy.types.Operator):
     """Paints bones by confidence."""
 
@@ -158,6 +135,6 @@ def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 
 CLASSES = (
-    MOCAP_OT_next_bad_range, MOCAP_OT_pin_pose, MOCAP_OT_unpin, MOCAP_OT_show_take, MOCAP_OT_show_confidence,
+    MOCAP_OT_next_bad_range, MOCAP_OT_pin_pose, MOCAP_OT_unpin, MOCAP_OT_show_confidence,
     MOCAP_OT_select_body, MOCAP_OT_open_report,
 )  # fmt: skip

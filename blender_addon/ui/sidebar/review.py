@@ -11,12 +11,12 @@ from ..review import (
     MOCAP_OT_open_report,
     MOCAP_OT_pin_pose,
     MOCAP_OT_show_confidence,
-    MOCAP_OT_show_take,
     MOCAP_OT_unpin,
 )
 from ..settings import MocapReview
 from ..solve import MOCAP_OT_resolve_range
-from .parts import MocapPanel
+from ..takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
+from .parts import MocapPanel, wrapped
 
 
 class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
@@ -76,6 +76,31 @@ class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.3
         button.operator(MOCAP_OT_resolve_range.bl_idname, icon="FILE_REFRESH")
+
+
+class VIEW3D_PT_mocap_take(MocapPanel, bpy.types.Panel):
+    """What else may become of a take."""
+
+    bl_idname = "VIEW3D_PT_mocap_take"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Use the Take"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 3
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        return context.scene.mocap.review.take is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the ways, and how far a thinned take is from the full one."""
+        layout, take = self.layout, context.scene.mocap.review.take
+        if "keys_deviation" in take:
+            wrapped(layout, context, take["keys_deviation"], "INFO")
+        column = layout.column(align=True)
+        column.operator(MOCAP_OT_thin_take.bl_idname, icon="KEYFRAME")
+        column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
+        column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
 
 
 def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:

@@ -261,6 +261,24 @@ def test_takes_follow_the_shape_they_were_solved_with(mocap, take, solved, tmp_p
     assert action.name == "other"
 
 
+def test_a_take_is_thinned_into_another_that_says_how_far_it_is_off(mocap, take):
+    assert bpy.ops.mocap.thin_take(keys_per_second=10) == {"FINISHED"}
+    thin = mocap.review.take
+    assert thin != take and thin.name.endswith("few keys") and thin["motion_file"] == take["motion_file"]
+    assert len(next(action_curves(thin)).keyframe_points) == 6 < len(next(action_curves(take)).keyframe_points)
+    assert thin["keys_deviation"].startswith("6 keys are left: joints are up to ")
+    assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"} and mocap.review.take == take
+
+
+def test_a_take_is_laid_aside_and_shown_again(mocap, take):
+    assert bpy.ops.mocap.mark_take() == {"FINISHED"} and take.asset_data is not None
+    assert bpy.ops.mocap.push_down() == {"FINISHED"} and mocap.review.take is None
+    animation = mocap.review.armature.animation_data
+    assert [track.mute for track in animation.nla_tracks] == [True]
+    assert not bpy.ops.mocap.push_down.poll()
+    assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"} and mocap.review.take == take
+
+
 def test_every_setting_of_the_solver_is_in_the_panel(mocap):
     mocap.solve.preset = "CUSTOM"
     values = mocap.solve.values()
