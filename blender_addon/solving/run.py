@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +28,8 @@ class Run:
     total: int = 0
     eta_s: float | None = None
     """Seconds left of the stage as told last."""
-    log: list[str] = field(default_factory=list)
+    log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
+    """What the process wrote beside its events, and when its stages began; the last lines of it."""
     result: dict[str, Any] | None = None
     """The result event, once it is there."""
     error: dict[str, Any] | None = None
@@ -72,7 +74,7 @@ class Run:
 
     def _take(self, item: str | dict[str, Any]) -> None:
         if isinstance(item, str):
-            self.log = [*self.log[1 - _LOG_LINES :], item]
+            self.log.append(item)
             return
         kind = item["event"]
         if kind == "progress":

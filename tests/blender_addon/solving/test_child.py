@@ -45,7 +45,7 @@ def until(run: Run, condition: Callable[[Run], bool], seconds: float = 20.0) -> 
     """Poll until the condition holds and return the longest poll in seconds."""
     end, longest = time.monotonic() + seconds, 0.0
     while not condition(run):
-        assert time.monotonic() < end, (run.stage, run.log[-3:], run.error)
+        assert time.monotonic() < end, (run.stage, list(run.log)[-3:], run.error)
         start = time.perf_counter()
         run.poll()
         longest = max(longest, time.perf_counter() - start)
