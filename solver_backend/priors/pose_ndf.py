@@ -26,6 +26,10 @@ _UNIT_WITHIN = 1e-3
 """Largest error of a quaternion's length that still counts as a unit quaternion."""
 
 
+RECORDED_RAD = 0.4
+"""How far the recorded poses of one person lie from those of all others (median)."""
+_ARRIVED = 1e-3
+"""rad; no distance, and no way worth going."""
 _STARTS = 0.75 * np.stack(
     (JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)), -1
 )
@@ -41,8 +45,8 @@ class ProjectionSettings:
     """The factor α at first: one would leave a field that is a distance in one step."""
     reach: float = 0.9
     """How far a pose may be moved in all, by the distance it begins at: farther on lies the middle of all poses."""
-    tolerance: float = 1e-3
-    """Distance, rad, at which a pose counts as on the manifold, and way that counts as none."""
+    level: float = 0.0
+    """Distance, rad, at which a pose counts as on the manifold; at ``RECORDED_RAD`` recorded poses stay as they are."""
 
 
 class PoseNDF(PosePrior):
@@ -144,11 +148,12 @@ class PoseNDF(PosePrior):
         distance, gradient = self._signed(quats)
         alpha, left = settings.step_size * xp.ones_like(distance), settings.reach * distance
         for _ in range(settings.steps):
-            if bool(xp.all((distance < settings.tolerance) | (left < settings.tolerance) | (alpha < 1e-6))):
+            excess = distance - settings.level
+            if bool(xp.all((excess < _ARRIVED) | (left < _ARRIVED) | (alpha < 1e-6))):
                 break
             steepest = in_metric(quats, gradient)
             slope = metric_length(steepest)
-            way = xp.minimum(alpha * distance * slope, left)
+            way = xp.minimum(alpha * xp.clip(excess, 0.0, None) * slope, left)
             trial = _unit(quats - (way / xp.clip(slope, 1e-9, None))[:, None, None] * steepest)
             trial_distance, trial_gradient = self._signed(trial)
             better = trial_distance < distance

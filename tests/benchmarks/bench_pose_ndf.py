@@ -25,7 +25,7 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.pose_manifold.chain_equations import ManifoldWeights
 from solver_backend.fitters.pose_manifold.complete import complete, missing_joints
 from solver_backend.fitters.pose_manifold.denoise import WEIGHTS, DenoiseSettings, denoise
-from solver_backend.fitters.pose_manifold.interpolate import interpolate_poses
+from solver_backend.fitters.pose_manifold.interpolate import ALONG, interpolate_poses
 from solver_backend.fitters.pose_manifold.keypoints2d import KeypointSettings
 from solver_backend.fitters.pose_manifold.motions import LAYOUT
 from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
@@ -47,7 +47,7 @@ OCCLUSIONS = {
     "leg": ("left_leg",), "arm": ("left_arm",), "shoulder_upper_arm": ("right_collar", "right_shoulder"),
 }  # fmt: skip
 KEYPOINT_SETTINGS = KeypointSettings(manifold=100.0, robust_scale=20.0, iterations=30)
-CONSTANT_WEIGHT, PULLS = 100.0, {"vposer": 0.1, "rvposer": 5.0}
+CONSTANT_WEIGHT, PULLS = 30.0, {"vposer": 0.1, "rvposer": 5.0}
 """λ_θ of the fits to keypoints, each the best of several on training takes."""
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "bench_pose_ndf"
 _BODY = load_body()
@@ -150,7 +150,7 @@ def _interpolation(prior, vaes, takes, shown, pairs: int = 40, count: int = 10) 
     poses, rng = np.concatenate([t.local for t in takes]), np.random.default_rng(0)
     start, end = poses[rng.permutation(len(poses))[:pairs]], poses[rng.permutation(len(poses))[:pairs]]
     share = np.linspace(0.0, 1.0, count + 2)
-    ends = prior.project(start)[:, None], prior.project(end)[:, None]
+    ends = prior.project(start, ALONG)[:, None], prior.project(end, ALONG)[:, None]
     turn = log_so3(end @ np.swapaxes(start, -1, -2))[:, None]
     ways = {
         "pose_ndf": np.concatenate([ends[0], interpolate_poses(prior, start, end, count), ends[1]], axis=1),

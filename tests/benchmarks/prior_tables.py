@@ -15,7 +15,7 @@ from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matr
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gmm import GaussianMixture
-from solver_backend.priors.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
 from solver_backend.training.accuracy import joint_distances, reconstruction_accuracy
 from solver_backend.training.corpus import Corpus
 from solver_backend.training.points import rotation_points
@@ -90,7 +90,7 @@ def noisy(truth: np.ndarray, sigma_deg: float, seed: int) -> np.ndarray:
 def denoised(prior: PosePrior, poses: np.ndarray, sigma_deg: float) -> np.ndarray:
     """Return what a prior makes of noisy poses: its projection, posterior mean or reconstruction."""
     if isinstance(prior, PoseNDF):
-        return prior.project(poses)
+        return prior.project(poses, ProjectionSettings(level=RECORDED_RAD))
     if isinstance(prior, GaussianMixture):
         return prior.posterior_mean(poses, np.radians(sigma_deg))
     return prior.decode(prior.encode(poses))

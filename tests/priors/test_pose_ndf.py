@@ -11,10 +11,11 @@ import torch
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.errors import PoseInvalid, WeightsInvalid
+from solver_backend.geometry.quaternions import quat_from_matrix
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.pose_distance import JOINT_WEIGHTS
+from solver_backend.priors.pose_distance import JOINT_WEIGHTS, pose_distance
 from solver_backend.priors.pose_field import LEVELS
-from solver_backend.priors.pose_ndf import PoseNDF, in_metric, load_pose_ndf
+from solver_backend.priors.pose_ndf import PoseNDF, ProjectionSettings, in_metric, load_pose_ndf
 from solver_backend.priors.weights import ASSETS, PriorWeights, write_weights
 from solver_backend.types.joint_sets import SMPL_PARENTS
 from tests.priors.pose_ndf_weights import SIZE, arrays, random_prior
@@ -110,6 +111,19 @@ def test_projection_never_raises_the_distance(prior: PoseNDF) -> None:
         np.swapaxes(projected, -1, -2) @ projected, np.broadcast_to(np.eye(3), R.shape), atol=1e-9
     )
     np.testing.assert_array_equal(prior.sample(3, seed=0), prior.sample(3, seed=0))
+
+
+def test_projection_stops_at_the_level_and_within_reach(prior: PoseNDF) -> None:
+    start = poses(30)
+    before = prior.energy(start)
+    level = float(np.median(before))
+    settled = prior.project(start, ProjectionSettings(level=level))
+    near = before <= level
+    np.testing.assert_allclose(settled[near], start[near], atol=1e-12)
+    assert (prior.energy(settled)[~near] < before[~near]).all()
+    assert prior.energy(settled).min() >= min(before.min(), 0.99 * level) - 1e-9
+    way = pose_distance(*(quat_from_matrix(x) for x in (prior.project(start, ProjectionSettings(reach=0.3)), start)))
+    assert (way <= 0.3 * before + 1e-6).all() and way.max() > 0.1 * before.min()
 
 
 def test_bad_input_is_named(prior: PoseNDF, tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ class ManifoldWeights:
     """w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3)."""
     smoothness: float
     """λ_t, 1/m²: pull of a frame's points towards the points of the frame before."""
+    level: float = 0.0
+    """rad; a pose as near to the manifold as this is not pulled, so that recorded poses are left as they are."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ class PoseChain:
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the cost (1,) and its Gauss-Newton equations in the free tangents.
 
-        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w f² + λ_t/L Σ_l |y_t - y_{t-1}|²]``. The residual of the prior is the way
-        to the manifold, not its length alone: ``f²/2`` bends as the metric does, and a step as long as the field says.
+        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. The
+        residual of the prior is the way to the manifold, not its length alone: ``e²/2`` bends as the metric does.
         """
         posed = pose(self.subject, frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -62,6 +64,7 @@ class PoseChain:
         first = posed.points[:1] * 0.0 if self.before is None else posed.points[:1] - self.before
         arriving, leaving = xp.concat([first, step]), xp.concat([step, posed.points[:1] * 0.0])
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
+        distance = xp.clip(distance - self.weights.level, 0.0, None)
         by_free = _of_joints(xp, by_joints)[:, list(self.free)]
 
         pull = xp.reshape(data * error + smooth * (arriving - leaving), (count, -1, 1))

@@ -6,8 +6,11 @@ from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.pose_ndf import PoseNDF, ProjectionSettings
+from solver_backend.priors.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
 from solver_backend.progress import Progress, silent
+
+ALONG = ProjectionSettings(level=RECORDED_RAD)
+"""Recorded poses stay where they are; nearer to all others, steps would lead to the middle of them."""
 
 
 def interpolate_poses(
@@ -15,7 +18,7 @@ def interpolate_poses(
     start: Array,
     end: Array,
     count: int,
-    settings: ProjectionSettings = ProjectionSettings(),
+    settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
     """Return ``count`` poses between each pair, on the manifold, ends not included.

@@ -33,7 +33,7 @@ def test_without_projection_it_is_the_geodesic_shared_out_evenly(tmp_path: Path)
 
 def test_poses_between_lie_no_farther_from_the_manifold_than_the_geodesic(tmp_path: Path) -> None:
     prior, start, end, told = random_prior(tmp_path), poses(6, 2), poses(6, 3), []
-    found = interpolate_poses(prior, start, end, 4, progress=lambda *event: told.append(event))
+    found = interpolate_poses(prior, start, end, 4, ProjectionSettings(), lambda *event: told.append(event))
     straight = interpolate_poses(prior, start, end, 4, ProjectionSettings(steps=0))
     assert found.shape == (6, 4, 21, 3, 3) and told[-1] == ("Interpolating", 4, 4)
     energies = [prior.energy(x.reshape(-1, 21, 3, 3)).mean() for x in (found, straight)]
@@ -41,5 +41,5 @@ def test_poses_between_lie_no_farther_from_the_manifold_than_the_geodesic(tmp_pa
     target = prior.project(end)
     left = distance(found, target[:, None])
     assert (np.diff(left, axis=1) < 0).mean() > 0.9
-    tensors = interpolate_poses(prior, torch.as_tensor(start), torch.as_tensor(end), 4)
+    tensors = interpolate_poses(prior, torch.as_tensor(start), torch.as_tensor(end), 4, ProjectionSettings())
     np.testing.assert_allclose(tensors.numpy(), found, atol=1e-7)
