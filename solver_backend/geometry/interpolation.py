@@ -60,8 +60,8 @@ def slerp(a: Array, b: Array, t: Array | float) -> Array:
 def sider2(a: Array, b: Array, c: Array, t: Array | float) -> Array:
     """Return the point at ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (t = ½) and ``c`` (t = 1).
 
-    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` as long as ``a`` and
-    ``c`` lie within 90° of ``b``.
+    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` as long as the way
+    from ``a`` to ``b`` and on to ``c`` is shorter than half a circle, and is smooth in ``t`` wherever it does.
 
     Args:
         a: (..., d) unit vectors.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import comb
+
 import numpy as np
 import pytest
 import torch
@@ -215,3 +217,43 @@ def test_pullback_is_the_transposed_jacobian():
     _, jacobian = ip.sider_n_with_jacobian(keys, t)
     pulled = ip.sider_combination(keys, t).pull_back(keys, cotangent)
     np.testing.assert_allclose(pulled, np.einsum("bkij,bi->bkj", jacobian, cotangent), atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_sider_is_smooth_within_its_window(count, order):
+    """Differences of an order from the left and from the right of a time meet as the step shrinks: no kink anywhere,
+    at the middle keys neither (thesis 6.2.3: C^n, n >= 2)."""
+    keys = keys_apart(0.4, count, (), d=6)
+    binomial = np.array([comb(order, i) * (-1) ** (order - i) for i in range(order + 1)], dtype=float)
+
+    def jump(t, h):
+        right = sum(w * ip.sider_n(keys, t + i * h) for i, w in enumerate(binomial))
+        left = sum(w * ip.sider_n(keys, t - (order - i) * h) for i, w in enumerate(binomial))
+        return np.linalg.norm(right - left) / h**order
+
+    for t in (*(i / (count - 1) for i in range(1, count - 1)), 0.37, 0.71):
+        assert jump(t, 0.005) < 0.6 * jump(t, 0.01)
+
+
+@pytest.mark.parametrize("first", [0.2, 1.2, 1.5])
+@pytest.mark.parametrize("second", [0.2, 1.5, 1.6, 2.9])
+def test_sider2_meets_its_middle_key_when_the_way_is_less_than_half_a_circle(first, second):
+    """And its opposite beyond that: the condition of the docstring, no more and no less."""
+    b, along = np.eye(3)[0], np.eye(3)[1]
+    a, c = sphere_exp(b, -first * along), sphere_exp(b, second * along)
+    met = 1.0 if first + second < np.pi else -1.0
+    np.testing.assert_allclose(ip.sider2(a, b, c, 0.5), met * b, atol=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-8, 1e-4])
+def test_sider2_of_antipodal_keys_stays_on_the_sphere_and_keeps_its_ends(gap):
+    rng = np.random.default_rng(4)
+    a, side = unit(rng.normal(size=(6, 5))), rng.normal(size=(6, 5))
+    away, c = unit(-a + gap * side), unit(rng.normal(size=(6, 5)))
+    for keys in ((a, away, c), (c, a, away), (a, c, away), (a, away, a), (a, a, away)):
+        for t, key in ((0.0, keys[0]), (1.0, keys[2])):
+            np.testing.assert_allclose(ip.sider2(*keys, t), key, atol=1e-7)
+        for t in TIMES:
+            np.testing.assert_allclose(np.linalg.norm(ip.sider2(*keys, t), axis=-1), 1.0, atol=1e-12)
+            assert all(np.isfinite(J).all() for J in ip.sider2_with_jacobian(*keys, t)[1])
