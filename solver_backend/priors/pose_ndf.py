@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.body.joint_limits import JOINT_LIMITS, MARGIN_DEG, from_swing_and_twist
 from solver_backend.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_distance import JOINT_WEIGHTS
 from solver_backend.priors.pose_field import PoseField
 from solver_backend.priors.softplus_stack import SoftplusStack
@@ -30,9 +30,6 @@ RECORDED_RAD = 0.4
 """How far the recorded poses of one person lie from those of all others (median)."""
 _ARRIVED = 1e-3
 """rad; no distance, and no way worth going."""
-_STARTS = 0.75 * np.stack(
-    (JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)), -1
-)
 
 
 @dataclass(frozen=True)
@@ -55,8 +52,8 @@ class PoseNDF(PosePrior):
     Quaternions enter with ``w >= 0``, so that q and -q are the same pose by construction.
     """
 
-    def __init__(self, field: PoseField, metadata: dict[str, Any]) -> None:
-        self._field, self.metadata = field, metadata
+    def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
+        self._field, self._spread, self.metadata = field, spread, metadata
 
     @property
     def name(self) -> str:
@@ -165,10 +162,8 @@ class PoseNDF(PosePrior):
         return matrix_from_quat(quats)
 
     def sample(self, count: int, seed: int) -> np.ndarray:
-        """Return ``count`` projected poses whose joints began anywhere in the middle three quarters of their ranges."""
-        drawn = np.random.default_rng(seed).random((count, NUM_BODY_JOINTS, 3))
-        low, high = _STARTS[..., 0], _STARTS[..., 1]
-        return self.project(from_swing_and_twist(low + (high - low) * drawn))
+        """Return ``count`` projected poses whose joints were drawn one by one as they turn in recordings, but wider."""
+        return self.project(self._spread.draw(count, seed))
 
 
 def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
@@ -191,7 +186,10 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
     }  # fmt: skip
     encoders = {name: stored.array(f"encoder_{name}", shape) for name, shape in shapes.items()}
     field = PoseField(**encoders, distance=_stack(stored, "field", widths))
-    return PoseNDF(field, {**stored.metadata, "sha256": stored.sha256})
+    spread = JointSpread(
+        stored.array("joint_mean", (NUM_BODY_JOINTS, 3)), stored.array("joint_factor", (NUM_BODY_JOINTS, 3, 3))
+    )  # fmt: skip
+    return PoseNDF(field, spread, {**stored.metadata, "sha256": stored.sha256})
 
 
 def in_metric(quats: Array, gradient: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_field import PoseField
 from solver_backend.priors.pose_ndf import PoseNDF, in_metric, metric_length
 from solver_backend.priors.softplus_stack import SoftplusStack
@@ -117,9 +118,9 @@ class PoseNdfTask:
         }
 
 
-def as_prior(model: PoseFieldNet) -> PoseNDF:
+def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
     """Return the prior of a network that is still being trained."""
-    return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, {})
+    return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
 
 
 def spearman(a: np.ndarray, b: np.ndarray) -> float:

@@ -95,7 +95,7 @@ class Stages:
             near = turned(manifold.drawn(2 * count, generator), spread(2 * count, NEAR_DEG, generator), generator)
             parts = [near, blended(manifold, count // 4, generator)]
         else:
-            parts = [projected(as_prior(before[stage - 1]), manifold, count, generator)]
+            parts = [projected(as_prior(before[stage - 1], manifold.spread), manifold, count, generator)]
         return joined([labelled(part, manifold) for part in parts])
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
+from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_ndf import PoseNDF, ProjectionSettings
 from solver_backend.training.nearest_poses import NearestPoses
 
@@ -26,6 +28,11 @@ class Manifold:
     people: torch.Tensor
     """(M,) whose each is."""
     nearest: NearestPoses
+
+    @property
+    def spread(self) -> JointSpread:
+        """How each joint turns on its own."""
+        return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
     def of(cls, quats: torch.Tensor, people: torch.Tensor) -> Manifold:

@@ -33,7 +33,8 @@ _METHOD = """Measured with the weights as they ship, on poses of the validation 
 turned by 1° to 60° about every axis at one sigma (half of them in some joints only). `near`: half of the poses turned
 by less than 8°. True distance: mean over the 5 nearest training poses. `lowered`: poses whose distance, predicted or
 true, a projection (eq. 6) lowers; it moves no pose farther than 0.9 of the distance it began at. Samples begin with
-every joint in the middle three quarters of its range; `outside`: any joint beyond its range of motion and 15°.
+every joint drawn on its own as it turns in the recordings, 1.75 times as wide and within its range; `outside`: any
+joint beyond its range of motion and 15°.
 """
 
 
@@ -42,7 +43,10 @@ def train_pose_ndf(job: Job, settings: PoseNdfSettings = PoseNdfSettings()) -> F
     manifold = manifold_of(job.training)
     model = train_stages(job, settings, manifold)
     path = job.out / "pose_ndf.npz"
-    arrays = field_arrays(model)
+    spread = manifold.spread
+    arrays = field_arrays(model) | {
+        "joint_mean": spread.mean.astype(np.float32), "joint_factor": spread.factor.astype(np.float32),
+    }  # fmt: skip
     size = {name: getattr(settings, name) for name in ("features", "encoder_hidden", "field_hidden")}
     metadata: dict[str, Any] = {
         "field_size": size,

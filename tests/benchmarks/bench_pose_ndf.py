@@ -126,8 +126,8 @@ def _completion(prior, vaes, takes, length, shown) -> list[Metric]:
             }
             for row, frames in found.items():
                 errors.setdefault(f"{name}_{row}", []).append(_error_cm(frames, truth))
-                shown.setdefault(f"complete_{name}_truth", truth.local[::12])
-                shown.setdefault(f"complete_{name}_{row}", frames.local[::12])
+                shown.setdefault(f"complete_{name}_truth", truth.local[::10])
+                shown.setdefault(f"complete_{name}_{row}", frames.local[::10])
     return [Metric(f"complete_{length}_{key}_cm", float(np.mean(v)), "cm", rel_tol=0.15) for key, v in errors.items()]
 
 

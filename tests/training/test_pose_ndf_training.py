@@ -12,6 +12,7 @@ import torch
 from solver_backend.errors import JobInvalid
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_rotvec
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_distance import pose_distance
 from solver_backend.priors.pose_ndf import in_metric, load_pose_ndf, metric_length
 from solver_backend.progress import silent
@@ -151,8 +152,8 @@ def test_field_gradient_flows_to_every_parameter() -> None:
 
 def test_projected_poses_lie_nearer_than_they_started(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    prior = as_prior(PoseFieldNet(SMALL))
     manifold = Manifold.of(random_quats(30, 5), torch.arange(30))
+    prior = as_prior(PoseFieldNet(SMALL), manifold.spread)
     met = projected(prior, manifold, 31, torch.Generator().manual_seed(0))
     assert met.quats.shape == (30, 21, 4) and int((met.people == NOBODY).sum()) == 10
     np.testing.assert_allclose(torch.linalg.vector_norm(met.quats, dim=-1).numpy(), 1.0, rtol=1e-5)
@@ -174,7 +175,8 @@ def test_exported_weights_give_the_trained_field() -> None:
     assert arrays["field_w0"].dtype == np.float16 and arrays["field_b0"].dtype == np.float32
     for name, value in {"w0": net.w0, "w1": net.w1}.items():
         np.testing.assert_allclose(arrays[f"encoder_{name}"], value.detach().numpy(), atol=2e-3)
-    assert as_prior(net).distance_with_gradient(quats.flatten(1))[0].requires_grad is False
+    spread = JointSpread(np.zeros((21, 3)), np.zeros((21, 3, 3)))
+    assert as_prior(net, spread).distance_with_gradient(quats.flatten(1))[0].requires_grad is False
 
 
 def test_a_killed_run_resumes_to_the_same_loss_curve_and_weights(tmp_path: Path, monkeypatch) -> None:
