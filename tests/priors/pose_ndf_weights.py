@@ -23,7 +23,7 @@ def arrays(seed: int = 0) -> dict[str, np.ndarray]:
         "encoder_w1": rng.standard_normal((21, FEATURES, ENCODER_HIDDEN)) / np.sqrt(ENCODER_HIDDEN),
         "encoder_b1": 0.1 * rng.standard_normal((21, FEATURES)),
     }
-    out |= {"joint_mean": 0.2 * rng.standard_normal((21, 3)), "joint_factor": np.tile(0.3 * np.eye(3), (21, 1, 1))}
+    out |= {"joint_mean": np.full((21, 3), 0.1), "joint_factor": np.tile(0.3 * np.eye(3), (21, 1, 1))}
     for i, (a, b) in enumerate(pairwise((21 * FEATURES, *HIDDEN, 1))):
         out[f"field_w{i}"] = rng.standard_normal((b, a)) / np.sqrt(a)
         out[f"field_b{i}"] = 0.1 * rng.standard_normal(b)
