@@ -54,6 +54,7 @@ class FollowsRun(MocapOperator):
 
     _timer: bpy.types.Timer | None = None
     _shown = 0.0
+    _scene = ""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -83,6 +84,7 @@ class FollowsRun(MocapOperator):
         """
         from ..solving.run import start
 
+        self._scene = context.scene.name
         current.run = start(verb, arguments, chosen_python(context), folder)
         if bpy.app.background:
             current.run.process.wait()
@@ -115,6 +117,17 @@ class FollowsRun(MocapOperator):
         current.abandon()
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
+        """Take the outcome into the scene the run was started in, whichever is shown now."""
+        scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
+        if scene is None or scene == shown or window is None:
+            return self._outcome(context)
+        window.scene = scene
+        try:
+            return self._outcome(context)
+        finally:
+            window.scene = shown
+
+    def _outcome(self, context: bpy.types.Context) -> set[str]:
         run = current.run
         assert run is not None
         current.finish()

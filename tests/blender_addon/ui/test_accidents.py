@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 import pytest
 
+from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run, start
 from blender_addon.ui import locations
 from blender_addon.ui.following import current
@@ -114,3 +115,18 @@ def test_a_solver_that_is_killed_leaves_the_scene_and_says_so(mocap, solved_take
     with pytest.raises(RuntimeError, match=r"The solver ended without a result.*signal 9.*earlier takes are untouched"):
         bpy.ops.mocap.solve()
     assert mocap.review.take == solved_take and not current.busy
+
+
+def test_a_take_arrives_in_the_scene_it_was_solved_for(mocap, solved: Solved, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz")) == {"FINISHED"}
+    scene, other = bpy.context.scene, bpy.data.scenes.new("another")
+
+    def wait(process: SolverProcess) -> int:
+        bpy.context.window.scene = other
+        return waited(process)
+
+    waited = SolverProcess.wait
+    monkeypatch.setattr(SolverProcess, "wait", wait)
+    assert bpy.ops.mocap.solve() == {"FINISHED"}
+    assert bpy.context.window.scene == other and other.mocap.review.armature is None and not other.objects
+    assert scene.mocap.review.armature.name in scene.objects and scene.mocap.review.take["frames"] == 30
