@@ -71,7 +71,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     model = replace(model, motion=motion_prior(problem, layout, fine))
     contacts, term = None, problem.term
     for number, share in enumerate((2.0, 1.0)):
-        subject = _with_shape(problem, model, layout, keys, settings)
+        subject = _with_shape(problem, model, layout, keys, settings, free_offsets=number > 0)
         model = replace(model, subject=subject)
         term = _with_view_noise(problem, model, layout, keys, settings) if settings.learn_noise else problem.term
         if settings.contacts and number > 0:
@@ -101,13 +101,19 @@ def motion_prior(problem: Problem, layout: KeyframeLayout, window: int) -> Motio
 
 
 def _with_shape(
-    problem: Problem, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings
-) -> Subject:
-    """Return the subject with shape and bias estimated from frames spread over the take."""
+    problem: Problem, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, settings: SolveSettings,
+    *, free_offsets: bool,
+) -> Subject:  # fmt: skip
+    """Return the subject with shape, and bias if asked, estimated from frames spread over the take.
+
+    The bias waits for fine keys: what coarse keys cannot follow would pass for bias, and stay.
+    """
     sample = spread_over(problem.num_frames)
     frames = key_poses(problem.prior, keys, layout, sample, residuals=model.residuals)
     term, free = model.term.select(sample), settings.betas is None
-    return refit_shape(model.subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=free)
+    return refit_shape(
+        model.subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=free, free_offsets=free_offsets
+    )
 
 
 def _with_view_noise(

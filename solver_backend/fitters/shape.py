@@ -24,7 +24,7 @@ class ShapePrior:
 
     betas_sigma: float = 1.0
     """The shape space has unit variance."""
-    offset_sigma_m: float = 0.012
+    offset_sigma_m: float = 0.02
     """How far a detector's idea of a point may lie from ours."""
     evidence: float = 0.2
     """Share of each frame's information that is new: detector noise is correlated in time."""
@@ -123,15 +123,16 @@ def refit_shape(
     shape_prior: ShapePrior,
     *,
     free_betas: bool = True,
+    free_offsets: bool = True,
 ) -> Subject:
     """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
     J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)
     xp = array_namespace(J)
-    precision = _prior_precision(subject, shape_prior, free_betas, True)
+    precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
     by_shape = J[..., 69:]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
-    deviation = _parameters(subject) - _prior_mean(subject, free_betas, True)
+    deviation = _parameters(subject) - _prior_mean(subject, free_betas, free_offsets)
     g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
     eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
     step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))

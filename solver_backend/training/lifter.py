@@ -35,7 +35,7 @@ class LifterSettings:
     betas_sigma: float = 1.0
     """Spread of the shapes."""
     offset_m: float = 0.012
-    """Of what a detector means by a point, per axis and person; the solver assumes as much."""
+    """Of what a detector means by a point, per axis and person."""
     noise_m: tuple[float, float] = (0.003, 0.03)
     """Of a located point, per axis: from good cameras to bad ones, one draw a pose."""
     missing: float = 0.5

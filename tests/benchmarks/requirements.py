@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.benchmarks.judgement import Row
-from tests.benchmarks.methods import BASELINES, FILTER, PUBLISHED
+from tests.benchmarks.methods import BASELINES, EXACT_PRIOR, FILTER, PUBLISHED
 
 OURS = "ours, global"
 Tables = dict[str, dict[str, Row]]
@@ -58,6 +58,9 @@ def _accuracy(rows: dict[str, Row]) -> Iterator[Requirement]:
         paper = rows[PUBLISHED]
         yield _at_most("MPJPE against BundleMoCap++ as published", ours["mpjpe_mm"] / paper["mpjpe_mm"], 0.75)
         yield _at_most("acceleration error against BundleMoCap++", ours["accel_m_s2"] / paper["accel_m_s2"], 1.0)
+    if EXACT_PRIOR in rows:
+        ratio = ours["mpjpe_mm"] / rows[EXACT_PRIOR]["mpjpe_mm"]
+        yield _at_most("MPJPE against the same with a prior without error", ratio, 1.5)
     best = {c: _best(rows, c) for c in ("mpjpe_mm", "pa_mpjpe_mm", "rmse_mm", "mae_deg", "accel_m_s2", "skating_cm_f")}
     yield _at_most("foot skating against the best baseline", ours["skating_cm_f"] / best.pop("skating_cm_f"), 0.5)
     for column, value in best.items():

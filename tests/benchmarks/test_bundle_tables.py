@@ -14,7 +14,7 @@ from solver_backend.types import Capture, JointSet, Motion
 from tests.benchmarks import runs
 from tests.benchmarks.bench_bundle import table
 from tests.benchmarks.judgement import COLUMNS, by_sight, coverage, exchanges_undone, judged, worst_joints
-from tests.benchmarks.methods import BASELINES, OURS, PUBLISHED, Method, ablations, compared
+from tests.benchmarks.methods import BASELINES, EXACT_PRIOR, OURS, PUBLISHED, Method, ablations, compared
 from tests.benchmarks.requirements import requirements
 from tests.benchmarks.runs import Outcome, Run, code_version
 from tests.benchmarks.sections import SECTIONS, Scope, Section, medians
@@ -106,11 +106,13 @@ def test_code_is_what_a_method_imports() -> None:
 
 def test_requirements_are_judged_by_ratio() -> None:
     row = dict.fromkeys(COLUMNS, 10.0) | {"seconds": 1.0}
-    tables = {"methods": {name: dict(row) for name in (*BASELINES, "ours, global")}}
+    tables = {"methods": {name: dict(row) for name in (*BASELINES, EXACT_PRIOR, "ours, global")}}
+    tables["methods"][EXACT_PRIOR]["mpjpe_mm"] = 4.0
     tables["methods"]["ours, global"] |= {"mpjpe_mm": 4.9, "undone": 96.0}
     verdicts = {item.text: item for item in requirements(tables)}
     assert verdicts["MPJPE against MuVS"].met and verdicts["MPJPE against MuVS"].value == pytest.approx(0.49)
     assert not verdicts["acceleration error against MuVS"].met
+    assert verdicts["MPJPE against the same with a prior without error"].value == pytest.approx(4.9 / 4.0)
     assert verdicts["exchanges of 3 frames or more without a trace, %"].met
     assert verdicts["MPJPE against MuVS"].line().startswith("  ✓")
 
