@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.cameras.disagreement import Stretch, contradictions, misfit
 from solver_backend.cameras.triangulation import Triangulation, triangulate
-from solver_backend.cameras.view_faults import Explanation, explain
+from solver_backend.cameras.view_faults import BETTER, Explanation, NamedLike, explain
 from solver_backend.types import Cameras, Keypoints2D
 
 LASTING_S = 1.0
@@ -19,6 +20,10 @@ USUAL_SIGMA_SHARE = 0.005
 """Detectors scatter by this share of the image's longer side; views that scatter more may agree on a wrong world."""
 SUSPECT_SHARE = 0.6
 """A view with this share of the worst view's outliers may be to blame as well."""
+MOST_PERMUTED = 4
+"""Of so many cameras every order of the names is tried, of more only pairs."""
+ORDERED_FRAMES = 8
+"""Frames on which orders are compared."""
 HOPELESS = 0.7
 """A view is left out where its misfit is larger ..."""
 SOUND = 0.3
@@ -68,6 +73,11 @@ def reconcile(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangula
         triangulation: of these detections.
     """
     faults: list[ViewFault] = []
+    if 2 < len(cameras) <= MOST_PERMUTED and triangulation.sigma_px.mean() > _usual_sigma(cameras):
+        faults = _misnamed(cameras, keypoints, np.minimum(triangulation.sigma_px, _usual_sigma(cameras)))
+        for fault in faults:
+            keypoints = fault.explanation.undone(cameras, keypoints, fault.stretch)
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence) if faults else triangulation
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
         fault = _next(cameras, keypoints, triangulation)
         if fault is None:
@@ -97,9 +107,40 @@ def leave_out(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangula
     return LeftOut(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(chosen))
 
 
+def _usual_sigma(cameras: Cameras) -> float:
+    """Return how far detections scatter at most where the views are right, px."""
+    return USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
+
+
+def _misnamed(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) -> list[ViewFault]:
+    """Return the exchanges of names, one after the other, that make the views agree far better; none if none do.
+
+    Cameras that stand in a ring see a world that nearly fits with the names moved round by one, which no exchange of
+    two makes better: the orders are compared with each other.
+    """
+    whole = [Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))]
+    frames = whole[0].sample(ORDERED_FRAMES)
+    xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
+
+    def total(order: tuple[int, ...]) -> float:
+        return float(misfit(cameras, xy[list(order)], confidence[list(order)], sigma_px).mean())
+
+    as_named = tuple(range(len(cameras)))
+    best = min(itertools.permutations(as_named), key=total)
+    if total(best) > BETTER * total(as_named):
+        return []
+    now, faults = list(as_named), []
+    for view, wanted in enumerate(best):
+        other = now.index(wanted)
+        if other != view:
+            now[view], now[other] = now[other], now[view]
+            faults.append(ViewFault(whole[view], NamedLike(other)))
+    return faults
+
+
 def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ViewFault | None:
     """Return the fault that is undone next, None where no explanation convinces."""
-    usual = USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
+    usual = _usual_sigma(cameras)
     sigma = np.minimum(triangulation.sigma_px, usual)
     stretches = contradictions(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
     trials = [_suspects(stretch, triangulation, keypoints) for stretch in stretches]

@@ -108,6 +108,16 @@ def test_exchanged_names_are_named_and_put_right(capture, count, pair):
     assert points_mm(found, few) < 1.05 * points_mm(checked(few), few)
 
 
+@pytest.mark.parametrize("order", [(1, 2, 3, 0), (1, 0, 3, 2)])
+def test_names_in_another_order_are_put_right(capture, order):
+    cameras = capture.cameras
+    wrong = replace(capture, cameras=replace(cameras.subset(list(order)), names=cameras.names))
+    found = checked(wrong)
+    assert {f.kind for f in found.faults} == {FaultKind.NAMES_EXCHANGED}
+    assert {name for f in found.faults for name in (f.camera, f.detail)} == set(cameras.names)
+    assert points_mm(found, capture) < 1.05 * points_mm(checked(capture), capture)
+
+
 def test_a_slightly_late_camera_is_reported_and_moved_when_asked_for(capture):
     late = bad_input.unsynchronised(capture, VIEW, 1)
     (fault,) = checked(late).faults
