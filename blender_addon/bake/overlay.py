@@ -14,8 +14,8 @@ from .timing import TakeTiming
 
 _PLANE_M = 0.5
 """Distance of a view's detections from its camera."""
-_DOT_PX = 0.0035
-"""Radius of a detection, in image heights."""
+_DOT = 0.0045
+"""Radius of a detection, as a share of the image's longer side: three pixels of a usual viewport."""
 
 
 def create_point_overlay(
@@ -80,7 +80,7 @@ def create_view_overlay(
         collection: where the object is linked.
         colour: linear RGBA.
     """
-    radius_m = _DOT_PX * _PLANE_M * source.image_size[1] / source.K[1, 1]
+    radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     overlay = create_point_overlay(
         f"{source.name} detections", points, fps, timing, collection, radius_m=radius_m, colour=colour

@@ -100,6 +100,7 @@ def steps(user: Any) -> Any:
     yield from user.press("mocap.resolve_range()")
     yield from user.until(lambda: not bpy.ops.mocap.cancel.poll(), "the range is solved again", 600)
     assert len(bpy.data.actions) == takes + 1
+    yield 2.0
     yield from user.shot("solved_again")
 
     yield from user.press("mocap.solve.preset", 0.92)
