@@ -11,6 +11,8 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 
 WIDENED = 1.75
 """Factor of the recorded spread: the projection draws joints together again."""
+_INSIDE = 0.08
+"""Share of a joint's range that is kept clear at both ends, for the projection to move in."""
 _LEAST_RAD = 0.01
 
 
@@ -36,5 +38,6 @@ class JointSpread:
         """Return (count, 21, 3, 3) poses, each joint wider spread than recorded and turned back into its range."""
         noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
         angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
-        margin = np.radians(MARGIN_DEG)
-        return from_swing_and_twist(np.clip(angles, JOINT_LIMITS[..., 0] + margin, JOINT_LIMITS[..., 1] - margin))
+        low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
+        clear = _INSIDE * (high - low)
+        return from_swing_and_twist(np.clip(angles, low + clear, high - clear))

@@ -21,9 +21,11 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.errors import FileMissing
+from solver_backend.fitters.pose_manifold.interpolate import interpolate_poses
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
+from solver_backend.priors.pose_ndf import PoseNDF
 from solver_backend.priors.sposer import SPoser
 from solver_backend.training.accuracy import accuracy_by_source
 from solver_backend.training.clips import load_clips
@@ -163,6 +165,11 @@ def _pictures(priors: list[PosePrior], poses: _Poses, out: Path) -> None:
             a, b, c = (prior.encode(keys.poses[:, k]) for k in range(3))
             path = [sider2(a, b, c, t) for t in np.linspace(0.0, 1.0, 9)]
             strips["SIDER2, " + prior.name] = prior.decode(np.concatenate(path))
+        if isinstance(prior, PoseNDF):
+            ends = keys.poses[:, 0], keys.poses[:, 2]
+            strips["manifold, " + prior.name] = np.concatenate(
+                [ends[0], interpolate_poses(prior, *ends, 7)[0], ends[1]]
+            )
         if prior.name not in tables.POSE_ITSELF:
             first, last = (prior.encode(keys.poses[:, k]) for k in (0, 2))
             strips["LERP, " + prior.name] = prior.decode(
