@@ -1,9 +1,10 @@
-"""Two- and four-point blends used to sample latent spaces: LERP, SQUAD, Bézier and B-spline."""
+"""Blends of a few points: LERP, SQUAD, Bézier and B-spline, in the flat and on the sphere, with derivatives."""
 
 from __future__ import annotations
 
 import itertools
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
@@ -121,7 +122,63 @@ def spherical_bezier(controls: Array, t: Array | float) -> Array:
 
     Reference: Shoemake 1985.
     """
+    return _pyramid(controls, _bezier_times(controls, t))
+
+
+def spherical_bezier_with_jacobian(controls: Array, t: Array | float) -> tuple[Array, Array]:
+    """Return ``spherical_bezier(controls, t)`` and its derivatives by every control, (..., n + 1, d, d)."""
+    return _pyramid_with_jacobian(controls, _bezier_times(controls, t))
+
+
+def spherical_bspline(controls: Array, t: Array | float) -> Array:
+    """Return one span of the uniform B-spline on the sphere: de Boor's recursion with SLERP; spans join C1.
+
+    Args:
+        controls: (..., n + 1, d) unit vectors, consecutive; four for the cubic one. The curve passes through none.
+        t: scalar or (...) in 0..1 of the span in their middle.
+
+    Returns:
+        (..., d).
+
+    Reference: de Boor 1978, with geodesics for straight lines.
+    """
+    return _pyramid(controls, _bspline_times(controls, t))
+
+
+def spherical_bspline_with_jacobian(controls: Array, t: Array | float) -> tuple[Array, Array]:
+    """Return ``spherical_bspline(controls, t)`` and its derivatives by every control, (..., n + 1, d, d)."""
+    return _pyramid_with_jacobian(controls, _bspline_times(controls, t))
+
+
+_Times = list[list[Array]]
+"""Where each pair of neighbours is joined, level by level."""
+
+
+def _bezier_times(controls: Array, t: Array | float) -> _Times:
+    at = constant(t, controls)
+    return [[at] * size for size in range(controls.shape[-2] - 1, 0, -1)]
+
+
+def _bspline_times(controls: Array, t: Array | float) -> _Times:
+    at = constant(t, controls)
+    return [[(at + size - 1 - i) / size for i in range(size)] for size in range(controls.shape[-2] - 1, 0, -1)]
+
+
+def _pyramid(controls: Array, times: _Times) -> Array:
     points = [controls[..., i, :] for i in range(controls.shape[-2])]
-    while len(points) > 1:
-        points = [slerp(p, q, t) for p, q in itertools.pairwise(points)]
+    for level in times:
+        points = [slerp(p, q, at) for (p, q), at in zip(itertools.pairwise(points), level, strict=True)]
+    return points[0]
+
+
+def _pyramid_with_jacobian(controls: Array, times: _Times) -> tuple[Array, Array]:
+    xp, (count, width) = array_namespace(controls), controls.shape[-2:]
+    eye = constant(np.eye(count)[:, :, None, None] * np.eye(width), controls)
+    points = [(controls[..., i, :], eye[i]) for i in range(count)]
+    for level in times:
+        joined = []
+        for ((p, by_p), (q, by_q)), at in zip(itertools.pairwise(points), level, strict=True):
+            x, (along_p, along_q) = slerp_with_jacobian(p, q, at)
+            joined.append((x, xp.matmul(along_p[..., None, :, :], by_p) + xp.matmul(along_q[..., None, :, :], by_q)))
+        points = joined
     return points[0]

@@ -82,6 +82,44 @@ def test_spherical_bezier_stays_on_the_sphere_and_flattens_to_bezier():
     np.testing.assert_allclose(curves.spherical_bezier(near, t), curves.bezier(*near, t), atol=2e-8)
 
 
+def test_spherical_bspline_is_c1_and_flattens_to_bspline():
+    p, t = path(6, 5), np.linspace(0, 1, 7)
+    position, velocity, acceleration = one_sided_derivatives(
+        lambda t: curves.spherical_bspline(p[0:4], t), lambda t: curves.spherical_bspline(p[1:5], t)
+    )
+    assert position < 1e-14 and velocity < 1e-8 and acceleration > 1e-3
+    np.testing.assert_allclose(np.linalg.norm(curves.spherical_bspline(p[:4], t), axis=-1), 1.0, atol=1e-14)
+    near = p[0] + 1e-4 * p[:4]
+    near /= np.linalg.norm(near, axis=-1, keepdims=True)
+    np.testing.assert_allclose(curves.spherical_bspline(near, t), curves.bspline(*near, t), atol=2e-8)
+
+
+@pytest.mark.parametrize("t", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("curve", ["spherical_bezier", "spherical_bspline"])
+@pytest.mark.parametrize("count", [2, 4, 5])
+def test_jacobians_on_the_sphere_equal_central_differences(curve, count, t):
+    p, step = path(count, 6), 1e-5
+    value, with_jacobian = getattr(curves, curve), getattr(curves, f"{curve}_with_jacobian")
+    x, jacobians = with_jacobian(p, t)
+    np.testing.assert_allclose(x, value(p, t), atol=1e-14)
+    for key in range(count):
+        for direction in np.linalg.svd(p[key][None])[2][1:]:
+
+            def moved(angle, key=key, direction=direction):
+                points = p.copy()
+                points[key] = np.cos(angle) * p[key] + np.sin(angle) * direction
+                return value(points, t)
+
+            numeric = (8 * (moved(step) - moved(-step)) - (moved(2 * step) - moved(-2 * step))) / (12 * step)
+            np.testing.assert_allclose(jacobians[key] @ direction, numeric, atol=1e-9)
+    batch = np.stack([p, p[::-1]])
+    both, by_both = with_jacobian(batch, np.array([t, 1 - t]))
+    np.testing.assert_allclose(both[0], x, atol=1e-14)
+    np.testing.assert_allclose(by_both[0], jacobians, atol=1e-13)
+    tensors = with_jacobian(torch.as_tensor(batch), torch.as_tensor([t, 1 - t], dtype=torch.float64))
+    np.testing.assert_allclose(tensors[1].numpy(), by_both, atol=1e-12)
+
+
 @pytest.mark.parametrize("t", [0.0, 0.3, 0.5, 1.0])
 def test_jacobian_of_squad_equals_central_differences(t):
     p, step = path(4, 6), 1e-5
