@@ -6,6 +6,8 @@ import bpy
 from bpy.app.handlers import persistent
 
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
+_VISIBLE = 0.02
+"""Least change of a colour that is shown."""
 
 
 def colour_bones(scene: bpy.types.Scene) -> None:
@@ -30,6 +32,8 @@ def colour_bones(scene: bpy.types.Scene) -> None:
         target = armature.pose.bones[name].color
         if target.palette != "CUSTOM":
             target.palette = "CUSTOM"
+        elif max(abs(colour - target.custom.normal)) < _VISIBLE:
+            continue  # every change has Blender redraw its editors
         target.custom.normal = colour
         target.custom.select = colour + _SELECT_BLEND * (1 - colour)
         target.custom.active = colour + _ACTIVE_BLEND * (1 - colour)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..solving.run import Run
 
 _INTERVAL_S = 0.1
-_REDRAW_S = 0.5
+_REDRAW_S = 1.0
 """Least time between two redraws of progress: on a slow screen they would take time from the solver."""
 
 
