@@ -18,19 +18,23 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.normal_equations import BlockTridiagonal
 from solver_backend.types import JointSet
 
-CONSTANT_M = 0.004
+CONSTANT_M = 0.0035
 """Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
-takes as known. Set so that the ellipsoids of three benchmark takes hold what they should."""
+takes as known."""
+CALIBRATION = 0.83
+"""Share of the inflated posterior's variance that is found, as what is constant inflates it too. Like ``CONSTANT_M``,
+set so that the ellipsoids of six benchmark takes hold what they should."""
 
 
 def joint_covariance(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
     inflation: float,
 ) -> Array:  # fmt: skip
-    """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``f J B S Bᵀ Jᵀ + c² I``.
+    """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
-    pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation and c ``CONSTANT_M``.
+    pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
+    ``CONSTANT_M``.
 
     Args:
         model: what the keys were judged by.
@@ -60,7 +64,7 @@ def joint_covariance(
         eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
         J = xp.concat([posed.by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
         carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, FRAME_DOF)), mixed), J.shape)
-        return inflation * xp.matmul(carried, xp.matrix_transpose(J)) + CONSTANT_M**2 * eye
+        return CALIBRATION * inflation * xp.matmul(carried, xp.matrix_transpose(J)) + CONSTANT_M**2 * eye
 
     return xp.concat(map_blocks(block, rows.blocks(BLOCK_FRAMES), keys.z))
 
