@@ -48,8 +48,6 @@ class KeySolution:
 
     keys: Keyframes
     """2N + 1 keys."""
-    system: BlockTridiagonal
-    """The normal equations there."""
     cost: float
     """Of data and priors at the last robust scale."""
 
@@ -140,8 +138,7 @@ def solve_keys(
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)
         keys = result.state
-        assert isinstance(result.system, BlockTridiagonal)
-        solution = KeySolution(keys, result.system, float(result.cost[0]))
+        solution = KeySolution(keys, float(result.cost[0]))
     assert solution is not None
     return solution
 

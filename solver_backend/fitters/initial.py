@@ -104,9 +104,10 @@ def _fit_block(
     subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int
 ) -> FrameStates:
     term = points_term(observations, frames, subject.betas)
-    states = _from_poses(subject, prior, term)
     lifted = _lifted(subject, term)
-    states = select_states(lifted.usable, _placed(subject, lifted), states)
+    states = _placed(subject, lifted)
+    if not bool(array_namespace(lifted.usable).all(lifted.usable)):
+        states = select_states(lifted.usable, states, _from_poses(subject, prior, term))
     return fit_frames(subject, prior, term, states, (20.0, 5.0), iterations, tolerance=TOLERANCE)[0]
 
 

@@ -25,7 +25,7 @@ from solver_backend.fitters.stretch_method import solve_stretch
 from solver_backend.fitters.subject import Subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.priors.sposer import DEFAULT_WEIGHTS, load_sposer
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.progress import Progress, silent
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
@@ -135,13 +135,12 @@ def _origin(backend: str) -> Array:
 
 
 def _provenance(capture: Capture, settings: SolveSettings, problem: Problem) -> dict[str, Any]:
-    weights, body = Path(DEFAULT_WEIGHTS), resolve_body(settings.body)
     return {
         "solver": __version__,
         "settings": asdict(settings),
         "body": problem.body.id,
-        "body_file": _fingerprint(body),
-        "prior": _fingerprint(weights),
+        "body_file": _fingerprint(resolve_body(settings.body)),
+        "prior": {"name": problem.prior.name, "weights": problem.prior.metadata.get("sha256")},
         "capture": capture.name,
         "sources": list(capture.sources),
         "findings": [fault.as_dict() for fault in problem.faults],

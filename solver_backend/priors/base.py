@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -65,6 +66,8 @@ class AutoencodingPrior(PosePrior):
 
     residual_sigma: np.ndarray
     """(21, 3) rad: root mean square of the left rotation from decoded to true poses, on unseen subjects."""
+    metadata: dict[str, Any]
+    """What is known of the weights: command, data, figures and ``sha256``; empty without weights."""
 
 
 def check_rotations(rotations: Array) -> None:

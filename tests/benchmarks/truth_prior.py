@@ -24,7 +24,7 @@ class TruthPrior(AutoencodingPrior):
     """
 
     def __init__(self, prior: SPoser, rotations: np.ndarray) -> None:
-        self._prior = prior
+        self._prior, self.metadata = prior, {}
         self._codes = prior.encode(rotations)
         self._bends = log_so3(rotations @ np.swapaxes(prior.decode(self._codes), -1, -2)).reshape(len(rotations), -1)
         self.residual_sigma = np.full((rotations.shape[1], 3), 1e-3)  # nothing is left for rotations off the manifold

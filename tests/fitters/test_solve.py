@@ -9,6 +9,7 @@ from solver_backend.errors import JobInvalid, NoDetections, TakeTooShort, TooFew
 from solver_backend.fitters.evaluate import evaluate
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solve import solve
+from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D
 
@@ -53,6 +54,18 @@ def test_the_same_input_gives_the_same_bytes(capture):
     first, second = solve(short, QUICK), solve(short, QUICK)
     for name in ("betas", "global_orient", "body_pose", "transl", "joints"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+def test_the_record_names_the_prior_that_was_used(capture):
+    class Another(SPoser):
+        name = "another"
+
+    shipped, quick = load_sposer(), SolveSettings(method="frame", iterations=1)
+    another = Another(shipped._encoder, shipped._decoder, shipped.residual_sigma, {"sha256": "abc"})
+    short = cut(capture, 100, 104)
+    usual, other = (solve(short, quick, prior=prior).provenance["prior"] for prior in (None, another))
+    assert usual == {"name": "sposer", "weights": shipped.metadata["sha256"]}
+    assert other == {"name": "another", "weights": "abc"}
 
 
 @pytest.mark.parametrize("method", ["global", "sliding", "frame"])
