@@ -32,11 +32,11 @@ class MotionPrior:
     """(21, 3) radians: how far the prior's own reconstructions are from true poses."""
     frames_per_key: float = 1.0
     """How many frames' worth of evidence a key carries: residual rotations are priors on frames."""
-    accel_sigma: float = 7.2
+    accel_sigma: float = 6.0
     """m/s², of the root's translation."""
-    angular_sigma: float = 38.0
+    angular_sigma: float = 32.0
     """rad/s², of the root's rotation."""
-    latent_sigma: float = 9.6
+    latent_sigma: float = 8.0
     """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
     unseen: np.ndarray | None = None
     """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""

@@ -25,7 +25,7 @@ class SolveSettings:
     is, 'global' as a duration: so many frames at 60 a second."""
     iterations: int = 8
     """Linearisations at most for each step of the robust schedule."""
-    robust_scale: float = 3.0
+    robust_scale: float = 4.0
     """Geman-McClure scale in standard deviations of the detector's noise."""
     refine_window: int = 10
     """The same for the last passes of 'global': fast limbs need a key every few hundredths of a second."""

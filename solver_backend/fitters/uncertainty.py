@@ -18,10 +18,10 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.normal_equations import BlockTridiagonal
 from solver_backend.types import JointSet
 
-CONSTANT_M = 0.0035
+CONSTANT_M = 0.0065
 """Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
 takes as known."""
-CALIBRATION = 0.83
+CALIBRATION = 0.5
 """Share of the inflated posterior's variance that is found, as what is constant inflates it too. Like ``CONSTANT_M``,
 set so that the ellipsoids of six benchmark takes hold what they should."""
 

@@ -22,7 +22,9 @@ def reweighted(
 
     ``v_cl = (Σ_f |r|²/2 + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
     restricted maximum of the log-variance's likelihood (thesis ch. 5) under an inverse-gamma prior. h is the share of a
-    view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``.
+    view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are told relative to
+    the median keypoint's: how much all err together is known from what the views disagree on, and residuals of a body
+    that does not follow a fast limb yet would pass for more of it.
 
     Args:
         subject: the person.
@@ -45,4 +47,4 @@ def reweighted(
     variance = (sums + PRIOR_FRAMES * mean) / (freedoms + PRIOR_FRAMES)
     low, high = (constant(limit, mean) * mean for limit in RANGE)
     variance = xp.minimum(xp.maximum(variance, low), high)
-    return term.rescaled(variance[:, None])
+    return term.rescaled((variance / xp.sort(mean)[mean.shape[0] // 2])[:, None])
