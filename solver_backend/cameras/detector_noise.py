@@ -18,8 +18,8 @@ _SETTLED_SHARE = 0.05
 """Change of the noise below which it is measured."""
 _ENOUGH_SHARE = 0.2
 """Share of the located points that must have three agreeing views for the others to be left out."""
-_SAMPLE = 20_000
-"""Observations the noise is measured on."""
+_SAMPLES = 5_000, 20_000
+"""Observations the noise is measured on, roughly and then well."""
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
@@ -34,11 +34,17 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
 
 def measure_noise(rig: Rig, xy: Array, confidence: Array) -> Array:
     """Return (K,) standard deviations from how far the agreeing views of a sample of frames lie apart."""
-    xp = array_namespace(xy)
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
-    skip = max(1, views * frames * keypoints // _SAMPLE)
-    xy, confidence = xy[:, ::skip], confidence[:, ::skip]
     sigma = constant([START_SHARE * rig.width] * keypoints, xy)
+    for sample in _SAMPLES:
+        skip = max(1, views * frames * keypoints // sample)
+        sigma = _settled(rig, xy[:, ::skip], confidence[:, ::skip], sigma)
+    return sigma
+
+
+def _settled(rig: Rig, xy: Array, confidence: Array, sigma: Array) -> Array:
+    """Return (K,) standard deviations that measuring again with them does not change."""
+    xp = array_namespace(xy)
     for _ in range(NOISE_ROUNDS):
         px, weight, spread = flat_views(xy, confidence, sigma)
         _, inliers, distance = fit_points(rig, px, weight, spread)

@@ -73,14 +73,44 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
         triangulation: of these detections.
     """
     found: list[LabelSwap] = []
+    predictions = _predictions(cameras, keypoints, triangulation, np.arange(keypoints.num_frames))
     for _ in range(ROUNDS):
-        swaps = _foremost(_candidates(cameras, keypoints, triangulation))
+        swaps = _foremost(_candidates(cameras, keypoints, predictions))
         if not swaps:
             break
         keypoints = exchanged(keypoints, swaps)
         triangulation = _again(cameras, keypoints, triangulation, swaps)
+        changed = np.flatnonzero(_frames_of(swaps, keypoints.num_frames))
+        anew = _predictions(cameras, keypoints, triangulation, changed)
+        predictions.px[:, changed], predictions.covariance[:, changed] = anew.px, anew.covariance
         found += swaps
     return Unswapped(keypoints, triangulation, tuple(sorted(found, key=lambda s: (s.view, s.limb, s.first))))
+
+
+def _predictions(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray
+) -> Predictions:
+    """Return where each view should see the limbs in these frames, in the order of ``_columns``."""
+    columns = _columns(keypoints.joint_set)
+    points, inliers = np.asarray(triangulation.points), np.asarray(triangulation.inliers)
+    limbs = replace(
+        triangulation, points=points[:, columns], inliers=inliers[:, :, columns],
+        sigma_px=np.asarray(triangulation.sigma_px)[columns],
+    )  # fmt: skip
+    return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
+
+
+def _columns(joint_set: JointSet) -> np.ndarray:
+    """Return the columns of all limbs, rising."""
+    return np.sort(np.concatenate([side for limb in LIMBS for side in limb_columns(joint_set, limb)]))
+
+
+def _frames_of(swaps: list[LabelSwap], num_frames: int) -> np.ndarray:
+    """Return (F,) bool: the frame is in one of these exchanges."""
+    inside = np.zeros(num_frames, bool)
+    for swap in swaps:
+        inside[swap.first : swap.last + 1] = True
+    return inside
 
 
 def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
@@ -102,9 +132,9 @@ def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray
     return np.array(left, dtype=int), np.array([mirrored[k] for k in left], dtype=int)
 
 
-def _candidates(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> list[LabelSwap]:
+def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
     """Return every exchange that some view's chain prefers, judged as if the other views were right."""
-    predictions = predict_views(cameras, keypoints.xy, keypoints.confidence, triangulation)
+    columns = _columns(keypoints.joint_set)
     step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
     found = []
     for limb in LIMBS:
@@ -112,7 +142,8 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangu
         if not len(left):
             continue
         a, b = keypoints.xy[:, :, left], keypoints.xy[:, :, right]
-        unary = VIEWS_WEIGHT * _against_views(a, b, predictions, left, right)
+        at = np.searchsorted(columns, left), np.searchsorted(columns, right)
+        unary = VIEWS_WEIGHT * _against_views(a, b, predictions, *at)
         unary[..., 1] += STATE_COST
         transition = _over_time(a, b, step_px)
         states = best_states(unary, transition)
@@ -131,11 +162,13 @@ def _against_views(
     Both sides are judged with the mean of their covariances, so that an uncertain side attracts nothing.
     """
     px, covariance = predictions.px, predictions.covariance
-    precision = np.linalg.inv(0.5 * (covariance[:, :, left] + covariance[:, :, right]))
+    spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
+    xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
+    determinant = xx * yy - xy * xy
 
     def cost(detected: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        apart = detected - px[:, :, columns]
-        return _penalty(np.einsum("cfki,cfkij,cfkj->cfk", apart, precision, apart))
+        x, y = np.moveaxis(detected - px[:, :, columns], -1, 0)
+        return _penalty((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
 
     kept, crossed = (cost(a, left), cost(b, right)), (cost(a, right), cost(b, left))
     comparable = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
@@ -194,13 +227,14 @@ def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
 def _again(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, swaps: list[LabelSwap]
 ) -> Triangulation:
-    """Return the triangulation with the exchanged frames computed anew."""
-    changed = np.zeros(keypoints.num_frames, bool)
-    for swap in swaps:
-        changed[swap.first : swap.last + 1] = True
-    part = triangulate(cameras, keypoints.xy[:, changed], keypoints.confidence[:, changed], triangulation.sigma_px)
+    """Return the triangulation with the exchanged limbs computed anew."""
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
-    points[changed], covariance[changed] = part.points, part.covariance
-    inliers[:, changed], residual[:, changed] = part.inliers, part.residual_px
+    for limb in LIMBS:
+        columns = np.concatenate(limb_columns(keypoints.joint_set, limb))
+        frames = np.flatnonzero(_frames_of([swap for swap in swaps if swap.limb == limb], keypoints.num_frames))
+        at, of = np.ix_(frames, columns), (slice(None), frames[:, None], columns)
+        part = triangulate(cameras, keypoints.xy[of], keypoints.confidence[of], triangulation.sigma_px[columns])
+        points[at], covariance[at] = part.points, part.covariance
+        inliers[of], residual[of] = part.inliers, part.residual_px
     return Triangulation(points, covariance, inliers, residual, triangulation.sigma_px)

@@ -30,8 +30,9 @@ class Predictions:
 
 
 def predict_views(
-    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, triangulation: Triangulation
-) -> Predictions:
+    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, triangulation: Triangulation,
+    frames: np.ndarray | None = None,
+) -> Predictions:  # fmt: skip
     """Predict every view from the others by one linear step around the triangulated points.
 
     With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is expected at
@@ -43,9 +44,12 @@ def predict_views(
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         triangulation: of the same detections.
+        frames: numbers of the frames to predict; None for all.
     """
     rig, start = Rig.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
     inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
+    if frames is not None:
+        start, xy, confidence, inliers = start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames]
 
     def block(frames: slice) -> Predictions:
         return _predicted(rig, start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames], sigma_px)

@@ -34,6 +34,7 @@ def _running_product(matrices: np.ndarray) -> np.ndarray:
     product, reach = matrices.copy(), 1
     while reach < product.shape[-3]:
         left, right = product[..., :-reach, :, :], product[..., reach:, :, :]
-        product[..., reach:, :, :] = (left[..., :, :, None] + right[..., None, :, :]).min(axis=-2)
+        through = [left[..., :, state, None] + right[..., None, state, :] for state in (0, 1)]
+        product[..., reach:, :, :] = np.minimum(*through)
         reach *= 2
     return product

@@ -24,8 +24,8 @@ from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
 from solver_backend.progress import Progress, silent
 from solver_backend.residuals.evidence import PointTerm
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import BlockTridiagonal
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
-from solver_backend.solver.normal_equations import BlockTridiagonal
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
 """Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,10 +99,11 @@ class WindowRows:
     """(N, n) how many frames each one stands for; 0 in the padding."""
 
     def blocks(self, num_frames: int) -> list[slice]:
-        """Return ranges of windows of about ``num_frames`` frames each."""
+        """Return ranges of windows, alike in length, even in number, with ``num_frames`` frames each at most."""
         count, width = self.frames.shape
-        size = max(1, num_frames // width)
-        return [slice(w, min(w + size, count)) for w in range(0, count, size)]
+        pairs = -(-count * width // (2 * num_frames))
+        bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
+        return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
         """Return about ``count`` columns spread over the rows; more where the shortest row would have fewer."""

@@ -15,7 +15,7 @@ from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.solver.normal_equations import BlockTridiagonal
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types import JointSet
 
 CONSTANT_M = 0.0065
@@ -46,7 +46,7 @@ def joint_covariance(
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
-    tangents = key_tangents(model.prior, keys, residuals=model.residuals)
+    tangents = xp.astype(key_tangents(model.prior, keys, residuals=model.residuals), diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
     rows = layout.rows()
 
@@ -56,15 +56,17 @@ def joint_covariance(
         posed = pose_landmarks(
             model.subject.body, landmarks, model.subject.betas, poses.root, poses.local, poses.transl, jacobian=True
         )
-        spread = _pose_covariance(diagonal, upper, tangents, windows)
-        shares = xp.stack(lagrange(constant(part.time, keys.z)), axis=-1)
+        of_keys = _pose_covariance(diagonal, upper, tangents, windows)
+        shares = xp.stack(lagrange(constant(part.time, tangents)), axis=-1)
         mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
-        mixed = xp.matmul(mixes, xp.reshape(spread, (spread.shape[0], 9, -1)))
+        mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
         mixed = xp.reshape(mixed, (-1, FRAME_DOF, FRAME_DOF))[index(np.flatnonzero(part.weight > 0), keys.z)]
-        eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
-        J = xp.concat([posed.by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
+        eye = xp.eye(3, dtype=tangents.dtype, device=getattr(keys.z, "device", None))
+        by_rotations = xp.astype(posed.by_rotations, tangents.dtype)
+        J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
         carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, FRAME_DOF)), mixed), J.shape)
-        return CALIBRATION * inflation * xp.matmul(carried, xp.matrix_transpose(J)) + CONSTANT_M**2 * eye
+        spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
+        return CALIBRATION * inflation * spread + CONSTANT_M**2 * xp.astype(eye, keys.z.dtype)
 
     return xp.concat(map_blocks(block, rows.blocks(BLOCK_FRAMES), keys.z))
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.contradicted import LeftOut
-from solver_backend.cameras.disagreement import Stretch, runs
+from solver_backend.cameras.disagreement import Stretch, contradictions, runs
+from solver_backend.cameras.label_swaps import LIMBS, limb_columns
 from solver_backend.cameras.triangulation import Triangulation, triangulate
 from solver_backend.errors import NoDetections, TooFewViews
 from solver_backend.people.detections import Detections
@@ -16,6 +17,9 @@ from solver_backend.types import Cameras, Keypoints2D
 
 BRIEF_S = 0.25
 """Fewer frames of somebody else are left to the robust penalty; sightings this close together are one stretch."""
+
+LEAST_TORSO = 3
+"""Keypoints of head and trunk from which a contradiction is told."""
 
 
 def leave_out_strangers(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> LeftOut:
@@ -29,8 +33,9 @@ def leave_out_strangers(cameras: Cameras, keypoints: Keypoints2D, triangulation:
         keypoints: detections of one person.
         triangulation: of these detections.
     """
-    strange = _strange(cameras, keypoints) if len(cameras) > 2 else np.zeros(keypoints.confidence.shape[:2], bool)
     least = BRIEF_S * keypoints.fps
+    doubtful = len(cameras) > 2 and _torsos_apart(keypoints, triangulation, 0.5 * least)
+    strange = _strange(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
     stretches = [Stretch(*run) for run in runs(_closed(strange, round(least)))]
     stretches = [s for s in stretches if strange[s.view, s.frames].sum() >= least]
     if not stretches:
@@ -40,6 +45,16 @@ def leave_out_strangers(cameras: Cameras, keypoints: Keypoints2D, triangulation:
         confidence[stretch.view, stretch.frames][strange[stretch.view, stretch.frames]] = 0.0
     keypoints = replace(keypoints, confidence=confidence)
     return LeftOut(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(stretches))
+
+
+def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:
+    """Return whether some view contradicts the others in what exchanged limbs do not move: only then following pays."""
+    limbs = [side for limb in LIMBS for side in limb_columns(keypoints.joint_set, limb)]
+    columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), np.concatenate(limbs))
+    columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)
+    inliers, residual = (np.asarray(a)[:, :, columns] for a in (triangulation.inliers, triangulation.residual_px))
+    torso = replace(triangulation, inliers=inliers, residual_px=residual)
+    return bool(contradictions(torso, keypoints.confidence[:, :, columns], least_frames))
 
 
 def _strange(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:

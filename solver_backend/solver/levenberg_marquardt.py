@@ -22,7 +22,7 @@ class LMSettings:
     max_iterations: int = 20
     """Linearisations at most."""
     tolerance: float = 1e-4
-    """Stop when every problem's cost falls by less than this share."""
+    """Stop when no step changes a problem's cost by more than this share, up or down."""
     damping: float = 1e-3
     """First damping, relative to the diagonal of H (Marquardt 1963)."""
 
@@ -69,7 +69,7 @@ def levenberg_marquardt(
         candidate = retract(state, system.solve(damping))
         new_cost, new_system = linearise(candidate)
         better = new_cost < cost
-        fall = xp.where(better, (cost - new_cost) / (cost + 1e-12), xp.zeros_like(cost))
+        change = xp.abs(new_cost - cost) / (cost + 1e-12)
         damping = xp.where(better, xp.clip(damping * 0.3, 1e-7, None), damping * 6.0)
         if bool(xp.all(better)):
             state, cost, system = candidate, new_cost, new_system
@@ -77,6 +77,6 @@ def levenberg_marquardt(
             state, system = select(better, candidate, state), system.merged(better, new_system)
             cost = xp.where(better, new_cost, cost)
         stuck = ~better & (damping > 1e4)
-        if bool(xp.all((better & (fall < settings.tolerance)) | stuck)):
-            return LMResult(state, cost, system, iteration, "The cost no longer falls.")
+        if bool(xp.all((change < settings.tolerance) | stuck)):
+            return LMResult(state, cost, system, iteration, "The cost no longer changes.")
     return LMResult(state, cost, system, settings.max_iterations, "Stopped at max_iterations; more may help.")

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead, BlockTridiagonal, DenseBlocks
+from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
 
 def spd(rng, size):

@@ -23,8 +23,9 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
 from solver_backend.residuals.evidence import PointTerm
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import BlockTridiagonal, DenseBlocks
+from solver_backend.solver.normal_equations import DenseBlocks
 from solver_backend.types import JointSet
 
 DOF = 38

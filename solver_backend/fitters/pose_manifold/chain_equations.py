@@ -13,7 +13,7 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf import PoseNDF
-from solver_backend.solver.normal_equations import BlockTridiagonal
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 
 @dataclass(frozen=True)

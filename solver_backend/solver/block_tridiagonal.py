@@ -1,0 +1,236 @@
+"""A chain of blocks in which only neighbours meet, solved from both ends at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from array_api_compat import array_namespace
+
+from solver_backend.geometry.parallel import map_blocks
+
+Array = Any
+"""A NumPy array or a torch tensor."""
+BATCH = 16
+"""Blocks whose inner unknowns are eliminated at a time."""
+
+
+@dataclass(frozen=True)
+class BlockTridiagonal:
+    """A chain of N blocks of size n: one solve costs O(N n³).
+
+    ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``. Only the first m unknowns of a block may meet the block before; the
+    inner ones, which meet those of their own and of the next block alone, are eliminated first, blocks side by side. The
+    chain of m is then eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5; from both
+    ends: Babuška 1972, "Numerical stability in problems of linear algebra"). Steps are as precise as the blocks.
+    """
+
+    diagonal: Array
+    """(N, n, n)."""
+    upper: Array
+    """(N - 1, n, m)."""
+    g: Array
+    """(N, n) gradient."""
+
+    def solve(self, damping: Array) -> Array:
+        """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``; ``damping`` is (1,)."""
+        xp = array_namespace(self.g)
+        chain, inner = self._without_inner(float(damping[0]), self.diagonal.dtype)
+        met = chain.diagonal.shape[1]
+        g = self.g[:, :met] if inner is None else inner.carried(self.g[:, :met], self.g[:, met:])
+        right = xp.astype(-g, self.diagonal.dtype)[..., None]
+        sweeps = chain.swept([right[i] for i in range(g.shape[0])])
+        step: list[Array] = list(sweeps.solved)
+        for i, j in sweeps.outwards[0] + sweeps.outwards[1]:
+            step[i] = step[i] - xp.matmul(sweeps.coupled[i], step[j])
+        outer = xp.astype(xp.stack(step)[..., 0], g.dtype)
+        if inner is not None:
+            outer = xp.concat([outer, inner.steps(outer, self.g[:, met:])], axis=1)
+        return xp.reshape(outer, (1, -1))
+
+    def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
+        """Return ``newer`` where the one problem is masked."""
+        return newer if bool(mask[0]) else self
+
+    def marginals(self) -> tuple[Array, Array]:
+        """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m), and form no others.
+
+        Outwards from the middle: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
+        that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973).
+        """
+        xp = array_namespace(self.g)
+        chain, inner = self._without_inner(0.0, self.g.dtype)
+        count, met = chain.diagonal.shape[:2]
+        eye = xp.eye(met, dtype=self.g.dtype, device=getattr(self.g, "device", None))
+        sweeps = chain.swept([eye] * count, carry=False)
+        diagonal: list[Array] = list(sweeps.solved)
+        upper: list[Array] = [eye] * (count - 1)
+
+        def fill(pairs: list[tuple[int, int]]) -> None:
+            for i, j in pairs:
+                across = -xp.matmul(sweeps.coupled[i], diagonal[j])
+                diagonal[i] = diagonal[i] - xp.matmul(across, sweeps.coupled[i].T)
+                upper[min(i, j)] = across if i < j else across.T
+
+        map_blocks(fill, sweeps.outwards, self.g)
+        blocks, off = xp.stack(diagonal), xp.stack(upper) if upper else chain.upper
+        blocks, off = (xp.astype(part, self.diagonal.dtype) for part in (blocks, off))
+        if inner is None:
+            return blocks, off
+        parts = map_blocks(lambda some: inner.marginals(blocks, off, some), _batches(count), blocks)
+        full, beyond = (xp.concat([part[i] for part in parts]) for i in range(2))
+        return full, xp.concat([off, beyond], axis=1)
+
+    def _without_inner(self, damping: float, precision: Any) -> tuple[_Chain, _Inner | None]:
+        """Return the chain of the outer unknowns, the inner ones eliminated: ``D - Bᵀ A⁻¹ B`` and so on."""
+        xp = array_namespace(self.g)
+        count, size = self.g.shape
+        met = self.upper.shape[-1] if count > 1 else size
+        D = _damped(xp.astype(self.diagonal[:, :met, :met], precision), damping)
+        chain = _Chain(D, xp.astype(self.upper[:, :met], precision))
+        if met == size:
+            return chain, None
+        A, B, C = self.diagonal[:, met:, met:], self.diagonal[:, met:, :met], self.upper[:, met:]
+
+        def eliminate(some: slice) -> tuple[Array, ...]:
+            inverse = xp.linalg.inv(_damped(A[some], damping))
+            own, further = xp.matmul(inverse, B[some]), xp.matmul(inverse[: C[some].shape[0]], C[some])
+            turned = xp.matrix_transpose(B[some])
+            chain.diagonal[some] -= xp.matmul(turned, own)
+            chain.upper[some] -= xp.matmul(turned[: C[some].shape[0]], further)
+            return inverse, own, further, xp.matmul(xp.matrix_transpose(C[some]), further)
+
+        parts = map_blocks(eliminate, _batches(count), self.g)
+        inverse, own, further, beyond = (xp.concat([part[i] for part in parts]) for i in range(4))
+        chain.diagonal[1:] -= beyond
+        return chain, _Inner(inverse, own, further)
+
+
+@dataclass(frozen=True)
+class _Inner:
+    """How inner unknowns A follow from the outer ones of their own block, met through B, and of the next, through C."""
+
+    inverse: Array
+    """(N, k, k) ``A⁻¹``."""
+    own: Array
+    """(N, k, m) ``A⁻¹ B``."""
+    further: Array
+    """(N - 1, k, m) ``A⁻¹ C``."""
+
+    def carried(self, g: Array, g_inner: Array) -> Array:
+        """Return the (N, m) gradient of the outer unknowns with that of the inner ones, (N, k), eliminated."""
+        xp = array_namespace(g)
+        g = g - _times(xp.matrix_transpose(self.own), g_inner)
+        g[1:] -= _times(xp.matrix_transpose(self.further), g_inner[:-1])
+        return g
+
+    def steps(self, outer: Array, g_inner: Array) -> Array:
+        """Return the (N, k) steps of the inner unknowns, given the (N, m) ones of the outer ones."""
+        steps = -_times(self.inverse, g_inner) - _times(self.own, outer)
+        steps[:-1] -= _times(self.further, outer[1:])
+        return steps
+
+    def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
+        """Return the covariances of all unknowns of some blocks, and those of their inner ones with the next block.
+
+        Args:
+            diagonal: (N, m, m) covariances of the outer unknowns of each block.
+            upper: (N - 1, m, m) those with the next block.
+            some: which blocks.
+        """
+        xp = array_namespace(diagonal)
+        X, Y, across = self.own[some], self.further[some], upper[some]
+        count = Y.shape[0]
+        own, after = diagonal[some], diagonal[some.start + 1 : some.start + 1 + count]
+        mixed = -xp.matmul(X, own)
+        mixed[:count] -= xp.matmul(Y, xp.matrix_transpose(across))
+        beyond = -xp.matmul(X[:count], across) - xp.matmul(Y, after)
+        inner = self.inverse[some] - xp.matmul(mixed, xp.matrix_transpose(X))
+        inner[:count] -= xp.matmul(beyond, xp.matrix_transpose(Y))
+        left = xp.concat([own, mixed], axis=1)
+        return xp.concat([left, xp.concat([xp.matrix_transpose(mixed), inner], axis=1)], axis=2), beyond
+
+
+def _batches(count: int) -> list[slice]:
+    """Return ranges of blocks that are worked on side by side."""
+    return [slice(i, min(i + BATCH, count)) for i in range(0, count, BATCH)]
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Return (N, a): (N, a, b) matrices times (N, b) vectors, in the vectors' precision."""
+    xp = array_namespace(vectors)
+    return xp.matmul(xp.astype(matrices, vectors.dtype), vectors[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """A chain of N blocks that meet with all their unknowns."""
+
+    diagonal: Array
+    """(N, m, m)."""
+    upper: Array
+    """(N - 1, m, m)."""
+
+    def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
+        """Return the chain eliminated from both ends towards the middle.
+
+        Args:
+            right: N right-hand sides (m, k).
+            carry: take the right-hand sides along from block to block.
+        """
+        xp = array_namespace(self.diagonal)
+        count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
+        orders = range(middle), range(count - 1, middle, -1)
+        halves = map_blocks(lambda order: self._eliminated(order, right, carry=carry), orders, self.diagonal)
+        coupled: dict[int, Array] = halves[0][0] | halves[1][0]
+        solved: dict[int, Array] = halves[0][1] | halves[1][1]
+        block, r = self.diagonal[middle], right[middle]
+        for i in {middle - 1, middle + 1} & set(coupled):
+            turned = self._towards(i, middle).T
+            block = block - xp.matmul(turned, coupled[i])
+            r = r - xp.matmul(turned, solved[i]) if carry else r
+        solved[middle] = xp.linalg.solve(block, r)
+        outwards = [(i, i + 1) for i in range(middle - 1, -1, -1)], [(i, i - 1) for i in range(middle + 1, count)]
+        return _Sweeps(coupled, [solved[i] for i in range(count)], outwards)
+
+    def _eliminated(
+        self, order: range, right: Sequence[Array], *, carry: bool
+    ) -> tuple[dict[int, Array], dict[int, Array]]:
+        """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` of the blocks in this order, j the next of each."""
+        xp = array_namespace(self.diagonal)
+        coupled: dict[int, Array] = {}
+        solved: dict[int, Array] = {}
+        met = self.diagonal.shape[1]
+        for i in order:
+            block, r, before = self.diagonal[i], right[i], i - order.step
+            if before in coupled:
+                turned = self._towards(before, i).T
+                block = block - xp.matmul(turned, coupled[before])
+                r = r - xp.matmul(turned, solved[before]) if carry else r
+            both = xp.linalg.solve(block, xp.concat([self._towards(i, i + order.step), r], axis=1))
+            coupled[i], solved[i] = both[:, :met], both[:, met:]
+        return coupled, solved
+
+    def _towards(self, i: int, j: int) -> Array:
+        """Return ``H_ij`` of neighbours."""
+        return self.upper[i] if i < j else self.upper[j].T
+
+
+@dataclass(frozen=True)
+class _Sweeps:
+    """A chain eliminated from both ends."""
+
+    coupled: dict[int, Array]
+    """``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later."""
+    solved: list[Array]
+    """``S_i⁻¹ r_i``."""
+    outwards: tuple[list[tuple[int, int]], list[tuple[int, int]]]
+    """Pairs (i, j) in the order in which the unknowns are found after those of the middle, to either end."""
+
+
+def _damped(blocks: Array, damping: float) -> Array:
+    """Return (N, n, n) blocks with a share of the diagonal added to it."""
+    xp = array_namespace(blocks)
+    eye = xp.eye(blocks.shape[-1], dtype=blocks.dtype, device=getattr(blocks, "device", None))
+    return blocks + (damping * xp.linalg.diagonal(blocks) + 1e-9)[:, :, None] * eye
