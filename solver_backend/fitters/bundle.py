@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.chain import Chain, data_equations
+from solver_backend.fitters.chain import MATRICES, Chain, data_equations
 from solver_backend.fitters.keyframes import (
     KEY_DOF,
     RESIDUAL_DOF,
@@ -39,7 +39,9 @@ class Schedule:
     stride: int = 1
     """Every how many frames the data are looked at."""
     tolerance: float = 1e-4
-    """A scale is done when the cost falls by less than this share."""
+    """A scale is done when the cost changes by less than this share."""
+    matrices: int = MATRICES
+    """Frames of a window whose matrices are formed."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,13 @@ class BundleModel:
         """Return what some of the keys are judged by."""
         return self if self.motion is None else replace(self, motion=self.motion.part(keys))
 
-    def equations(self, rows: WindowRows, keys: Keyframes, scale: float) -> tuple[Array, Chain]:
+    def equations(
+        self, rows: WindowRows, keys: Keyframes, scale: float, matrices: int = MATRICES
+    ) -> tuple[Array, Chain]:
         """Return cost and equations of data and priors at these keys."""
-        cost, chain = data_equations(self.subject, self.prior, self.term, keys, rows, scale, residuals=self.residuals)
+        cost, chain = data_equations(
+            self.subject, self.prior, self.term, keys, rows, scale, matrices, residuals=self.residuals
+        )
         if self.motion is not None:
             cost = cost + self.motion.add_to(chain, keys, residuals=self.residuals)
         return cost, chain
@@ -131,7 +137,7 @@ def solve_keys(
 
         def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, BlockTridiagonal]:
             alive()
-            cost, chain = model.equations(rows, state, scale)
+            cost, chain = model.equations(rows, state, scale, schedule.matrices)
             chain.hold(free)
             return cost[None], chain.equations()
 

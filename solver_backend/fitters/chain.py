@@ -12,7 +12,7 @@ from solver_backend.fitters.between import frames_between, key_tangents
 from solver_backend.fitters.keyframes import KEY_DOF, RESIDUAL_DOF, Keyframes, WindowRows, bundle_frames, lagrange
 from solver_backend.fitters.subject import FRAME_DOF, Subject, frame_equations
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.evidence import PointTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
@@ -82,7 +82,7 @@ class Chain:
 
 def data_equations(
     subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, scale: float,
-    *, residuals: bool,
+    matrices: int = MATRICES, *, residuals: bool,
 ) -> tuple[Array, Chain]:  # fmt: skip
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
 
@@ -97,11 +97,12 @@ def data_equations(
         keys: 2 N + 1 keys.
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.
+        matrices: frames of a window whose matrices are formed.
         residuals: the residual rotations act and are unknowns.
     """
     xp = array_namespace(keys.z)
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
-    count, columns = rows.frames.shape[0], rows.columns(MATRICES)
+    count, columns = rows.frames.shape[0], rows.columns(matrices)
     chain, ends = Chain.empty(count, dof, keys.z), xp.empty((count, dof, dof), dtype=xp.float32, **_device(keys.z))
 
     def block(windows: slice) -> tuple[Array, Array]:
@@ -113,7 +114,7 @@ def data_equations(
         ends[windows] = hessian[:, 2 * dof :, 2 * dof :]
         return cost, by_keys
 
-    blocks = rows.blocks(BLOCK_FRAMES)
+    blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
     parts = map_blocks(block, blocks, keys.z)
     gradient = xp.zeros((keys.z.shape[0], dof), dtype=keys.z.dtype, **_device(keys.z))
     for windows, (_, by_keys) in zip(blocks, parts, strict=True):

@@ -14,7 +14,7 @@ from solver_backend.fitters.frame import select as select_states
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant, to_numpy
-from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.lifter import Lifted, load_lifter
@@ -46,6 +46,8 @@ POSE_SIGMA_M = 0.03
 """How far points may lie from a body whose shape is still unknown, beside their own error."""
 BLOCK_FRAMES = 64
 """Frames fitted at a time."""
+NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)
+"""Robust scales and linearisations of a fit that starts where the lifter says, or from a start pose."""
 TOLERANCE = 1e-2
 """A start is good enough when no frame's cost falls by more than this share."""
 
@@ -90,25 +92,22 @@ def points_term(observations: Observations, frames: np.ndarray, like: Array) -> 
     return PositionTerm(constant(np.where(valid[..., None], points, 0.0), like), constant(weight, like))
 
 
-def fit_to_points(
-    subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int = 12
-) -> FrameStates:
+def fit_to_points(subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray) -> FrameStates:
     """Fit poses to the triangulated points of these frames, from where the lifter says or from the best start pose."""
     xp = array_namespace(subject.betas)
-    blocks = [frames[i : i + BLOCK_FRAMES] for i in range(0, len(frames), BLOCK_FRAMES)]
-    parts = map_blocks(lambda f: _fit_block(subject, prior, observations, f, iterations), blocks, subject.betas)
+    size = block_size(BLOCK_FRAMES, subject.betas)
+    blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
+    parts = map_blocks(lambda f: _fit_block(subject, prior, observations, f), blocks, subject.betas)
     return FrameStates(*(xp.concat([getattr(part, name) for part in parts]) for name in ("z", "root", "transl")))
 
 
-def _fit_block(
-    subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray, iterations: int
-) -> FrameStates:
+def _fit_block(subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray) -> FrameStates:
     term = points_term(observations, frames, subject.betas)
     lifted = _lifted(subject, term)
-    states = _placed(subject, lifted)
+    states, (scales, iterations) = _placed(subject, lifted), NEAR
     if not bool(array_namespace(lifted.usable).all(lifted.usable)):
-        states = select_states(lifted.usable, states, _from_poses(subject, prior, term))
-    return fit_frames(subject, prior, term, states, (20.0, 5.0), iterations, tolerance=TOLERANCE)[0]
+        states, (scales, iterations) = select_states(lifted.usable, states, _from_poses(subject, prior, term)), FAR
+    return fit_frames(subject, prior, term, states, scales, iterations, tolerance=TOLERANCE)[0]
 
 
 def lifted_betas(subject: Subject, observations: Observations, frames: np.ndarray) -> Array:

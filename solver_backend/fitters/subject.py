@@ -11,7 +11,7 @@ from array_api_compat import array_namespace
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
 from solver_backend.geometry.arrays import Array, index
-from solver_backend.residuals.evidence import PointEvidence, PointTerm
+from solver_backend.residuals.evidence import PointTerm
 from solver_backend.residuals.usual_poses import usual_pose_curvature, usual_pose_term
 
 FRAME_DOF = 69
@@ -104,14 +104,6 @@ def _matrices(by_rotations: Array, information: Array, shares: Array) -> Array:
     hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)
     hessian[:, 3:66, 3:66] += usual_pose_curvature(shares)
     return hessian
-
-
-def shape_equations(
-    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float
-) -> tuple[PosedLandmarks, PointEvidence]:
-    """Return the posed landmarks with all derivatives, and the evidence there."""
-    posed = pose(subject, frames, jacobian=True)
-    return posed, term(posed.points, scale)
 
 
 def select_frames(frames: PosedFrames, index: Any) -> PosedFrames:

@@ -13,7 +13,7 @@ from solver_backend.fitters.chain import BLOCK_FRAMES
 from solver_backend.fitters.keyframes import BLOCK_POSES, KeyframeLayout, Keyframes, lagrange
 from solver_backend.fitters.subject import FRAME_DOF, PosedFrames, Subject, pose, select_frames
 from solver_backend.geometry.arrays import Array, constant, index
-from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types import JointSet
@@ -68,7 +68,7 @@ def joint_covariance(
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
         return CALIBRATION * inflation * spread + CONSTANT_M**2 * xp.astype(eye, keys.z.dtype)
 
-    return xp.concat(map_blocks(block, rows.blocks(BLOCK_FRAMES), keys.z))
+    return xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
 
 
 def _pose_covariance(diagonal: Array, upper: Array, tangents: Array, windows: slice) -> Array:

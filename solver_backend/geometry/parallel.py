@@ -1,4 +1,4 @@
-"""Blocks of frames on all cores: NumPy's and torch's operations let go of Python's lock."""
+"""Blocks of frames on all cores: NumPy's operations let go of Python's lock, torch's divide themselves."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ Result = TypeVar("Result")
 
 MAX_THREADS = 8
 """More share one memory bus and gain nothing."""
+TORCH_BLOCK = 2
+"""Torch divides each operation among threads, which pays where blocks are this many times as large."""
 
 
 def map_blocks(function: Callable[[Item], Result], blocks: Sequence[Item], like: Any) -> list[Result]:
@@ -25,26 +27,37 @@ def map_blocks(function: Callable[[Item], Result], blocks: Sequence[Item], like:
         blocks: what to map.
         like: an array of the kind that the function works on.
     """
-    threads = min(MAX_THREADS, len(blocks), os.cpu_count() or 1)
-    if threads < 2 or str(getattr(like, "device", "cpu")) != "cpu":
+    threads = min(MAX_THREADS, os.cpu_count() or 1)
+    if is_torch_array(like):
+        with torch_threads(threads, like):
+            return [function(block) for block in blocks]
+    if min(threads, len(blocks)) < 2:
         return [function(block) for block in blocks]
-    with undivided(like), ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(min(threads, len(blocks))) as pool:
         return list(pool.map(function, blocks))
 
 
-@contextmanager
-def undivided(like: Any) -> Iterator[None]:
-    """Keep torch from dividing each operation among threads: small ones would wait for one another.
+def block_size(size: int, like: Any) -> int:
+    """Return how much of it to work on at a time: ``size`` with NumPy, whose threads take a block each.
 
     Args:
+        size: what stays in the cache.
         like: an array of the kind that is worked with.
     """
-    if not is_torch_array(like):
-        yield
-        return
+    return size * TORCH_BLOCK if is_torch_array(like) else size
+
+
+@contextmanager
+def torch_threads(count: int, like: Any) -> Iterator[None]:
+    """Let torch divide its operations among so many threads for a while.
+
+    Args:
+        count: threads.
+        like: a torch tensor.
+    """
     torch = array_namespace(like)
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(count)
     try:
         yield
     finally:

@@ -21,8 +21,8 @@ class BlockTridiagonal:
     """A chain of N blocks of size n: one solve costs O(N n³).
 
     ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``. Only the first m unknowns of a block may meet the block before; the
-    inner ones, which meet those of their own and of the next block alone, are eliminated first, blocks side by side. The
-    chain of m is then eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5; from both
+    inner ones, which meet those of their own and of the next block alone, are eliminated first, side by side. The chain
+    of m is then eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5; from both
     ends: Babuška 1972, "Numerical stability in problems of linear algebra"). Steps are as precise as the blocks.
     """
 
