@@ -18,7 +18,9 @@ INLIER_SIGMAS = 3.5
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure weights."""
 ROBUST_STEPS, FINAL_STEPS = 6, 3
-_LONGEST_STEP_M, _SETTLED_M = 0.5, 1e-6
+_LONGEST_STEP_M = 0.5
+_ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
+"""A point that moves less is finished: to tell which views agree, and for good."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ def fit_points(rig: Rig, px: Array, weight: Array, spread: Array) -> tuple[Array
     xp = array_namespace(px)
     points = _locate(rig, px, weight, ROBUST_SIGMAS * spread)
     inliers, _ = _agreeing(rig, px, weight, points, spread)
-    points = _refine(rig, px, xp.where(inliers, weight, xp.zeros_like(weight)), points, None, FINAL_STEPS)
+    agreed = xp.where(inliers, weight, xp.zeros_like(weight))
+    points = _refine(rig, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
     return (points, *_agreeing(rig, px, weight, points, spread))
 
 
@@ -69,10 +72,12 @@ def _locate(rig: Rig, px: Array, weight: Array, scale_px: Array) -> Array:
     normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
     focal = xp.stack((rig.K[:, 0, 0], rig.K[:, 1, 1]), axis=-1)
     views = Sightings(normalised, xp.where(usable, weight, xp.zeros_like(weight)), rig.R, rig.t, focal)
-    return _refine(rig, px, weight, best_hypothesis(views, scale_px), scale_px, ROBUST_STEPS)
+    return _refine(rig, px, weight, best_hypothesis(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
 
 
-def _refine(rig: Rig, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int) -> Array:
+def _refine(
+    rig: Rig, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
+) -> Array:
     """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
 
     Args:
@@ -81,7 +86,8 @@ def _refine(rig: Rig, px: Array, weight: Array, points: Array, scale_px: Array |
         weight: (C, N), zero where not to be used.
         points: (N, 3) start, world metres.
         scale_px: (N,) scale of Geman and McClure's weights ``(1 + r²/scale²)⁻²``, or None for plain least squares.
-        steps: at most so many; a point that moves less than 1 µm is finished.
+        steps: at most so many.
+        settled_m: a point that moves less is finished.
     """
     xp = array_namespace(px)
     active = xp.arange(points.shape[0])
@@ -95,7 +101,7 @@ def _refine(rig: Rig, px: Array, weight: Array, points: Array, scale_px: Array |
         A, gradient = _normal_equations(J, w, error)
         step = _bounded(-xp.matmul(inverse_symmetric_3x3(A), gradient[..., None])[..., 0])
         points[active] = start + step
-        active = active[xp.any(xp.abs(step) > _SETTLED_M, axis=-1)]
+        active = active[xp.any(xp.abs(step) > settled_m, axis=-1)]
         if active.shape[0] == 0:
             break
     return points
