@@ -19,7 +19,7 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
 """Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""
-MATRICES = 5
+MATRICES = 4
 """Frames of a window whose matrices are formed: they change slowly, and the keys' weights on them are quartics."""
 FLOOR = 1e-2
 """Precision that everything has."""
