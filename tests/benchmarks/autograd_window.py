@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.body.body import Body
+from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
 from solver_backend.fitters.baselines.windows import KeyState, Window
 from solver_backend.fitters.keyframes import lagrange
@@ -17,15 +19,33 @@ from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import geman_mcclure
 
+NEAREST = 16
+"""Vertices that a keypoint is regressed from."""
+
+
+def keypoint_regressor(body: Body, points: np.ndarray) -> np.ndarray:
+    """Return (L, V) weights, rows sum to 1, that make (L, 3) points of the body at rest out of the nearest vertices.
+
+    So are SMPL's keypoints had: the mesh is posed, keypoints are sums over its vertices.
+    """
+    regressor = np.zeros((len(points), len(body.v_template)))
+    for row, point in zip(regressor, points, strict=True):
+        near = np.argsort(np.linalg.norm(body.v_template - point, axis=1))[:NEAREST]
+        conditions = np.vstack([body.v_template[near].T, np.ones(NEAREST)])
+        row[near] = np.linalg.lstsq(conditions, np.append(point, 1.0), rcond=None)[0]
+    return regressor
+
 
 @dataclass(frozen=True)
 class AutogradWindow:
-    """A window of SPoser's codes whose gradient PyTorch finds; landmarks stand for the body, no mesh is posed."""
+    """A window of SPoser's codes whose gradient PyTorch finds."""
 
     window: Window
     """What is fixed; its root turns by SIDER-2."""
     term: ReprojectionTerm
     """Data of the window's frames, as tensors."""
+    regressor: Any | None = None
+    """(L, V) of the keypoints, with which the whole mesh is posed; None for landmarks alone."""
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
@@ -47,8 +67,13 @@ class AutogradWindow:
         local = self.window.prior.decode(sider2(z[:1], z[1:2], z[2:], t))
         root = matrix_from_quat(sider2(quat[:1], quat[1:2], quat[2:], t))
         frames = PosedFrames(root, local, xp.stack(lagrange(t), dim=1) @ transl)
-        known = (constant(part, term.K) for part in (subject.betas, subject.offsets))
-        points = pose(Subject(subject.body, subject.landmarks, *known), frames).points
+        known = Subject(
+            subject.body, subject.landmarks, *(constant(p, term.K) for p in (subject.betas, subject.offsets))
+        )
+        if self.regressor is None:
+            points = pose(known, frames).points
+        else:
+            points = self.regressor @ pose_mesh(known.body, known.betas, frames.root, frames.local, frames.transl)
         px = project(term.K, term.distortion, term.R, term.t, points, term.model)
         seen = term.weight > 0
         error = xp.where(seen[..., None], px - term.xy, xp.zeros_like(px))

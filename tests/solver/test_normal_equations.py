@@ -3,31 +3,8 @@
 import numpy as np
 import pytest
 
-from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
-
-
-def spd(rng, size):
-    a = rng.normal(size=(size, size + 3))
-    return a @ a.T
-
-
-def test_block_tridiagonal_equals_dense():
-    rng = np.random.default_rng(0)
-    blocks, n = 5, 4
-    dense = np.zeros((blocks * n, blocks * n))
-    for i in range(blocks - 1):
-        window = slice(i * n, (i + 2) * n)
-        dense[window, window] += spd(rng, 2 * n)
-    g = rng.normal(size=blocks * n)
-    cut = dense.reshape(blocks, n, blocks, n)
-    diagonal = np.stack([cut[i, :, i] for i in range(blocks)])
-    upper = np.stack([cut[i, :, i + 1] for i in range(blocks - 1)])
-    system = BlockTridiagonal(diagonal, upper, g.reshape(blocks, n))
-    for damping in (0.0, 0.7):
-        damped = dense + np.diag(damping * np.diag(dense) + 1e-9)
-        np.testing.assert_allclose(system.solve(np.array([damping]))[0], -np.linalg.solve(damped, g), rtol=1e-9)
 
 
 def test_arrowhead_equals_dense():
@@ -79,24 +56,3 @@ def test_lm_never_ends_above_its_start():
     start = np.array([[0.4]])
     result = levenberg_marquardt(start, linearise, lambda p, d: p + d, lambda m, n, o: n, LMSettings(30))
     assert result.cost[0] < linearise(start)[0][0]
-
-
-def test_marginals_are_the_blocks_of_the_inverse():
-    rng = np.random.default_rng(3)
-    blocks, n = 5, 4
-    dense = np.zeros((blocks * n, blocks * n))
-    for i in range(blocks - 1):
-        window = slice(i * n, (i + 2) * n)
-        dense[window, window] += spd(rng, 2 * n)
-    cut = dense.reshape(blocks, n, blocks, n)
-    system = BlockTridiagonal(
-        np.stack([cut[i, :, i] for i in range(blocks)]),
-        np.stack([cut[i, :, i + 1] for i in range(blocks - 1)]),
-        np.zeros((blocks, n)),
-    )
-    inverse = np.linalg.inv(dense).reshape(blocks, n, blocks, n)
-    diagonal, upper = system.marginals()
-    for i in range(blocks):
-        np.testing.assert_allclose(diagonal[i], inverse[i, :, i], rtol=1e-6, atol=1e-9)
-        if i + 1 < blocks:
-            np.testing.assert_allclose(upper[i], inverse[i, :, i + 1], rtol=1e-6, atol=1e-9)
