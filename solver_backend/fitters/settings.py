@@ -19,7 +19,7 @@ class SolveSettings:
     """'global': all latent keyframes of the take at once; 'sliding': window after window on the prior's manifold, as
     published (thesis 6.3.2); 'frame': every frame on its own (eq. 6.5)."""
     backend: str = "numpy"
-    """'numpy' works everywhere; 'torch' uses torch's threads (results agree to 0.01 mm)."""
+    """'numpy' works everywhere; 'torch' uses torch's threads (results agree to 0.1 mm)."""
     window: int = 20
     """Frames a window of the bundle; it holds a key at each end and one in the middle. 'sliding' takes the number as it
     is, 'global' as a duration: so many frames at 60 a second."""

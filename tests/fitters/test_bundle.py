@@ -132,7 +132,8 @@ def test_torch_equals_numpy():
         keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
         keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
         results.append(np.asarray(pose(scene.subject, scene.poses(keys)).points))
-    np.testing.assert_allclose(results[1], results[0], atol=1e-5)
+    # Matrices in single precision steer the steps: what is left is how near to the minimum they stop.
+    np.testing.assert_allclose(results[1], results[0], atol=1e-4)
 
 
 def test_held_keys_stay_and_the_others_move():
