@@ -70,6 +70,8 @@ class Method:
         if not self._is_ours:
             return BASELINES[self.kind](**dict(self.changes)).solve
         settings = SolveSettings(**dict(self.changes))
+        if settings.backend != "numpy":
+            importlib.import_module(settings.backend)  # as NumPy is, before a clock starts
         solve = importlib.import_module(self.module).solve
 
         def ours(capture: Capture) -> BaselineResult:
