@@ -42,7 +42,8 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
     lines = [
         f"Solved {data['frames']} frames at {motion.fps:g} fps in {solve_s:.1f} s",
         f"  residual    {data['reprojection_median_px']} px (median)",
-        f"  to look at  {data['unsure_frames']} frames far from the detections, {data['unseen_frames']} bridged",
+        f"  to look at  {data['unsure_frames']} frames far from the detections or hardly known, "
+        f"{data['unseen_frames']} bridged",
         *(f"  found       {fault.what}" for fault in fault_texts(faults_of(motion), motion.fps)),
     ]
     return "\n".join(lines), data

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cameras.projection import project
+from solver_backend.fitters.flags import flagged
 from solver_backend.fitters.initial import Observations
 from solver_backend.fitters.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
-from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, NUM_JOINTS, Capture, Motion
+from solver_backend.types import NUM_JOINTS, Capture, Motion
 
 
 def build_motion(
@@ -50,6 +51,7 @@ def build_motion(
     keyframes = np.zeros(len(points), dtype=bool)
     keyframes[np.round(key_times).astype(int)] = True
     normalised = error / observations.sigma_px
+    sigma = None if covariance is None else mean_sigma(to_numpy(covariance))
     outliers = normalised[np.isfinite(normalised)] > 2 * scale
     statistics = {
         "reprojection_median_px": _rounded(np.nanmedian(error)),
@@ -67,27 +69,14 @@ def build_motion(
         joints=joints,
         keypoints3d=points,
         joint_set=keypoints.joint_set,
-        joint_sigma=None if covariance is None else mean_sigma(to_numpy(covariance)),
+        joint_sigma=sigma,
         joint_covariance=None if covariance is None else to_numpy(covariance),
         keyframes=keyframes,
         contacts=contacts,
-        flags=_flags(normalised, observations.seen),
+        flags=flagged(normalised, observations.seen, sigma),
         reprojection_px=error.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
     )
-
-
-def _flags(normalised: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return (F,) flags: frames nobody saw, and frames whose residual is far above the take's."""
-    flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
-    per_frame = np.array(
-        [np.median(f[np.isfinite(f)]) if np.isfinite(f).any() else np.nan for f in normalised.swapaxes(0, 1)]
-    )
-    finite = per_frame[np.isfinite(per_frame)]
-    if finite.size:
-        limit = max(3.0 * float(np.median(finite)), 2.0)
-        flags[np.nan_to_num(per_frame) > limit] |= FLAG_UNSURE
-    return flags
 
 
 def _rounded(value: float) -> float:

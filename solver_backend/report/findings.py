@@ -48,7 +48,7 @@ def _flagged(motion: Motion) -> Iterator[Finding]:
     kinds = (
         (FLAG_UNSEEN, "bad", "Nobody was seen by two cameras; the pose is bridged from its neighbours",
          "Detect again there, add a camera that sees the spot, or animate the stretch by hand."),
-        (FLAG_UNSURE, "look", "The body is far from the detections",
+        (FLAG_UNSURE, "look", "The body is far from the detections, or some joint is hardly known",
          "Compare with the footage: a limb may be swapped, hidden or badly detected."),
     )  # fmt: skip
     for bit, level, what, advice in kinds:

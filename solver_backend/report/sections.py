@@ -17,7 +17,8 @@ from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture,
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
-    '<p class="key"><b class="unsure">■</b> far from the detections &nbsp; <b class="unseen">■</b> bridged: '
+    '<p class="key"><b class="unsure">■</b> far from the detections or hardly known &nbsp; '
+    '<b class="unseen">■</b> bridged: '
     "seen by fewer than two cameras &nbsp; │ ticks below: keyframes of the solver</p>"
 )
 
@@ -26,7 +27,7 @@ def shades_of(motion: Motion) -> list[Shade]:
     """Return the flagged stretches of a motion."""
     if motion.flags is None:
         return []
-    kinds = ((FLAG_UNSURE, "unsure", "far from the detections"), (FLAG_UNSEEN, "unseen", "bridged"))
+    kinds = ((FLAG_UNSURE, "unsure", "far from the detections or hardly known"), (FLAG_UNSEEN, "unseen", "bridged"))
     return [
         Shade(first, last, kind, f"frames {first}-{last}: {label}")
         for bit, kind, label in kinds

@@ -13,7 +13,7 @@ from solver_backend.types.joint_sets import NUM_JOINTS, JointSet
 FLAG_UNSEEN = 1
 """The frame has no usable observation: its pose was bridged from its neighbours."""
 FLAG_UNSURE = 2
-"""The frame's residual is far above the take's: look here."""
+"""The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here."""
 
 
 @dataclass(frozen=True)

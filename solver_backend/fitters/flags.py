@@ -1,0 +1,39 @@
+"""Which frames deserve a look: nobody saw them, the body is far from the detections, or a joint is hardly known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE
+
+FAR, FAR_SIGMAS = 3.0, 2.0
+"""A frame's median residual is far above the take's from so many times that on, and so many standard deviations."""
+LOOSE, LOOSE_M = 2.0, 0.03
+"""A joint is hardly known where its standard deviation is so many times its usual one in the take, and this large."""
+
+
+def flagged(normalised: np.ndarray, seen: np.ndarray, sigma: np.ndarray | None) -> np.ndarray:
+    """Return (F,) flags of the frames.
+
+    Args:
+        normalised: (C, F, K) residuals in standard deviations, NaN where nothing was detected.
+        seen: (F,) bool, enough views see the person.
+        sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
+    """
+    flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
+    unsure = _far(normalised)
+    if sigma is not None:
+        unsure |= (sigma > np.maximum(LOOSE * np.median(sigma, axis=0), LOOSE_M)).any(axis=1)
+    flags[unsure] |= FLAG_UNSURE
+    return flags
+
+
+def _far(normalised: np.ndarray) -> np.ndarray:
+    """Return (F,) bool: the frame's median residual is far above the take's."""
+    per_frame = np.array(
+        [np.median(f[np.isfinite(f)]) if np.isfinite(f).any() else np.nan for f in normalised.swapaxes(0, 1)]
+    )
+    finite = per_frame[np.isfinite(per_frame)]
+    if not finite.size:
+        return np.zeros(len(per_frame), dtype=bool)
+    return np.nan_to_num(per_frame) > max(FAR * float(np.median(finite)), FAR_SIGMAS)
