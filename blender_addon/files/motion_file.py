@@ -13,7 +13,7 @@ from .skeleton import NUM_BETAS, NUM_JOINTS
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
 FLAG_UNSEEN, FLAG_UNSURE = 1, 2
-"""The frame was bridged from its neighbours; its residual is far above the take's."""
+"""The frame was bridged from its neighbours; its residual, or a joint's uncertainty, is far above the take's."""
 _BODY = 66
 """Columns of ``poses`` before the fingers: the root and joints 1..21."""
 _OPTIONAL = (

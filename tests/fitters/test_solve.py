@@ -49,10 +49,12 @@ def test_demo_capture_is_solved_to_its_promise(capture):
     assert np.abs(floor).max() < 0.06
 
 
-def test_the_same_input_gives_the_same_bytes(capture):
-    short = cut(capture, 100, 140)
-    first, second = solve(short, QUICK), solve(short, QUICK)
-    for name in ("betas", "global_orient", "body_pose", "transl", "joints"):
+@pytest.mark.parametrize("backend", ["numpy", "torch"])
+def test_the_same_input_gives_the_same_bytes(capture, backend):
+    pytest.importorskip(backend)
+    short, settings = cut(capture, 100, 140), replace(QUICK, backend=backend)
+    first, second = solve(short, settings), solve(short, settings)
+    for name in ("betas", "global_orient", "body_pose", "transl", "joints", "joint_covariance"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
