@@ -24,8 +24,8 @@ from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
 from solver_backend.progress import Progress, silent
 from solver_backend.residuals.evidence import PointTerm
-from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import WhenAsked
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,20 @@ class BundleModel:
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, matrices: int = MATRICES
-    ) -> tuple[Array, Chain]:
-        """Return cost and equations of data and priors at these keys."""
-        cost, chain = data_equations(
+    ) -> tuple[Array, Callable[[], Chain]]:
+        """Return the cost of data and priors at these keys, and what forms their equations."""
+        data = data_equations(
             self.subject, self.prior, self.term, keys, rows, scale, matrices, residuals=self.residuals
         )
-        if self.motion is not None:
-            cost = cost + self.motion.add_to(chain, keys, residuals=self.residuals)
-        return cost, chain
+
+        def form() -> Chain:
+            chain = data.chain()
+            if self.motion is not None:
+                self.motion.add_to(chain, keys, residuals=self.residuals)
+            return chain
+
+        prior_cost = 0.0 if self.motion is None else self.motion.cost(keys, residuals=self.residuals)
+        return data.cost + prior_cost, form
 
 
 def solve_sliding(
@@ -135,11 +141,10 @@ def solve_keys(
 
     for scale in schedule.scales:
 
-        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, BlockTridiagonal]:
+        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, WhenAsked]:
             alive()
-            cost, chain = model.equations(rows, state, scale, schedule.matrices)
-            chain.hold(free)
-            return cost[None], chain.equations()
+            cost, form = model.equations(rows, state, scale, schedule.matrices)
+            return cost[None], WhenAsked(lambda: form().held(free).equations())
 
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,26 +65,55 @@ class Chain:
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
 
-    def hold(self, free: np.ndarray) -> None:
+    def held(self, free: np.ndarray) -> Chain:
         """Take the keys that are not ``free``, (2 N + 1,) bool, out of the equations: no step, no uncertainty."""
         if free.all():
-            return
+            return self
         xp = array_namespace(self.g)
         mask = constant(np.repeat(np.append(free, True), self.dof).reshape(self.g.shape), self.diagonal)
         self.diagonal *= mask[:, :, None] * mask[:, None, :]
         self.diagonal += HELD * (1.0 - mask)[:, :, None] * xp.eye(mask.shape[1], dtype=mask.dtype)
         self.upper *= mask[:-1, :, None] * mask[1:, None, : self.upper.shape[-1]]
         self.g *= constant(mask, self.g)
+        return self
 
     def equations(self) -> BlockTridiagonal:
         """Return the finished equations."""
         return BlockTridiagonal(self.diagonal, self.upper, self.g)
 
 
+@dataclass(frozen=True)
+class DataEquations:
+    """What the frames of N windows say of their keys; matrices are formed when asked for."""
+
+    cost: Array
+    """()."""
+    gradient: Array
+    """(2 N + 1, D) by the keys."""
+    _windows: list[slice]
+    _matrices: list[Callable[[], Array]]
+    """(n, 3 D, 3 D) of each range of windows."""
+
+    def chain(self) -> Chain:
+        """Return the equations as a chain, on all cores."""
+        xp, like = array_namespace(self.gradient), self.gradient
+        count, dof = (like.shape[0] - 1) // 2, like.shape[1]
+        chain, ends = Chain.empty(count, dof, like), xp.empty((count, dof, dof), dtype=xp.float32, **_device(like))
+
+        def fill(block: int) -> None:
+            windows, hessian = self._windows[block], self._matrices[block]()
+            chain.add_windows(windows, hessian)
+            ends[windows] = hessian[:, 2 * dof :, 2 * dof :]
+
+        map_blocks(fill, range(len(self._windows)), like)
+        chain.add_ends(ends, self.gradient)
+        return chain
+
+
 def data_equations(
     subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, scale: float,
     matrices: int = MATRICES, *, residuals: bool,
-) -> tuple[Array, Chain]:  # fmt: skip
+) -> DataEquations:  # fmt: skip
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
 
     The gradient is exact. So is the Gauss-Newton matrix where keys stay on the manifold; with residual rotations, when
@@ -102,25 +132,18 @@ def data_equations(
     """
     xp = array_namespace(keys.z)
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
-    count, columns = rows.frames.shape[0], rows.columns(matrices)
-    chain, ends = Chain.empty(count, dof, keys.z), xp.empty((count, dof, dof), dtype=xp.float32, **_device(keys.z))
+    columns = rows.columns(matrices)
 
-    def block(windows: slice) -> tuple[Array, Array]:
+    def block(windows: slice) -> tuple[Array, Array, Callable[[], Array]]:
         part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
-        cost, hessian, by_keys = _block(
-            subject, prior, term, part, rows.select(windows), columns, scale, residuals=residuals
-        )
-        chain.add_windows(windows, hessian)
-        ends[windows] = hessian[:, 2 * dof :, 2 * dof :]
-        return cost, by_keys
+        return _block(subject, prior, term, part, rows.select(windows), columns, scale, residuals=residuals)
 
     blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
     parts = map_blocks(block, blocks, keys.z)
     gradient = xp.zeros((keys.z.shape[0], dof), dtype=keys.z.dtype, **_device(keys.z))
-    for windows, (_, by_keys) in zip(blocks, parts, strict=True):
+    for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
-    chain.add_ends(ends, gradient)
-    return sum(part[0] for part in parts), chain
+    return DataEquations(sum(part[0] for part in parts), gradient, blocks, [part[2] for part in parts])
 
 
 def _device(like: Array) -> dict[str, Any]:
@@ -130,8 +153,8 @@ def _device(like: Array) -> dict[str, Any]:
 def _block(
     subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, columns: np.ndarray,
     scale: float, *, residuals: bool,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return the cost of some windows, their (N, 3 D, 3 D) matrices and the (2 N + 1, D) derivative by their keys."""
+) -> tuple[Array, Array, Callable[[], Array]]:  # fmt: skip
+    """Return the cost of some windows, its (2 N + 1, D) derivative by their keys, and what forms their matrices."""
     xp = array_namespace(keys.z)
     between = frames_between(prior, keys, rows, residuals=residuals)
     count, width = rows.frames.shape
@@ -139,8 +162,12 @@ def _block(
     equations = frame_equations(subject, between.poses, term.select(rows.frames.reshape(-1)), scale, steering)
     weight = constant(rows.weight.reshape(-1), keys.z)
     gradient = between.pull_back(equations.gradient * weight[:, None])
-    matrix = _mixed if residuals else _exact
-    return xp.sum(equations.cost * weight), matrix(prior, keys, rows.sampled(columns), equations.hessian), gradient
+    form = _mixed if residuals else _exact
+    return (
+        xp.sum(equations.cost * weight),
+        gradient,
+        lambda: form(prior, keys, rows.sampled(columns), equations.hessian),
+    )
 
 
 def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:

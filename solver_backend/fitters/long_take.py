@@ -102,7 +102,7 @@ def covariance_of_joints(
         windows, some = layout.part(part.solved), keys.select(part.keys)
         rows = windows.rows()
         told = rows.sampled(rows.columns(MATRICES))
-        system = model.part(part.keys).equations(told, some, scale)[1].equations()
+        system = model.part(part.keys).equations(told, some, scale)[1]().equations()
         poses = select_frames(frames, index(windows.frames - first, keys.z))
         spread = packed(joint_covariance(model, windows, some, poses, system, inflation))
         low, high = layout.bounds[part.kept.start] + (part.kept.start > 0), layout.bounds[part.kept.stop]

@@ -45,20 +45,37 @@ class MotionPrior:
         """Return the priors on some of the keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
-    def add_to(self, chain: Chain, keys: Keyframes, *, residuals: bool) -> Array:
-        """Add the priors' equations to the chain in place and return their cost."""
+    def cost(self, keys: Keyframes, *, residuals: bool) -> Array:
+        """Return the energy of these keys."""
         xp = array_namespace(keys.z)
         cost = xp.zeros((), dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
-        for value, tangents, sigma, first in self._smooth_parts(keys):
-            weight = 1.0 / (sigma * self.spacing_s**2) ** 2
-            cost = cost + self._add_differences(chain, value, tangents, (1, -2, 1), weight, first)
-            if self.unseen is not None and self.unseen.any():
-                fading = constant(self.unseen * weight * (self.spacing_s / FADING_S) ** 2, value)
-                cost = cost + self._add_differences(chain, value, tangents, (-1, 1), fading, first)
+        for value, _, sigma, _ in self._smooth_parts(keys):
+            for stencil, weight in self._stencils(sigma):
+                rest, weights = _differences(value, stencil, weight)
+                cost = cost + 0.5 * xp.sum(weights[:, None] * rest * rest)
         if residuals:
-            precision = constant((1.0 / self.residual_sigma.reshape(-1) ** 2) * self.frames_per_key, keys.z)
-            cost = cost + self._add_residual(chain, keys, precision)
+            flat = xp.reshape(keys.residual, (keys.residual.shape[0], -1))
+            cost = cost + 0.5 * xp.sum(self._precision(flat) * flat * flat)
         return cost
+
+    def add_to(self, chain: Chain, keys: Keyframes, *, residuals: bool) -> None:
+        """Add the equations of these keys to the chain, in place."""
+        for value, tangents, sigma, first in self._smooth_parts(keys):
+            for stencil, weight in self._stencils(sigma):
+                self._add_differences(chain, value, tangents, stencil, weight, first)
+        if residuals:
+            self._add_residual(chain, keys)
+
+    def _stencils(self, sigma: float) -> list[tuple[tuple[int, ...], Array | float]]:
+        """Return coefficients of what is bounded, and precisions: acceleration, and between unseen keys speed."""
+        weight = 1.0 / (sigma * self.spacing_s**2) ** 2
+        if self.unseen is None or not self.unseen.any():
+            return [((1, -2, 1), weight)]
+        return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
+
+    def _precision(self, like: Array) -> Array:
+        """Return the (63,) precision of a key's residual rotations."""
+        return constant((1.0 / self.residual_sigma.reshape(-1) ** 2) * self.frames_per_key, like)
 
     def _smooth_parts(self, keys: Keyframes) -> list[tuple[Array, Array, float, int]]:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
@@ -73,18 +90,15 @@ class MotionPrior:
 
     def _add_differences(
         self, chain: Chain, value: Array, tangents: Array, stencil: tuple[int, ...], weight: Array | float, first: int
-    ) -> Array:
+    ) -> None:
         """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²`` with the coefficients c of a stencil."""
         xp = array_namespace(value)
-        count = value.shape[0] - len(stencil) + 1
-        if count < 1:
-            return xp.sum(value) * 0.0
-        weights = weight * xp.ones_like(value[:count, 0])
-        residual = xp.sum(xp.stack([c * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
+        rest, weights = _differences(value, stencil, weight)
+        count = rest.shape[0]
         parts = [(i, c * tangents[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
             turned = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
-            gradient = xp.matmul(turned, residual[..., None])[..., 0]
+            gradient = xp.matmul(turned, rest[..., None])[..., 0]
             for j, right in parts:
                 if j >= i:
                     self._scatter(chain, i, j, xp.matmul(turned, right), first)
@@ -92,7 +106,6 @@ class MotionPrior:
                 keys = np.arange(i, i + count)[parity::2]
                 blocks, column = keys // 2, int(keys[0] % 2) * chain.dof + first
                 chain.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
-        return 0.5 * xp.sum(weights[:, None] * residual * residual)
 
     def _scatter(self, chain: Chain, i: int, j: int, blocks: Array, first: int) -> None:
         """Add blocks that couple the keys k + i and k + j, k = 0, 1, ..."""
@@ -114,16 +127,23 @@ class MotionPrior:
             else:
                 chain.upper[rows // 2, row : row + size, column : column + size] += chosen
 
-    def _add_residual(self, chain: Chain, keys: Keyframes, precision: Array) -> Array:
+    def _add_residual(self, chain: Chain, keys: Keyframes) -> None:
         xp = array_namespace(keys.z)
         count = keys.z.shape[0]
         flat = xp.reshape(keys.residual, (count, -1))
-        size = flat.shape[1]
-        pull = flat * precision
+        size, precision = flat.shape[1], self._precision(flat)
         diagonal = xp.eye(size, dtype=flat.dtype, device=getattr(flat, "device", None)) * precision
         for parity in (0, 1):
             index = np.arange(parity, count, 2) // 2
             first = parity * chain.dof + chain.dof - size
             chain.diagonal[: len(index), first : first + size, first : first + size] += diagonal
-            chain.g[: len(index), first : first + size] += pull[parity::2]
-        return 0.5 * xp.sum(pull * flat)
+            chain.g[: len(index), first : first + size] += (flat * precision)[parity::2]
+
+
+def _differences(value: Array, stencil: tuple[int, ...], weight: Array | float) -> tuple[Array, Array]:
+    """Return ``sum_i c_i x_{k+i}`` (n, d) of (K, d) values with the coefficients c of a stencil, and weights (n,)."""
+    xp = array_namespace(value)
+    count = max(0, value.shape[0] - len(stencil) + 1)
+    rest = xp.sum(xp.stack([c * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
+    weights = constant(weight, value) * xp.ones_like(value[:count, 0])
+    return rest, weights

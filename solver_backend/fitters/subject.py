@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -52,8 +53,13 @@ class FrameEquations:
     """(F,)."""
     gradient: Array
     """(F, 69)."""
-    hessian: Array
-    """(F, 69, 69), or those of the chosen frames."""
+    _parts: tuple[Array, Array, Array]
+    """Derivatives of the landmarks by turns, information and shares of the mixture, of the chosen frames."""
+
+    @cached_property
+    def hessian(self) -> Array:
+        """(F, 69, 69), or those of the chosen frames; formed when asked for."""
+        return _matrices(*self._parts)
 
 
 def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> PosedLandmarks:
@@ -91,7 +97,7 @@ def frame_equations(
     if steering is not None:
         chosen = index(steering, J)
         parts = tuple(xp.astype(part[chosen], xp.float32) for part in parts)
-    return FrameEquations(evidence.cost + energy, gradient, _matrices(*parts))
+    return FrameEquations(evidence.cost + energy, gradient, parts)
 
 
 def _matrices(by_rotations: Array, information: Array, shares: Array) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 from array_api_compat import array_namespace
@@ -21,6 +23,26 @@ class NormalEquations(Protocol):
     def merged(self, mask: Array, newer: Any) -> NormalEquations:
         """Return the equations with the masked problems taken from ``newer``."""
         ...
+
+
+class WhenAsked:
+    """Equations of one problem that are formed when a step is asked for: a state that is left again needs none."""
+
+    def __init__(self, form: Callable[[], NormalEquations]) -> None:
+        self._form = form
+
+    @cached_property
+    def formed(self) -> NormalEquations:
+        """The equations."""
+        return self._form()
+
+    def solve(self, damping: Array) -> Array:
+        """Return the damped step."""
+        return self.formed.solve(damping)
+
+    def merged(self, mask: Array, newer: WhenAsked) -> WhenAsked:
+        """Return ``newer`` where the one problem is masked."""
+        return newer if bool(mask[0]) else self
 
 
 @dataclass(frozen=True)
