@@ -43,8 +43,14 @@ def distort(xy: Array, distortion: Array, model: str) -> Array:
 
 def distort_with_jacobian(xy: Array, distortion: Array, model: str) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return distorted coordinates and the symmetric 2x2 Jacobian as its entries xx, xy and yy, each (C, ...)."""
-    xp = array_namespace(xy)
-    x, y = xy[..., 0], xy[..., 1]
+    x, y, jacobian = distorted(xy[..., 0], xy[..., 1], distortion, model)
+    return array_namespace(xy).stack((x, y), axis=-1), jacobian
+
+
+def distorted(
+    x: Array, y: Array, distortion: Array, model: str
+) -> tuple[Array, Array, tuple[Array, Array, Array]]:  # fmt: skip
+    """Return ``distort_with_jacobian`` of (C, ...) coordinates that lie apart, as fast loops want them."""
     k = _coefficients(distortion, x)
     u = x * x + y * y
     scale, slope = _radial(u, k, model)
@@ -56,7 +62,7 @@ def distort_with_jacobian(xy: Array, distortion: Array, model: str) -> tuple[Arr
         dy = dy + p1 * (u + 2.0 * y * y) + 2.0 * p2 * x * y
         xx, yy = xx + 2.0 * p1 * y + 6.0 * p2 * x, yy + 6.0 * p1 * y + 2.0 * p2 * x
         cross = cross + 2.0 * (p1 * x + p2 * y)
-    return xp.stack((dx, dy), axis=-1), (xx, cross, yy)
+    return dx, dy, (xx, cross, yy)
 
 
 def largest_radius(distortion: Array, model: str) -> Array:

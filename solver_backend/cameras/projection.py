@@ -10,7 +10,7 @@ import math
 
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.distortion import distort_with_jacobian, largest_radius, undistort_normalised
+from solver_backend.cameras.distortion import distorted, largest_radius, undistort_normalised
 from solver_backend.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.types import Cameras
@@ -39,11 +39,10 @@ def project(K: Array, distortion: Array, R: Array, t: Array, points: Array, mode
     """
     _check_model(model)
     xp = array_namespace(K, points)
-    xy, _, valid = _normalised(distortion, R, t, points, model)
+    x, y, _, valid = _normalised(distortion, R, t, points, model)
     if _is_distorted(distortion, model):
-        xy, _ = distort_with_jacobian(xy, distortion, model)
-    px = xp.where(valid[..., None], _to_pixels(K, xy), xp.full_like(xy, math.nan))
-    return xp.reshape(px, (K.shape[0], *points.shape[:-1], 2))
+        x, y, _ = distorted(x, y, distortion, model)
+    return xp.reshape(_to_pixels(K, x, y, valid), (K.shape[0], *points.shape[:-1], 2))
 
 
 def project_with_jacobian(
@@ -59,21 +58,20 @@ def project_with_jacobian(
     """
     _check_model(model)
     xp = array_namespace(K, points)
-    xy, z, valid = _normalised(distortion, R, t, points, model)
+    x, y, z, valid = _normalised(distortion, R, t, points, model)
     inverse_z = 1.0 / xp.where(valid, z, xp.full_like(z, math.nan))
-    x, y = xy[..., 0], xy[..., 1]
     xx, cross, yy = xp.ones_like(z), xp.zeros_like(z), xp.ones_like(z)
+    bent_x, bent_y = x, y
     if _is_distorted(distortion, model):
-        xy, (xx, cross, yy) = distort_with_jacobian(xy, distortion, model)
-    row_x = (xx * inverse_z, cross * inverse_z, -(xx * x + cross * y) * inverse_z)
-    row_y = (cross * inverse_z, yy * inverse_z, -(cross * x + yy * y) * inverse_z)
+        bent_x, bent_y, (xx, cross, yy) = distorted(x, y, distortion, model)
+    xx, cross, yy = xx * inverse_z, cross * inverse_z, yy * inverse_z
+    row_x, row_y = (xx, cross, -(xx * x + cross * y)), (cross, yy, -(cross * x + yy * y))
     fx, skew, fy = K[:, 0, 0, None], K[:, 0, 1, None], K[:, 1, 1, None]
-    in_camera = xp.stack(
-        [fx * a + skew * b for a, b in zip(row_x, row_y, strict=True)] + [fy * b for b in row_y], axis=-1
-    )
+    if bool(xp.any(skew != 0)):
+        row_x = tuple(a + skew / fx * b for a, b in zip(row_x, row_y, strict=True))
+    in_camera = xp.stack([fx * a for a in row_x] + [fy * b for b in row_y], axis=-1)
     J = xp.matmul(xp.reshape(in_camera, (K.shape[0], -1, 3)), R)
-    px = xp.where(valid[..., None], _to_pixels(K, xy), xp.full_like(xy, math.nan))
-    shape = (K.shape[0], *points.shape[:-1])
+    px, shape = _to_pixels(K, bent_x, bent_y, valid), (K.shape[0], *points.shape[:-1])
     return xp.reshape(px, (*shape, 2)), xp.reshape(J, (*shape, 2, 3)), xp.reshape(z, shape)
 
 
@@ -119,26 +117,28 @@ def rays(cameras: Cameras, xy: Array) -> tuple[Array, Array]:
     return origin, xp.reshape(direction, (*xy.shape[:-1], 3))
 
 
-def _normalised(distortion: Array, R: Array, t: Array, points: Array, model: str) -> tuple[Array, Array, Array]:
-    """Return x/z and y/z (C, N, 2; zero where invalid), depth (C, N) and validity (C, N)."""
+def _normalised(
+    distortion: Array, R: Array, t: Array, points: Array, model: str
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    """Return x/z and y/z (zero where invalid), depth and validity, each (C, N)."""
     xp = array_namespace(R, points)
-    flat = xp.reshape(points, (1, -1, 3))
-    camera = xp.matmul(flat, xp.matrix_transpose(R)) + t[:, None, :]
-    z = camera[..., 2]
+    camera = xp.matmul(R, xp.reshape(points, (-1, 3)).T) + t[:, :, None]
+    z = camera[:, 2]
     valid = z > NEAR_M
-    xy = camera[..., :2] / xp.where(valid, z, xp.ones_like(z))[..., None]
+    inverse = 1.0 / xp.where(valid, z, xp.ones_like(z))
+    x, y = camera[:, 0] * inverse, camera[:, 1] * inverse
     if _is_distorted(distortion, model):
-        limit = largest_radius(distortion, model)[:, None]
-        valid = valid & (xp.sqrt(xp.sum(xy * xy, axis=-1)) <= limit)
-    return xp.where(valid[..., None], xy, xp.zeros_like(xy)), z, valid
+        valid = valid & (x * x + y * y <= largest_radius(distortion, model)[:, None] ** 2)
+    none = xp.zeros_like(z)
+    return xp.where(valid, x, none), xp.where(valid, y, none), z, valid
 
 
-def _to_pixels(K: Array, xy: Array) -> Array:
-    """Return ``K (x, y, 1)``; K (C, 3, 3), xy (C, N, 2)."""
-    xp = array_namespace(K, xy)
-    x, y = xy[..., 0], xy[..., 1]
-    u = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None]
-    return xp.stack((u, K[:, 1, 1, None] * y + K[:, 1, 2, None]), axis=-1)
+def _to_pixels(K: Array, x: Array, y: Array, valid: Array) -> Array:
+    """Return ``K (x, y, 1)`` (C, N, 2), NaN where not valid; K (C, 3, 3), the rest (C, N)."""
+    xp = array_namespace(K, x)
+    u, v = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None], K[:, 1, 1, None] * y + K[:, 1, 2, None]
+    none = xp.full_like(u, math.nan)
+    return xp.stack((xp.where(valid, u, none), xp.where(valid, v, none)), axis=-1)
 
 
 def _is_distorted(distortion: Array, model: str) -> bool:

@@ -70,10 +70,10 @@ class ReprojectionTerm:
         """Return the evidence at (F, L, 3) world positions."""
         xp = array_namespace(points)
         px, by_point, depth = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
-        error = px - self.xy
         usable = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1) & (depth > 0)
-        error = xp.where(usable[..., None], error, xp.zeros_like(error))
-        by_point = xp.where(usable[..., None, None], by_point, xp.zeros_like(by_point))
+        rows = xp.concat([by_point, (px - self.xy)[..., None]], axis=-1)
+        rows = xp.where(usable[..., None, None], rows, xp.zeros_like(rows))
+        error = rows[..., 3]
         weight = xp.where(usable, self.weight, xp.zeros_like(self.weight))
         # The penalty sees the residual in standard deviations; the confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
@@ -81,10 +81,13 @@ class ReprojectionTerm:
         # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
         hidden = xp.where(self.weight > 0, xp.full_like(penalty, scale * scale), xp.zeros_like(penalty))
         cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)
-        pull = (weight * robust)[..., None]
-        turned = xp.permute_dims(by_point, (0, 1, 2, 4, 3))
-        gradient = xp.sum(xp.matmul(turned, (pull * error)[..., None])[..., 0], axis=0)
-        information = xp.sum(xp.matmul(turned, pull[..., None] * by_point), axis=0)
+        # All views of a landmark at once: Σ_c w Jᵀ [J e].
+        views, frames, landmarks = weight.shape
+        pulled = xp.permute_dims((weight * robust)[..., None, None] * rows[..., :3], (1, 2, 0, 3, 4))
+        pulled = xp.reshape(pulled, (frames, landmarks, 2 * views, 3))
+        rows = xp.reshape(xp.permute_dims(rows, (1, 2, 0, 3, 4)), (frames, landmarks, 2 * views, 4))
+        summed = xp.matmul(xp.matrix_transpose(pulled), rows)
+        information, gradient = summed[..., :3], summed[..., 3]
         return PointEvidence(cost, gradient, information)
 
     def rescaled(self, variance: Array) -> ReprojectionTerm:
