@@ -145,7 +145,7 @@ class MocapSolve(bpy.types.PropertyGroup):
     )
     robust_scale: bpy.props.FloatProperty(
         name="Outlier Scale", description="Standard deviations at which a detection starts to be doubted",
-        default=3.0, min=0.1, max=100,
+        default=4.0, min=0.1, max=100,
     )  # fmt: skip
     estimate_sync: bpy.props.BoolProperty(
         name="Correct Delays", description="Move each camera's detections by its estimated delay; without, only "

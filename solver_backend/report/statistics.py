@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.errors import MotionInvalid
+from solver_backend.fitters.settings import SolveSettings
 from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
@@ -86,7 +87,8 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
     """Return (K,) the solver's own limit for outliers: twice the robust scale, in standard deviations."""
     sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
     settings = motion.provenance.get("settings", {})
-    scale = settings.get("robust_scale", 3.0) if isinstance(settings, dict) else 3.0
+    usual = SolveSettings().robust_scale
+    scale = settings.get("robust_scale", usual) if isinstance(settings, dict) else usual
     if sigma.shape != error.shape[-1:] or not np.isfinite(sigma).all():
         sigma = quantile(error.reshape(-1, error.shape[-1]), 0.5, axis=0) / RAYLEIGH_MEDIAN
     return 2.0 * scale * sigma
