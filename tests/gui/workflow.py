@@ -43,7 +43,8 @@ def steps(user: Any) -> Any:
 
     yield from user.press("mocap.solve.preset", 0.92)
     assert mocap().solve.preset == "CUSTOM"
-    mocap().solve.method = "frame"  # slow enough to be cancelled
+    settings = mocap().solve  # slow enough to be cancelled
+    settings.method, settings.iterations, settings.robust_scale = "frame", 200, 0.1
     yield from user.press("mocap.solve()")
     yield 2.0
     yield from user.shot("solving")
