@@ -79,7 +79,7 @@ def _draw_outcome(layout: bpy.types.UILayout) -> None:
     if result.get("reprojection_median_px") is not None:
         column.label(text=f"{result['reprojection_median_px']:.1f} px from the detections (median)")
     if result["unsure_frames"]:
-        column.label(text=f"{result['unsure_frames']} frames far from them", icon="ERROR")
+        column.label(text=f"Frames to look at: {result['unsure_frames']}", icon="ERROR")
     if result["unseen_frames"]:
         column.label(text=f"{result['unseen_frames']} frames bridged", icon="ERROR")
     box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
