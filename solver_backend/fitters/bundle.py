@@ -90,6 +90,11 @@ class BundleModel:
         prior_cost = 0.0 if self.motion is None else self.motion.cost(keys, residuals=self.residuals)
         return data.cost + prior_cost, form
 
+    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> Chain:
+        """Return the equations at a solution, for what they tell of it, from the frames that form matrices alone."""
+        rows = layout.rows()
+        return self.equations(rows.sampled(rows.columns(MATRICES)), keys, scale)[1]()
+
 
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent

@@ -70,7 +70,8 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     keys, layout = resampled(keys, layout, finer), finer
     model = replace(model, motion=motion_prior(problem, layout, fine))
     contacts, term = None, problem.term
-    for number, (share, stride, tolerance) in enumerate(((2.0, problem.frames_of(2, 1), 1e-2), (1.0, 1, 3e-3))):
+    passes = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2), Schedule((scale,), steps, tolerance=3e-3)
+    for number, schedule in enumerate(passes):
         subject = _with_shape(problem, model, layout, keys, settings, free_offsets=number > 0)
         model = replace(model, subject=subject)
         term = _with_view_noise(problem, model, layout, keys, settings) if settings.learn_noise else problem.term
@@ -78,7 +79,6 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
             contacts = _contacts(problem, model, layout, keys)
         model = replace(model, term=term if contacts is None else contacts.held(term, keys.z))
         model = replace(model, residuals=settings.residual_rotations)
-        schedule = Schedule((share * scale,), steps, stride, tolerance)
         alive = partial(progress, "Global bundle", number + 1, 3)
         keys = solve_long(model, layout, keys, schedule, alive)
     progress("Global bundle", 3, 3)

@@ -30,10 +30,12 @@ def flagged(normalised: np.ndarray, seen: np.ndarray, sigma: np.ndarray | None) 
 
 def _far(normalised: np.ndarray) -> np.ndarray:
     """Return (F,) bool: the frame's median residual is far above the take's."""
-    per_frame = np.array(
-        [np.median(f[np.isfinite(f)]) if np.isfinite(f).any() else np.nan for f in normalised.swapaxes(0, 1)]
-    )
-    finite = per_frame[np.isfinite(per_frame)]
-    if not finite.size:
-        return np.zeros(len(per_frame), dtype=bool)
-    return np.nan_to_num(per_frame) > max(FAR * float(np.median(finite)), FAR_SIGMAS)
+    frames = normalised.shape[1]
+    ordered = np.sort(normalised.swapaxes(0, 1).reshape(frames, -1), axis=1)  # what is missing comes last
+    count = np.isfinite(ordered).sum(axis=1)
+    row, least = np.arange(frames), np.maximum(count, 1)
+    per_frame = 0.5 * (ordered[row, (least - 1) // 2] + ordered[row, least // 2])
+    judged = count > 0
+    if not judged.any():
+        return judged
+    return judged & (per_frame > max(FAR * float(np.median(per_frame[judged])), FAR_SIGMAS))

@@ -10,7 +10,6 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.bundle import BundleModel, Schedule, solve_keys
-from solver_backend.fitters.chain import MATRICES
 from solver_backend.fitters.keyframes import KeyframeLayout, Keyframes, hemisphere_aligned
 from solver_backend.fitters.subject import PosedFrames, select_frames
 from solver_backend.fitters.uncertainty import joint_covariance
@@ -100,9 +99,7 @@ def covariance_of_joints(
     first, found = layout.bounds[0], []
     for part in parts_of(layout.num_windows, overlap, stretch, overlap):
         windows, some = layout.part(part.solved), keys.select(part.keys)
-        rows = windows.rows()
-        told = rows.sampled(rows.columns(MATRICES))
-        system = model.part(part.keys).equations(told, some, scale)[1]().equations()
+        system = model.part(part.keys).information(windows, some, scale).equations()
         poses = select_frames(frames, index(windows.frames - first, keys.z))
         spread = packed(joint_covariance(model, windows, some, poses, system, inflation))
         low, high = layout.bounds[part.kept.start] + (part.kept.start > 0), layout.bounds[part.kept.stop]

@@ -51,7 +51,8 @@ def build_motion(
     keyframes = np.zeros(len(points), dtype=bool)
     keyframes[np.round(key_times).astype(int)] = True
     normalised = error / observations.sigma_px
-    sigma = None if covariance is None else mean_sigma(to_numpy(covariance))
+    spread = None if covariance is None else to_numpy(covariance)
+    sigma = None if spread is None else mean_sigma(spread)
     outliers = normalised[np.isfinite(normalised)] > 2 * scale
     statistics = {
         "reprojection_median_px": _rounded(np.nanmedian(error)),
@@ -70,7 +71,7 @@ def build_motion(
         keypoints3d=points,
         joint_set=keypoints.joint_set,
         joint_sigma=sigma,
-        joint_covariance=None if covariance is None else to_numpy(covariance),
+        joint_covariance=spread,
         keyframes=keyframes,
         contacts=contacts,
         flags=flagged(normalised, observations.seen, sigma),

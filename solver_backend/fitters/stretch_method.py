@@ -80,7 +80,7 @@ def solve_stretch(
         keys = solve_keys(standing, layout, keys, Schedule((scale,), settings.iterations, tolerance=1e-3), free).keys
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(subject, frames, problem.term.select(layout.frames), scale, max(1, window // 2))
-    system = model.equations(layout.rows(), keys, scale)[1]().held(free).equations()
+    system = model.information(layout, keys, scale).held(free).equations()
     covariance = packed(joint_covariance(model, layout, keys, frames, system, inflation))
     progress("Solving the stretch", 3, 3)
     solved = Resolved(layout, free, frames, to_numpy(covariance), contacts)

@@ -94,15 +94,8 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: Residuals | None
     if located is not None:
         share = 100 * float(located.mean())
         found.append(Tile("Seen by two or more", number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
-    found.append(
-        Tile(
-            "Frames to look at",
-            str(unsure),
-            "",
-            "far from the detections or hardly known",
-            "look" if unsure else "good",
-        )
-    )
+    why = "far from the detections or hardly known"
+    found.append(Tile("Frames to look at", str(unsure), "", why, "look" if unsure else "good"))
     found.append(Tile("Bridged frames", str(unseen), "", "nobody seen by two cameras", "bad" if unseen else "good"))
     seconds = motion.provenance.get("solve_s")
     if isinstance(seconds, int | float) and seconds > 0:
