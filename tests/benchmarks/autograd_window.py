@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from solver_backend.geometry.interpolation import sider2
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.types import NUM_BODY_JOINTS
 
 NEAREST = 16
 """Vertices that a keypoint is regressed from."""
@@ -36,6 +38,16 @@ def keypoint_regressor(body: Body, points: np.ndarray) -> np.ndarray:
     return regressor
 
 
+def resident(body: Body, like: Any) -> Body:
+    """Return the body with its large arrays as tensors, as SMPL's layer keeps them."""
+    kept = copy.copy(body)
+    used = 9 * NUM_BODY_JOINTS
+    parts = {"v_template": body.v_template, "shapedirs": body.shapedirs, "weights": body.weights}
+    for name, values in {**parts, "posedirs": np.ascontiguousarray(body.posedirs[..., :used])}.items():
+        object.__setattr__(kept, name, constant(values, like))
+    return kept
+
+
 @dataclass(frozen=True)
 class AutogradWindow:
     """A window of SPoser's codes whose gradient PyTorch finds."""
@@ -44,8 +56,8 @@ class AutogradWindow:
     """What is fixed; its root turns by SIDER-2."""
     term: ReprojectionTerm
     """Data of the window's frames, as tensors."""
-    regressor: Any | None = None
-    """(L, V) of the keypoints, with which the whole mesh is posed; None for landmarks alone."""
+    mesh: tuple[Body, Any] | None = None
+    """A resident body and the (L, V) regressor of its keypoints, to pose the whole mesh; None for landmarks alone."""
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
@@ -70,10 +82,11 @@ class AutogradWindow:
         known = Subject(
             subject.body, subject.landmarks, *(constant(p, term.K) for p in (subject.betas, subject.offsets))
         )
-        if self.regressor is None:
+        if self.mesh is None:
             points = pose(known, frames).points
         else:
-            points = self.regressor @ pose_mesh(known.body, known.betas, frames.root, frames.local, frames.transl)
+            body, regressor = self.mesh
+            points = regressor @ pose_mesh(body, known.betas, frames.root, frames.local, frames.transl)
         px = project(term.K, term.distortion, term.R, term.t, points, term.model)
         seen = term.weight > 0
         error = xp.where(seen[..., None], px - term.xy, xp.zeros_like(px))

@@ -25,7 +25,7 @@ from solver_backend.fitters.solve import solve
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.solver.riemannian import MinimiseSettings, gradient_descent
 from solver_backend.types import Capture
-from tests.benchmarks.autograd_window import AutogradWindow, keypoint_regressor
+from tests.benchmarks.autograd_window import AutogradWindow, keypoint_regressor, resident
 from tests.benchmarks.captures import LONG_TAKE, filmed
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 
@@ -103,4 +103,4 @@ def window_of(
     body, landmarks = prepared.subject.body, prepared.subject.landmarks
     none, eye = np.zeros(10), np.eye(3)
     rest = pose_landmarks(body, landmarks, none, eye[None], np.tile(eye, (1, 21, 1, 1)), np.zeros((1, 3))).points[0]
-    return AutogradWindow(window, term, constant(keypoint_regressor(body, rest), like))
+    return AutogradWindow(window, term, (resident(body, like), constant(keypoint_regressor(body, rest), like)))
