@@ -11,6 +11,8 @@ from scipy.sparse.linalg import spsolve
 
 Array = np.ndarray
 _MARGIN = 0.006
+_GRID_M = 1e-6
+"""Lengths that decide are seen on this grid: mirror images tie exactly, whatever the last bits of a processor's BLAS."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +87,16 @@ def signed_areas(points: Array, faces: Array) -> Array:
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two border vertices far from each other."""
+    """Return two border vertices far from each other; of mirror images the one with the lower number."""
     pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])
-    first = rim[np.linalg.norm(vertices[rim] - vertices[rim].mean(axis=0), axis=1).argmax()]
-    return np.array([first, rim[np.linalg.norm(vertices[rim] - vertices[first], axis=1).argmax()]])
+    first = rim[_furthest(vertices[rim], vertices[rim].mean(axis=0))]
+    return np.array([first, rim[_furthest(vertices[rim], vertices[first])]])
+
+
+def _furthest(points: Array, origin: Array) -> int:
+    return int(np.round(np.linalg.norm(points - origin, axis=1) / _GRID_M).argmax())
 
 
 def _shells(vertices: Array, faces: Array, part: Array, facing: Array) -> Array:

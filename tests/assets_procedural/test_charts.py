@@ -28,6 +28,15 @@ def test_bent_sheet_flattens_to_its_own_lengths() -> None:
     assert len(set(np.sign(signed_areas(found, faces)))) == 1
 
 
+def test_last_bits_of_mirror_images_do_not_choose_the_pinned_pair() -> None:
+    flat, faces = _sheet(7, 12)
+    bent = np.stack([np.sin(flat[:, 0]), flat[:, 1] - flat[:, 1].mean(), np.cos(flat[:, 0])], 1)
+    first = flatten(bent, faces)
+    for seed in range(8):
+        noise = 1e-12 * np.random.default_rng(seed).normal(size=bent.shape)
+        np.testing.assert_allclose(flatten(bent + noise, faces), first, atol=1e-8)
+
+
 def test_closed_surface_gets_two_charts_a_part_inside_the_unit_square() -> None:
     from scipy.spatial import ConvexHull
 
