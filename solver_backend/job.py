@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from solver_backend.body.choices import is_path
-from solver_backend.errors import JobInvalid
+from solver_backend.body.files.choices import is_path
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.fitters.keyframes.frame_range import Stretch
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.stretch import Stretch
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 

@@ -16,8 +16,8 @@ import pytest
 
 import build_addon
 import solver_backend
-from solver_backend.io.capture_file import write_capture
-from solver_backend.io.motion_file import read_motion
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthetic.demo import demo_capture
 
 _SOLVE = """
@@ -63,7 +63,7 @@ def tool(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 def test_zip_is_complete_small_and_reproducible(extension_zip: Path, tmp_path: Path) -> None:
     assert extension_zip.read_bytes() == build_addon.build(tmp_path).read_bytes()
     names = zipfile.ZipFile(extension_zip).namelist()
-    for name in ("blender_manifest.toml", "__init__.py", "bake/action.py", "backend/solver_backend/cli/main.py",
+    for name in ("blender_manifest.toml", "__init__.py", "animation/action.py", "backend/solver_backend/cli/main.py",
                  "backend/solver_backend/assets/body_neutral.npz", "LICENSE"):  # fmt: skip
         assert name in names
     assert not [name for name in names if "__pycache__" in name or "training" in name or name.endswith(".pyc")]

@@ -10,8 +10,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..bake.coordinates import R_ARMATURE_BODY
-from ..files.skeleton import JOINTS, PARENTS
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.skeleton import JOINTS, PARENTS
 from .layout import BoneLayout
 
 DEFORM_COLLECTION = "Deform"

@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 
 from ..errors import OutputNotWritable
-from ..files.body_file import BodyFile
 from ..render.picture import layer_from_render
 from ..render.stage import Look, open_stage
 from ..render.view import View, three_quarter_view
+from .body_file import BodyFile
 from .rig import Rig
 
 CATALOG_FILE = "blender_assets.cats.txt"

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ..bake.collections import child_collection
-from ..files.body_file import BodyFile
-from ..files.skeleton import JOINTS
+from ..conventions.skeleton import JOINTS
+from ..scene.collections import child_collection
 from .armature import bone_axes
+from .body_file import BodyFile
 from .layout import BoneLayout, pelvis_centred
 
 _SEGMENTS = 40

@@ -9,10 +9,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..bake.coordinates import R_ARMATURE_BODY
-from ..files.body_file import BodyFile
-from ..files.skeleton import JOINTS
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.skeleton import JOINTS
 from .armature import rotation_from_body_axes
+from .body_file import BodyFile
 from .shape import add_key, rest_positions
 
 _FEATURES = (

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bake.coordinates import R_ARMATURE_BODY
-from ..files.body_file import BodyFile
-from ..files.skeleton import JOINTS, MAIN_CHILD, PARENTS
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.skeleton import JOINTS, MAIN_CHILD, PARENTS
+from .body_file import BodyFile
 
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _LEAF_DIRECTION = {"foot": _FORWARD, "head": _UP}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..bake.materials import BODY_COLOURS, create_material
-from ..files.body_file import BodyFile
-from ..files.skeleton import JOINTS, NUM_BETAS
+from ..conventions.skeleton import JOINTS, NUM_BETAS
+from ..scene.materials import BODY_COLOURS, create_material
 from .armature import deform_bone
+from .body_file import BodyFile
 from .layout import pelvis_centred
 
 _LEAST_WEIGHT = 1e-4

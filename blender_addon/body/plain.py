@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..files.skeleton import JOINTS, PARENTS
+from ..conventions.skeleton import JOINTS, PARENTS
 from .armature import bone_axes, deform_bone
 from .rig import Rig
 from .shape import get_betas

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..files.body_file import BodyFile
 from .armature import create_armature
+from .body_file import BodyFile
 from .controls import add_controls
 from .correctives import add_correctives
 from .layout import lay_out_bones, pelvis_centred, shape_directions

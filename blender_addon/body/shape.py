@@ -8,10 +8,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..conventions.skeleton import JOINTS, NUM_BETAS, PARENTS
 from ..errors import BodyInvalid
-from ..files.body_file import BodyFile
-from ..files.skeleton import JOINTS, NUM_BETAS, PARENTS
 from .armature import bone_axes, deform_bone
+from .body_file import BodyFile
 from .layout import shape_directions
 from .sliders import slider_name
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bake.coordinates import R_ARMATURE_BODY
-from ..bake.rotations import rotvec_from_matrix
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
 from ..body.shape import get_betas
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.rotations import rotvec_from_matrix
+from ..conventions.skeleton import NUM_JOINTS, PARENTS
 from ..errors import NothingToExport
-from ..files.body_choice import body_path_of
-from ..files.body_file import read_body
-from ..files.skeleton import NUM_JOINTS, PARENTS
 from ..progress import Progress
 from .plain_take import is_body
 from .pose_samples import PoseSamples, sample_joints

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..conventions.skeleton import JOINTS
 from ..errors import NothingToExport
-from ..files.skeleton import JOINTS
 from ..progress import Progress
 from .take import ExportTake, staged
 

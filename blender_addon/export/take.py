@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..bake.timing import scene_frame_rate
+from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..conventions.skeleton import NUM_BETAS, NUM_JOINTS
 from ..errors import AddonError, MotionInvalid
 from .arrays import read_arrays, require_format, text
-from .skeleton import NUM_BETAS, NUM_JOINTS
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
 FLAG_UNSEEN, FLAG_UNSURE = 1, 2

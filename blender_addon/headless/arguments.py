@@ -6,8 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
+from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
-from ..files.skeleton import NUM_BETAS
 from .exit_codes import EPILOG
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.body_choice import body_path_of
-from ..files.body_file import read_body
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
 from ..files.capture_file import read_capture
 from ..files.motion_file import MotionFile, read_motion
 from ..outputs import atomic_outputs
@@ -62,9 +62,9 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     Raises:
         AddonError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
-    from ..bake.scene import BakeSettings, bake_take, require_body
-    from ..bake.session import frame_viewports, fresh_scene, save_file
     from ..render.subject import Subject
+    from ..scene.bake import BakeSettings, bake_take, require_body
+    from ..scene.session import frame_viewports, fresh_scene, save_file
 
     start = time.monotonic()
     motion = read_motion(job.motion)
@@ -128,7 +128,7 @@ def _write_pictures(paths: dict[str, Path], subject: Subject, progress: Progress
 
 def _deviation(scene: bpy.types.Scene, subject: Subject) -> dict[str, float]:
     """Return how far Blender's body is from NumPy's on some frames, in millimetres."""
-    from ..bake.deviation import measure_deviation
+    from ..animation.deviation import measure_deviation
 
     take, last = subject.take, subject.motion.num_frames - 1
     frames = np.unique(np.linspace(0, last, _CHECKED_FRAMES).round().astype(int)).tolist()

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files.body_file import default_body_path, read_body
-from ..files.skeleton import NUM_BETAS
+from ..body.body_file import default_body_path, read_body
+from ..conventions.skeleton import NUM_BETAS
 from ..outputs import atomic_outputs
 from ..progress import Progress
 
@@ -36,10 +36,10 @@ def run_body(job: BodyJob, progress: Progress) -> dict[str, Any]:
     Raises:
         AddonError: the body is missing or wrong, or the file exists or cannot be written.
     """
-    from ..bake.collections import child_collection
-    from ..bake.session import frame_viewports, fresh_scene, save_file
     from ..body.asset import add_catalog, mark_body
     from ..body.rig import create_rig, stand_on_floor
+    from ..scene.collections import child_collection
+    from ..scene.session import frame_viewports, fresh_scene, save_file
 
     start = time.monotonic()
     betas = np.zeros(NUM_BETAS)

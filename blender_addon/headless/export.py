@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
 from ..errors import FileDamaged, FileMissing, NothingToExport, OutputExists
-from ..files.body_choice import body_path_of
-from ..files.body_file import read_body
 from ..files.motion_file import read_motion
 from ..progress import Progress
 
@@ -71,8 +71,8 @@ def _check_free(job: ExportJob, paths: list[Path]) -> None:
 
 
 def _baked(job: ExportJob, progress: Progress) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    from ..bake.scene import BakeSettings, bake_take
-    from ..bake.session import fresh_scene
+    from ..scene.bake import BakeSettings, bake_take
+    from ..scene.session import fresh_scene
 
     motion = read_motion(job.source)
     body = read_body(job.body or body_path_of(motion.provenance))

@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..bake.distortion import distort, normalised, pixels
-from ..bake.footage import Footage
+from ..conventions.distortion import distort, normalised, pixels
+from ..scene.footage import Footage
 from .picture import blend, gradient, layer_from_render
 from .resampling import Resampling
 from .stage import Look, open_stage

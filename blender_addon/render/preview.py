@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bake.footage import find_footage
 from ..progress import Progress
+from ..scene.footage import find_footage
 from .backdrop import Backdrop
 from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png

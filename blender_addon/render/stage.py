@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..bake.cameras import create_camera
+from ..scene.cameras import create_camera
 from .still import render_still, write_targa
 from .view import View
 

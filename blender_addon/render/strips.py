@@ -11,9 +11,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..bake.footage import Footage
-from ..bake.timing import set_scene_frame_rate
+from ..conventions.timing import set_scene_frame_rate
 from ..errors import RenderFailed
+from ..scene.footage import Footage
 from .still import render_still, write_targa
 
 

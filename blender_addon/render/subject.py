@@ -9,13 +9,13 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..bake.footage import find_footage
-from ..bake.rotations import matrix_from_rotvec
-from ..bake.scene import BakedTake
-from ..bake.skinning import pose_joints
-from ..files.body_file import BodyFile
+from ..body.body_file import BodyFile
+from ..body.posed_body import pose_joints
+from ..conventions.rotations import matrix_from_rotvec
 from ..files.capture_file import CameraFile, CaptureFile
 from ..files.motion_file import MotionFile
+from ..scene.bake import BakedTake
+from ..scene.footage import find_footage
 from .backdrop import Backdrop, floor_backdrop, footage_backdrop
 from .view import View
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..bake.pose import read_pose
-from ..bake.solved_takes import BETAS
-from ..bake.timing import scene_frame_rate
+from ..animation.pose import read_pose
+from ..animation.solved_takes import BETAS
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
+from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
-from ..files.body_choice import body_path_of
-from ..files.body_file import read_body
 from ..solving.job_file import Pin, Resolve
 
 

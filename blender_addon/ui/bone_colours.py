@@ -12,8 +12,8 @@ _VISIBLE = 0.02
 
 def colour_bones(scene: bpy.types.Scene) -> None:
     """Paint the bones of the scene's body by their joints' confidence, or take the paint off."""
-    from ..bake.confidence_lane import confidence_at
     from ..review.confidence import colours
+    from ..review.confidence_lane import confidence_at
 
     review = scene.mocap.review
     armature = review.armature

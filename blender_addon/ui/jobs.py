@@ -12,7 +12,7 @@ from ..body.sliders import body_mesh
 from ..errors import OutputNotWritable, TakeMissing
 from ..review.pinning import Stretch, resolve_of
 from ..solving.job_file import Job
-from ..solving.places import next_take
+from ..solving.take_paths import next_take
 from .locations import files_folder, usable
 
 

@@ -10,23 +10,29 @@ import bpy
 from ..headless.blender_command import command
 from . import (
     bone_colours,
+    preferences,
+)
+from . import (
+    properties as settings,
+)
+from .operators import (
     export_take,
-    following,
     import_capture,
     import_motion,
-    preferences,
     review,
-    settings,
     solve,
     takes,
     views,
 )
-from .sidebar import cameras as cameras_panel
-from .sidebar import capture as capture_panels
-from .sidebar import export as export_panel
-from .sidebar import review as review_panels
-from .sidebar import shape as shape_panel
-from .sidebar import solve as solve_panels
+from .operators import (
+    solver_operator as following,
+)
+from .panels import cameras as cameras_panel
+from .panels import capture as capture_panels
+from .panels import export as export_panel
+from .panels import review as review_panels
+from .panels import shape as shape_panel
+from .panels import solve as solve_panels
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from solver_backend.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.types import NUM_BETAS
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.errors import CalibrationInvalid
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
 
 NEWTON_STEPS = 20

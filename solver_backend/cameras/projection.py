@@ -11,7 +11,7 @@ import math
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.distortion import distorted, largest_radius, undistort_normalised
-from solver_backend.errors import CalibrationInvalid
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.types import Cameras
 from solver_backend.types.cameras import DISTORTION_MODELS

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.projection import project_with_jacobian
-from solver_backend.cameras.triangulation import triangulate
+from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.geometry.rotations import exp_so3, skew
 from solver_backend.types import Cameras
 

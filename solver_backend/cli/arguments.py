@@ -9,7 +9,7 @@ from typing import NoReturn
 from solver_backend import __version__
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.pose_arguments import add_pose_verbs
-from solver_backend.errors import CommandLineInvalid
+from solver_backend.exchange.errors import CommandLineInvalid
 
 
 class _Parser(argparse.ArgumentParser):

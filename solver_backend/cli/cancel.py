@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-from solver_backend.errors import Cancelled
-from solver_backend.progress import Progress
+from solver_backend.exchange.errors import Cancelled
+from solver_backend.exchange.progress import Progress
 
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)]
 

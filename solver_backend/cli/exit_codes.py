@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from solver_backend.errors import Cancelled, CommandLineInvalid, JobInvalid, MocapError, SolverFailed
+from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, JobInvalid, MocapError, SolverFailed
 
 
 class ExitCode(IntEnum):

@@ -16,8 +16,8 @@ from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_
 from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.pose_arguments import POSE_VERBS
-from solver_backend.errors import MocapError, SolverFailed
-from solver_backend.progress import Progress
+from solver_backend.exchange.errors import MocapError, SolverFailed
+from solver_backend.exchange.progress import Progress
 
 logger = logging.getLogger("solver_backend")
 

@@ -6,8 +6,8 @@ import sys
 from dataclasses import dataclass
 from typing import Any, TextIO
 
-from solver_backend.errors import MocapError
-from solver_backend.progress import ConsoleProgress, JsonProgress, Progress
+from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.progress import ConsoleProgress, JsonProgress, Progress
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from dataclasses import replace
 from typing import Any
 
 from solver_backend.cli.outcome import Outcome
-from solver_backend.errors import JobInvalid
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import Progress
 from solver_backend.io.files import check_output
-from solver_backend.progress import Progress
 from solver_backend.types import Motion
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a motion smooth and its poses plausible."""
-    from solver_backend.fitters.pose_manifold.denoise import DenoiseSettings
-    from solver_backend.fitters.pose_manifold.motions import denoised_motion
+    from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings
+    from solver_backend.fitters.pose_ndf.edit_motion import denoised_motion
 
     settings = DenoiseSettings(move_root=not args.keep_root)
     given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
@@ -30,8 +30,8 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the rotations of joints that are not known."""
-    from solver_backend.fitters.pose_manifold.complete import CompleteSettings, missing_joints
-    from solver_backend.fitters.pose_manifold.motions import completed_motion
+    from solver_backend.fitters.pose_ndf.complete import CompleteSettings, missing_joints
+    from solver_backend.fitters.pose_ndf.edit_motion import completed_motion
 
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
@@ -40,7 +40,7 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write plausible poses drawn at random."""
-    from solver_backend.fitters.pose_manifold.motions import sampled_motion
+    from solver_backend.fitters.pose_ndf.edit_motion import sampled_motion
 
     def work(body: Any, prior: Any) -> Motion:
         progress("Sampling", 0, args.count)
@@ -53,7 +53,7 @@ def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fill the way between two frames with plausible poses."""
-    from solver_backend.fitters.pose_manifold.motions import interpolated_motion
+    from solver_backend.fitters.pose_ndf.edit_motion import interpolated_motion
 
     first, last = args.frames
     return _made(
@@ -62,7 +62,7 @@ def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _read(args: argparse.Namespace) -> Motion:
-    from solver_backend.io.motion_file import read_motion
+    from solver_backend.io.native.motion_file import read_motion
 
     return read_motion(args.motion)
 
@@ -72,8 +72,8 @@ def _made(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outco
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     from solver_backend.body.body import load_body
-    from solver_backend.io.motion_file import write_motion
-    from solver_backend.priors.pose_ndf import load_pose_ndf
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
 
     body, prior = load_body(), load_pose_ndf() if args.prior is None else load_pose_ndf(args.prior)
     motion = work(body, prior)
@@ -88,6 +88,6 @@ def _made(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outco
 
 
 def _local(motion: Motion, body: Any) -> Any:
-    from solver_backend.fitters.pose_manifold.motions import frames_of
+    from solver_backend.fitters.pose_ndf.edit_motion import frames_of
 
     return frames_of(motion, body).local

@@ -10,12 +10,12 @@ from typing import Any
 
 from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.outcome import Outcome
-from solver_backend.errors import BackendMissing, CommandLineInvalid
+from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.keyframes.frame_range import Stretch
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.stretch import Stretch
 from solver_backend.io.files import check_output
 from solver_backend.job import Job, Resolve, joint_set_named, positive_fps
-from solver_backend.progress import Progress
 from solver_backend.types import Capture
 
 
@@ -28,7 +28,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     capture = _load(job.capture, job.reading(), progress)
     from solver_backend.fitters.solve import resolve as resolve_stretch
     from solver_backend.fitters.solve import solve as solve_capture
-    from solver_backend.io.motion_file import read_motion, write_motion
+    from solver_backend.io.native.motion_file import read_motion, write_motion
     from solver_backend.report.page import write_report
 
     start = time.monotonic()
@@ -65,7 +65,7 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the bodies that can be chosen by name, and the folder they are looked for in."""
-    from solver_backend.body.choices import bodies_folder, list_bodies
+    from solver_backend.body.files.choices import bodies_folder, list_bodies
 
     found = {body.name: str(body.path) for body in list_bodies()}
     width = max(map(len, found))
@@ -85,8 +85,8 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Compare a motion with the truth of a synthetic capture, beside triangulation and a low-pass filter."""
-    from solver_backend.fitters.evaluate import evaluate as compare
-    from solver_backend.io.motion_file import read_motion
+    from solver_backend.evaluation.evaluate import evaluate as compare
+    from solver_backend.io.native.motion_file import read_motion
 
     capture = _load(args.capture, {}, progress)
     found = compare(capture, read_motion(args.motion))
@@ -98,7 +98,7 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
 def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Train a prior and write its weights and model card."""
     try:
-        from solver_backend.training.loop import TrainingSettings
+        from solver_backend.training.engine.loop import TrainingSettings
         from solver_backend.training.train import train as train_prior
     except ModuleNotFoundError as error:
         raise BackendMissing(
@@ -187,7 +187,7 @@ def _load(path: Path, reading: dict[str, Any], progress: Progress) -> Capture:
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:
-    from solver_backend.io.capture_file import write_capture
+    from solver_backend.io.native.capture_file import write_capture
 
     write_capture(path, capture, overwrite=overwrite)
     text, data = describe_capture(capture)

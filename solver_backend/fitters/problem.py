@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from solver_backend.body.body import Body
-from solver_backend.fitters.frame import fit_frames
-from solver_backend.fitters.initial import Observations, fit_to_points, lifted_betas, sample_frames
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.shape import fit_shape
-from solver_backend.fitters.subject import Subject
+from solver_backend.fitters.single_frame.fit import fit_frames
+from solver_backend.fitters.single_frame.start import Observations, fit_to_points, lifted_betas, sample_frames
+from solver_backend.fitters.subject_calibration.shape import fit_shape
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.progress import Progress
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.types import Capture, Fault

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from solver_backend.errors import JobInvalid
+from solver_backend.exchange.errors import JobInvalid
 
 METHODS = ("global", "sliding", "frame")
 BACKENDS = ("numpy", "torch")

@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 
 from solver_backend import __version__
-from solver_backend.body.choices import load_chosen_body, resolve_body
+from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.errors import BackendMissing, NoDetections, TakeTooShort
-from solver_backend.fitters.bundle_method import BundleSolution, solve_by_bundle, solve_by_sliding
-from solver_backend.fitters.capture_check import check_capture
-from solver_backend.fitters.frame_method import solve_by_frame
-from solver_backend.fitters.initial import observe
+from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.keyframes.frame_range import Stretch
+from solver_backend.fitters.keyframes.global_method import BundleSolution, solve_by_bundle, solve_by_sliding
+from solver_backend.fitters.keyframes.resolve_range import solve_stretch
+from solver_backend.fitters.measurements.sanitise import check_capture
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem, learn_subject
-from solver_backend.fitters.result import build_motion
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.stretch import Stretch
-from solver_backend.fitters.stretch_method import solve_stretch
-from solver_backend.fitters.subject import Subject
+from solver_backend.fitters.single_frame.method import solve_by_frame
+from solver_backend.fitters.single_frame.start import observe
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.progress import Progress, silent
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 

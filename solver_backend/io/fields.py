@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import FileDamaged
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_npz
 from solver_backend.types import JointSet
 

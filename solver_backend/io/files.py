@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
+from solver_backend.exchange.errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import CaptureNotRecognised, JobInvalid, TooFewViews
-from solver_backend.io.calibration_search import find_calibration, levels_above
-from solver_backend.io.camera_names import listing
-from solver_backend.io.capture_file import read_capture
-from solver_backend.io.footage import find_footage, headers, with_sizes_of
-from solver_backend.io.mp4 import VideoHeader
-from solver_backend.io.openpose_json import read_detections
-from solver_backend.io.pose2sim import TrialConfig, camera_folders, read_config, trials_below
-from solver_backend.io.world_check import check_world
+from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, TooFewViews
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.calibration.search import find_calibration, levels_above
+from solver_backend.io.captures.openpose_json import read_detections
+from solver_backend.io.captures.pose2sim import TrialConfig, camera_folders, read_config, trials_below
+from solver_backend.io.footage.footage import find_footage, headers, with_sizes_of
+from solver_backend.io.footage.mp4 import VideoHeader
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.world_check import check_world
 from solver_backend.people.person_selection import select_person
-from solver_backend.progress import Progress, silent
 from solver_backend.types import Capture, JointSet
 
 DEFAULT_FPS = 60.0

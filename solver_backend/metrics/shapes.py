@@ -6,7 +6,7 @@ from types import EllipsisType
 
 import numpy as np
 
-from solver_backend.errors import ShapeMismatch
+from solver_backend.exchange.errors import ShapeMismatch
 
 Expected = tuple["int | str | EllipsisType", ...]
 """Numbers, names that stand for any number, and as the first entry '...' for any leading dimensions."""

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.errors import NoDetections, TooFewViews
+from solver_backend.exchange.errors import NoDetections, TooFewViews
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.people.detections import Detections
+from solver_backend.people.exclusive_assignment import concatenated, settled
 from solver_backend.people.person_tracks import persons
-from solver_backend.people.settled_people import concatenated, settled
 from solver_backend.people.sightings import Sightings, sightings
 from solver_backend.people.view_agreement import (
     TOLERANCE_M,
@@ -18,7 +19,6 @@ from solver_backend.people.view_agreement import (
     detection_distances,
 )
 from solver_backend.people.view_tracks import view_tracks
-from solver_backend.progress import Progress, silent
 from solver_backend.types import Cameras
 
 REACH_S = 0.25

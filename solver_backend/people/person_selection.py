@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_finding import FoundPerson, find_person, strange_views
-from solver_backend.progress import Progress, silent
 from solver_backend.types import Cameras, Keypoints2D
 
 AGREEING_SHARE = 0.65

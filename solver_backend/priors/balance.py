@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from solver_backend.errors import NonFiniteData, PoseInvalid
+from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
 from solver_backend.geometry.curves import bezier, bspline, lerp, squad
 from solver_backend.geometry.interpolation import slerp
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.errors import PoseInvalid
+from solver_backend.exchange.errors import PoseInvalid
 from solver_backend.geometry.arrays import Array
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from solver_backend.errors import WeightsInvalid
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.lie_vae import load_lie_vae
-from solver_backend.priors.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.svae import load_svae
 from solver_backend.priors.weights import ASSETS

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.errors import WeightsInvalid
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations

@@ -12,10 +12,10 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
-from solver_backend.errors import WeightsInvalid
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import matrix_from_6d
-from solver_backend.priors.dense import DenseStack
+from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.priors.sposer import LATENT_DIM, load_sposer, spherical
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types import NUM_BETAS

@@ -8,7 +8,7 @@ from typing import Any
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
-from solver_backend.residuals.evidence import PointEvidence
+from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.robust import geman_mcclure
 
 

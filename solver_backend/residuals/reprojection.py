@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.cameras.projection import project_with_jacobian
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.residuals.evidence import PointEvidence
+from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
 

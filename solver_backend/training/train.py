@@ -9,18 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import JobInvalid
-from solver_backend.progress import Progress, silent
-from solver_backend.training.clips import load_clips
-from solver_backend.training.corpus import HELD_OUT, KEYED_REPEATS, NEAR_REPEAT_M, Corpus, split_corpus
-from solver_backend.training.devices import check_device
-from solver_backend.training.loop import TrainingSettings
-from solver_backend.training.recipe import Finished, Job
-from solver_backend.training.train_gmm import train_gmm
-from solver_backend.training.train_lifter import train_lifter
-from solver_backend.training.train_pose_ndf import train_pose_ndf
-from solver_backend.training.train_sposer import train_sposer
-from solver_backend.training.train_vae import train_vae
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.training.data.corpus import HELD_OUT, KEYED_REPEATS, NEAR_REPEAT_M, Corpus, split_corpus
+from solver_backend.training.data.sources.clips import load_clips
+from solver_backend.training.engine.devices import check_device
+from solver_backend.training.engine.loop import TrainingSettings
+from solver_backend.training.engine.recipe import Finished, Job
+from solver_backend.training.gmm.train import train_gmm
+from solver_backend.training.lifter.train import train_lifter
+from solver_backend.training.pose_ndf.train import train_pose_ndf
+from solver_backend.training.sposer.train import train_sposer
+from solver_backend.training.vae.train import train_vae
 
 RECIPES: dict[str, Callable[[Job], Finished]] = {
     "gmm": train_gmm,

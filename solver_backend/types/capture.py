@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import KeypointCountMismatch, NoDetections, NonFiniteData, TooFewViews
+from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData, TooFewViews
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.joint_sets import JointSet
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.errors import MotionInvalid
+from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.types.joint_sets import NUM_JOINTS, JointSet
 
 FLAG_UNSEEN = 1

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from assets_procedural.build import BODY_FILE, NUM_VERTICES
-from assets_procedural.contact_sheet import BakedBody, read_baked
-from assets_procedural.correctives import joint_masks
 from assets_procedural.layout import BORDERS, MIRROR_JOINT, PARENTS
-from assets_procedural.measure import Figure, figures
-from assets_procedural.meshing import build_mesh
-from assets_procedural.poses import BENDS, EXTREMES, rotations
-from assets_procedural.primitives import load_primitives
-from assets_procedural.skinning import volume
+from assets_procedural.mesh.meshing import build_mesh
+from assets_procedural.quality.contact_sheet import BakedBody, read_baked
+from assets_procedural.quality.figures import Figure, figures
+from assets_procedural.quality.poses import BENDS, EXTREMES, rotations
+from assets_procedural.skeleton.correctives import joint_masks
+from assets_procedural.skeleton.skinning import volume
+from assets_procedural.surface.primitives import load_primitives
 from solver_backend.body.body import load_body
-from tests.blas_kernels import KERNELS, environment_with_kernel
+from tests.support.blas_kernels import KERNELS, environment_with_kernel
 
 ROOT = BODY_FILE.parents[2]
 

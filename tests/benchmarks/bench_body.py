@@ -11,11 +11,11 @@ import time
 import bpy
 import numpy as np
 
-from blender_addon.bake.action import bake_action
-from blender_addon.bake.deviation import measure_deviation
-from blender_addon.bake.timing import TakeTiming
+from blender_addon.animation.action import bake_action
+from blender_addon.animation.deviation import measure_deviation
+from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.rig import create_rig
-from blender_addon.files.body_file import default_body_path, read_body
+from blender_addon.conventions.timing import TakeTiming
 from blender_addon.files.motion_file import MotionFile
 from tests.benchmarks.metric import Metric
 

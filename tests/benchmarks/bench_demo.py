@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 
-from solver_backend.fitters.evaluate import evaluate
+from solver_backend.evaluation.evaluate import evaluate
 from solver_backend.fitters.settings import METHODS, SolveSettings
 from solver_backend.fitters.solve import solve
 from solver_backend.synthetic.demo import demo_capture

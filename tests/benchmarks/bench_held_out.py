@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from solver_backend.fitters.holdout import leave_one_camera_out
 from solver_backend.io.load import load_capture
+from tests.benchmarks.holdout import leave_one_camera_out
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -12,12 +12,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from solver_backend.io.capture_file import write_capture
 from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import JointSet
 from tests.benchmarks.metric import Metric
-from tests.io.scenes import detected, ring_of_cameras, walker
-from tests.io.trial_files import write_trial
+from tests.support.scenes import detected, ring_of_cameras, walker
+from tests.support.trial_files import write_trial
 
 FRAMES = 10_000
 

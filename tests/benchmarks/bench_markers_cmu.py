@@ -17,9 +17,9 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.io.bvh import read_bvh
+from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.training.marker_fit import fit_markers
+from solver_backend.training.data.sources.marker_fit import fit_markers
 from solver_backend.types import SMPL_JOINTS
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 

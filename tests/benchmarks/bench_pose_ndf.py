@@ -22,17 +22,17 @@ from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.fitters.pose_manifold.chain_equations import ManifoldWeights
-from solver_backend.fitters.pose_manifold.complete import complete, missing_joints
-from solver_backend.fitters.pose_manifold.denoise import WEIGHTS, DenoiseSettings, denoise
-from solver_backend.fitters.pose_manifold.interpolate import ALONG, interpolate_poses
-from solver_backend.fitters.pose_manifold.keypoints2d import KeypointSettings
-from solver_backend.fitters.pose_manifold.motions import LAYOUT
-from solver_backend.fitters.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.pose_ndf.complete import complete, missing_joints
+from solver_backend.fitters.pose_ndf.denoise import WEIGHTS, DenoiseSettings, denoise
+from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
+from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
+from solver_backend.fitters.pose_ndf.interpolate import ALONG, interpolate_poses
+from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.priors.gmm import load_gmm
-from solver_backend.priors.pose_ndf import load_pose_ndf
+from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
 from tests.benchmarks.keypoint_fits import latent_fit, manifold_fit, sighting
 from tests.benchmarks.latent_chain import LatentChain
 from tests.benchmarks.metric import Metric

@@ -20,17 +20,17 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.errors import FileMissing
-from solver_backend.fitters.pose_manifold.interpolate import interpolate_poses
+from solver_backend.exchange.errors import FileMissing
+from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
-from solver_backend.priors.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.priors.sposer import SPoser
-from solver_backend.training.accuracy import accuracy_by_source
-from solver_backend.training.clips import load_clips
-from solver_backend.training.corpus import Corpus, split_corpus
-from solver_backend.training.marker_takes import fitted_takes
+from solver_backend.training.data.corpus import Corpus, split_corpus
+from solver_backend.training.data.sources.clips import load_clips
+from solver_backend.training.data.sources.marker_takes import fitted_takes
+from solver_backend.training.sposer.accuracy import accuracy_by_source
 from tests.benchmarks import prior_tables as tables
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.prior_pictures import embedding, pose_grid

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import DEFAULT_BODY
-from solver_backend.io.capture_file import read_capture, write_capture
-from solver_backend.synthetic import bad_input, benchmark, filming, keypoint_detector, occlusion
-from solver_backend.synthetic.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.simulation import bad_input, benchmark, filming, keypoint_detector, occlusion
+from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
 from tests.benchmarks import validation_takes
 from tests.benchmarks.validation_takes import take_named

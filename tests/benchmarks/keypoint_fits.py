@@ -10,13 +10,13 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.pose_manifold.keypoints2d import KeypointSettings, bending, fit_keypoints
-from solver_backend.fitters.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, bending, fit_keypoints
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.pose_ndf import PoseNDF
-from solver_backend.residuals.evidence import PointTerm
+from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.residuals.point_term import PointTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt

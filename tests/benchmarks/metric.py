@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from solver_backend.errors import MocapError
+from solver_backend.exchange.errors import MocapError
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from solver_backend.io.load import load_capture
-from solver_backend.synthetic.noise_measurement import measure_noise
+from solver_backend.simulation.noise_measurement import measure_noise
 from tests.benchmarks.bench_held_out import DATA, TRIAL
 
 

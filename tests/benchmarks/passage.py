@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.io.motion_file import read_motion
+from solver_backend.io.native.motion_file import read_motion
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.captures import filmed
 from tests.benchmarks.methods import PUBLISHED

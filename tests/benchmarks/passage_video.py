@@ -25,7 +25,7 @@ TRUE_JOINT = (0.25, 0.95, 0.65)
 
 def write_passage(passage: Passage, folder: Path) -> None:
     """Write the motions of a passage for the renderer, which is another process."""
-    from solver_backend.io.motion_file import write_motion
+    from solver_backend.io.native.motion_file import write_motion
 
     errors = passage.errors_mm()
     for number, (label, motion) in enumerate(passage.motions.items()):
@@ -43,9 +43,9 @@ def render_apart(passage: Passage, out: Path) -> None:
 
 def render(folder: Path, out: Path) -> None:
     """Render the motions of a folder side by side."""
-    from blender_addon.bake.session import fresh_scene
     from blender_addon.render.picture import write_png
     from blender_addon.render.strips import encode_video
+    from blender_addon.scene.session import fresh_scene
 
     paths = sorted(folder.glob("*.npz"))
     truth, view = _true_view(paths[0])
@@ -64,9 +64,9 @@ def render(folder: Path, out: Path) -> None:
 
 def _true_view(path: Path):
     """Return the true joints and a view that holds all of the passage."""
-    from blender_addon.bake.rotations import matrix_from_rotvec
-    from blender_addon.bake.skinning import pose_joints
-    from blender_addon.files.body_file import default_body_path, read_body
+    from blender_addon.body.body_file import default_body_path, read_body
+    from blender_addon.body.posed_body import pose_joints
+    from blender_addon.conventions.rotations import matrix_from_rotvec
     from blender_addon.files.motion_file import read_motion
     from blender_addon.render.view import View, three_quarter_view
 
@@ -79,14 +79,14 @@ def _true_view(path: Path):
 
 def _pane(path: Path, truth: np.ndarray, view, folder: Path) -> list[np.ndarray]:
     """Return the pictures of one motion, in a fresh Blender file."""
-    from blender_addon.bake.scene import bake_take
-    from blender_addon.bake.session import fresh_scene
-    from blender_addon.files.body_file import default_body_path, read_body
+    from blender_addon.body.body_file import default_body_path, read_body
     from blender_addon.files.motion_file import read_motion
     from blender_addon.render.lettering import open_lettering
     from blender_addon.render.picture import blend, draw_dots, gradient, layer_from_render, soften_edges
     from blender_addon.render.stage import Look, open_stage
     from blender_addon.render.subject import Subject
+    from blender_addon.scene.bake import bake_take
+    from blender_addon.scene.session import fresh_scene
 
     motion, body = read_motion(path), read_body(default_body_path())
     take = bake_take(fresh_scene(), motion, body, None)

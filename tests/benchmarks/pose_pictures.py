@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.raster import View, render, tile, write_png
+from assets_procedural.quality.raster import View, render, tile, write_png
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 

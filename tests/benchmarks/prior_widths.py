@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from solver_backend.priors.dense import DenseStack
+from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.priors.sposer import SPoser, spherical
-from solver_backend.training.accuracy import reconstruction_accuracy
-from solver_backend.training.corpus import Corpus
-from solver_backend.training.loop import TrainingSettings, run_training
-from solver_backend.training.spherical_autoencoder import SphericalAutoencoder, linear_layers
-from solver_backend.training.sposer import SPoserSettings, SPoserTask
+from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.engine.loop import TrainingSettings, run_training
+from solver_backend.training.sposer.accuracy import reconstruction_accuracy
+from solver_backend.training.sposer.network import SphericalAutoencoder, linear_layers
+from solver_backend.training.sposer.task import SPoserSettings, SPoserTask
 from tests.benchmarks.prior_tables import Table
 
 WIDTHS, SEEDS, STEPS = (128, 256, 512), (0, 1, 2), 1000

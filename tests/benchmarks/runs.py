@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.fitters.baselines import BaselineResult
-from solver_backend.io.motion_file import read_motion, write_motion
+from solver_backend.baselines import BaselineResult
+from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.weights import ASSETS
-from solver_backend.synthetic.benchmark import BenchmarkSettings
-from solver_backend.synthetic.keypoint_detector import DetectorModel
+from solver_backend.simulation.benchmark import BenchmarkSettings
+from solver_backend.simulation.keypoint_detector import DetectorModel
 from tests.benchmarks.captures import capture_path, filmed
 from tests.benchmarks.judgement import Row, judged, worst_joints
 from tests.benchmarks.methods import Method

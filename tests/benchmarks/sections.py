@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.synthetic.benchmark import BenchmarkSettings
+from solver_backend.simulation.benchmark import BenchmarkSettings
 from tests.benchmarks.captures import BAD, LONG_TAKE, TAKES
 from tests.benchmarks.judgement import COLUMNS, Row
 from tests.benchmarks.methods import OURS, PUBLISHED, Method, ablations, compared

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.fitters.baselines import BaselineResult
+from solver_backend.baselines import BaselineResult
 from solver_backend.geometry.symmetric import packed
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
@@ -18,7 +18,7 @@ from tests.benchmarks.methods import BASELINES, EXACT_PRIOR, OURS, PUBLISHED, Me
 from tests.benchmarks.requirements import requirements
 from tests.benchmarks.runs import Outcome, Run, code_version
 from tests.benchmarks.sections import SECTIONS, Scope, Section, medians
-from tests.io.scenes import small_motion
+from tests.support.scenes import small_motion
 
 
 @pytest.fixture(scope="module")
@@ -98,10 +98,10 @@ def test_every_section_names_runs_and_columns() -> None:
 
 
 def test_code_is_what_a_method_imports() -> None:
-    closure = {path.name for path in runs._closure("solver_backend.fitters.baselines.muvs")}
+    closure = {path.name for path in runs._closure("solver_backend.baselines.muvs")}
     assert {"muvs.py", "sequence.py", "gaussian_vae.py", "projection.py"} <= closure
     assert "bundle_method.py" not in closure and "report" not in closure
-    assert code_version("solver_backend.fitters.solve") != code_version("solver_backend.fitters.baselines.muvs")
+    assert code_version("solver_backend.fitters.solve") != code_version("solver_backend.baselines.muvs")
 
 
 def test_requirements_are_judged_by_ratio() -> None:

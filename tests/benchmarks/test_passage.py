@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.io.motion_file import write_motion
+from solver_backend.io.native.motion_file import write_motion
 from solver_backend.synthetic.demo import demo_capture
 from tests.benchmarks import passage as passages
 from tests.benchmarks.methods import Method

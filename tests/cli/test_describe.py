@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.cli.describe import describe_capture, describe_motion, frames_without_two_views
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Keypoints2D
-from tests.io.scenes import small_capture, small_markers, small_motion
+from tests.support.scenes import small_capture, small_markers, small_motion
 
 
 def seen_in(capture: Capture, seen: np.ndarray) -> Capture:

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from solver_backend.cli.main import main
-from solver_backend.io.capture_file import write_capture
-from solver_backend.io.motion_file import read_motion
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthetic.demo import demo_capture
 
 FRAMES = 48

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
-from solver_backend.errors import Cancelled, NoDetections
+from solver_backend.exchange.errors import Cancelled, NoDetections
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.io.capture_file import read_capture
-from solver_backend.io.motion_file import read_motion
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.native.motion_file import read_motion
 from solver_backend.types import JointSet
-from tests.cli.stand_ins import FRAMES, StandIns
+from tests.support.cli_stand_ins import FRAMES, StandIns
 
 
 @pytest.fixture

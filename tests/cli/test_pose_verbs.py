@@ -12,12 +12,12 @@ from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cli.main import main
-from solver_backend.errors import Cancelled
+from solver_backend.exchange.errors import Cancelled
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.motion_file import read_motion, write_motion
+from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.types import Motion
-from tests.io.scenes import small_motion
-from tests.priors.pose_ndf_weights import random_prior
+from tests.support.pose_ndf_weights import random_prior
+from tests.support.scenes import small_motion
 
 FRAMES = 8
 
@@ -149,7 +149,7 @@ def test_cancelling_leaves_nothing_behind(take, weights, tmp_path, monkeypatch, 
     def cancelled(*_):
         raise Cancelled("The work was cancelled.")
 
-    monkeypatch.setattr("solver_backend.fitters.pose_manifold.motions.denoise", cancelled)
+    monkeypatch.setattr("solver_backend.fitters.pose_ndf.edit_motion.denoise", cancelled)
     assert main(["denoise", take, str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 130
     assert result(capsys)["code"] == "cancelled"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pose_ndf.npz", "take.npz"]

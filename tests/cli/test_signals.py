@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def start(tmp_path: Path, *options: str) -> subprocess.Popen[str]:
     """Start a solve of a minute and wait until it is under way."""
-    command = [sys.executable, "-m", "tests.cli.stand_ins", "solve", "take", "--out", str(tmp_path / "m.npz"), "--json"]
+    module = [sys.executable, "-m", "tests.support.cli_stand_ins"]
+    command = [*module, "solve", "take", "--out", str(tmp_path / "m.npz"), "--json"]
     pipe = subprocess.PIPE
     process = subprocess.Popen([*command, *options], cwd=ROOT, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
     assert process.stdout is not None

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.errors import JobInvalid, NoDetections, TakeTooShort, TooFewViews
-from solver_backend.fitters.evaluate import evaluate
+from solver_backend.evaluation.evaluate import evaluate
+from solver_backend.exchange.errors import JobInvalid, NoDetections, TakeTooShort, TooFewViews
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solve import solve
 from solver_backend.priors.sposer import SPoser, load_sposer

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
 from solver_backend.io.calibration import Calibration, calibrations_in, read_calibration
 from solver_backend.io.calibration.units import resized, with_up_axis
 from solver_backend.io.calibration.yaml_storage import parse_yaml
-from solver_backend.io.up_axis import UP_AXES
+from solver_backend.io.recognition.up_axis import UP_AXES
 from solver_backend.types import Cameras
-from tests.io.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
-from tests.io.scenes import ring_of_cameras
+from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
+from tests.support.scenes import ring_of_cameras
 
 
 def assert_same(found: Calibration, cameras: Cameras, *, sizes: bool = True) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
+from solver_backend.exchange.errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
 from solver_backend.io.files import (
     atomic_output,
     check_output,

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.errors import (
+from solver_backend.exchange.errors import (
     KeypointCountMismatch,
 )
-from solver_backend.io.capture_file import write_capture
 from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet
-from tests.io.calibration_files import qca_text, toml_text, yaml_camera
-from tests.io.scenes import detected, ring_of_cameras, small_capture, small_markers, walker
-from tests.io.trial_files import mp4_bytes, renamed, write_detections, write_trial
+from tests.support.calibration_files import qca_text, toml_text, yaml_camera
+from tests.support.scenes import detected, ring_of_cameras, small_capture, small_markers, walker
+from tests.support.trial_files import mp4_bytes, renamed, write_detections, write_trial
 
 CALIBRATED = ("cam_1", "cam_2", "cam_3", "cam_4")
 

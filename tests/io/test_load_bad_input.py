@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.errors import (
+from solver_backend.exchange.errors import (
     CalibrationInvalid,
     CalibrationMismatch,
     CalibrationMissing,
@@ -21,12 +21,12 @@ from solver_backend.errors import (
     NonFiniteData,
     TooFewViews,
 )
-from solver_backend.io.capture_file import write_capture
 from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import JointSet
-from tests.io.calibration_files import toml_text
-from tests.io.scenes import detected, ring_of_cameras, small_capture, walker
-from tests.io.trial_files import renamed, write_trial
+from tests.support.calibration_files import toml_text
+from tests.support.scenes import detected, ring_of_cameras, small_capture, walker
+from tests.support.trial_files import renamed, write_trial
 
 CALIBRATED = ("cam_1", "cam_2", "cam_3", "cam_4")
 

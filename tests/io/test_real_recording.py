@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.load import load_capture
-from solver_backend.io.world_check import check_world
+from solver_backend.io.recognition.world_check import check_world
 from solver_backend.types import Capture, JointSet
 
 REAL = "multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.errors import ShapeMismatch
+from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import angle_mae_deg, geodesic_deg
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.errors import ShapeMismatch
+from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.metrics import reprojection_median_px, reprojection_px, reprojection_rmse_px
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solver_backend.errors import ShapeMismatch
+from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import distances_m, mpjpe_mm, pa_mpjpe_mm, pck_percent, rmse_mm
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.errors import ShapeMismatch
+from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.metrics import accel_error_m_s2, accelerations_m_s2, foot_skating_cm_per_frame
 
 

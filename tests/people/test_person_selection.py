@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.errors import NoDetections, TooFewViews
+from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import SelectedPerson, select_person
 from solver_backend.people.sightings import sightings
 from solver_backend.people.view_tracks import view_tracks
-from solver_backend.synthetic import bad_input
+from solver_backend.simulation import bad_input
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
-from tests.io.scenes import detected, ring_of_cameras, walker
+from tests.support.scenes import detected, ring_of_cameras, walker
 
 COCO = JointSet.COCO_17
 

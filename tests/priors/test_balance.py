@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.errors import NonFiniteData, PoseInvalid
+from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
 from solver_backend.priors import balance
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.errors import FileMissing, PoseInvalid, WeightsInvalid
+from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.weights import ASSETS
-from tests.priors.random_weights import WIDTHS, write_random
+from tests.support.random_weights import WIDTHS, write_random
 
 LEARNED = ("sposer", "gmm")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.errors import FileMissing, PoseInvalid, WeightsInvalid
+from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE, load_vae
 from solver_backend.priors.weights import ASSETS

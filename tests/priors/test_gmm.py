@@ -9,12 +9,12 @@ import pytest
 import torch
 from scipy.stats import multivariate_normal
 
-from solver_backend.errors import PoseInvalid, WeightsInvalid
+from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gmm import GaussianMixture, load_gmm
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import ASSETS, PriorWeights, write_weights
-from solver_backend.training.expectation_maximisation import fit_mixture
+from solver_backend.training.gmm.expectation_maximisation import fit_mixture
 
 
 def mixture_arrays(components: int = 3) -> dict[str, np.ndarray]:

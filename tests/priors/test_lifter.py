@@ -11,7 +11,7 @@ import torch
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.errors import WeightsInvalid
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.lifter import DEFAULT_WEIGHTS, POINTS, load_lifter
 from solver_backend.priors.sposer import load_sposer, spherical

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.errors import FileMissing, PoseInvalid, WeightsInvalid
+from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, LATENT_DIM, SPoser, load_sposer, spherical
 from solver_backend.priors.weights import PriorWeights, read_weights, write_weights

@@ -7,7 +7,7 @@ import pytest
 from solver_backend.cli.describe import describe_motion
 from solver_backend.report.faults import fault_texts, faults_of
 from solver_backend.types import Fault, FaultKind, Remedy
-from tests.io.scenes import small_motion
+from tests.support.scenes import small_motion
 
 LEGS = Fault(FaultKind.LIMBS_EXCHANGED, "cam_b", 30, 59, 88.5, Remedy.REPAIRED, "legs")
 

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.report.faults import frames_text
 from solver_backend.report.findings import findings_of, listed
 from solver_backend.report.statistics import residuals_of
-from tests.report.solved import GAP, OFF, solved
+from tests.support.solved import GAP, OFF, solved
 
 
 def sentences(capture, motion) -> list[str]:

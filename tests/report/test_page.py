@@ -10,10 +10,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from solver_backend.errors import MotionInvalid, OutputExists
+from solver_backend.exchange.errors import MotionInvalid, OutputExists
 from solver_backend.report.page import report_html, write_report
 from solver_backend.types import Capture, MarkerCloud
-from tests.report.solved import FRAMES, NAME, bare, solved
+from tests.support.solved import FRAMES, NAME, bare, solved
 
 VOID = {"meta"}
 

@@ -15,7 +15,7 @@ from solver_backend.report.statistics import (
     share,
     stretches,
 )
-from tests.report.solved import FRAMES, GAP, bare, solved
+from tests.support.solved import FRAMES, GAP, bare, solved
 
 
 @given(seed=st.integers(0, 1000), q=st.floats(0, 1), axis=st.sampled_from([0, 1, 2]))

@@ -96,7 +96,7 @@ def test_a_point_behind_a_camera_is_no_better_than_an_outlier():
 
 def test_usual_poses_gradient_and_curvature():
     from solver_backend.geometry.rotations import exp_so3
-    from solver_backend.residuals.usual_poses import usual_pose_curvature, usual_pose_term
+    from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
 
     rng = np.random.default_rng(0)
     local = exp_so3(0.3 * rng.normal(size=(4, 21, 3)))
@@ -113,7 +113,7 @@ def test_usual_poses_gradient_and_curvature():
 def test_bent_hips_come_with_a_bent_spine():
     """What the mixture is there for: of two ways to lean forward that no keypoint tells apart, the usual one."""
     from solver_backend.geometry.rotations import exp_so3
-    from solver_backend.residuals.usual_poses import usual_pose_term
+    from solver_backend.residuals.pose_mixture import usual_pose_term
     from solver_backend.types import SMPL_JOINTS
 
     def crouched(spine: float, hips: float) -> np.ndarray:

@@ -10,8 +10,8 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.priors.lifter import POINTS, load_lifter
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.training.lifter import LifterSettings, LifterTask
-from solver_backend.training.train_lifter import train_lifter
+from solver_backend.training.lifter.task import LifterSettings, LifterTask
+from solver_backend.training.lifter.train import train_lifter
 from tests.training.test_sposer_training import job, swaying
 
 

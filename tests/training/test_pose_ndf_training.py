@@ -9,27 +9,19 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.errors import JobInvalid
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import silent
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_rotvec
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.joint_spread import JointSpread
-from solver_backend.priors.pose_distance import pose_distance
-from solver_backend.priors.pose_ndf import in_metric, load_pose_ndf, metric_length
-from solver_backend.progress import silent
-from solver_backend.training.clips import Clip
-from solver_backend.training.corpus import Corpus, build_corpus
-from solver_backend.training.loop import TrainingSettings
-from solver_backend.training.nearest_poses import NearestPoses, unit_quats
-from solver_backend.training.pose_ndf import (
-    PoseFieldNet,
-    PoseNdfSettings,
-    PoseNdfTask,
-    as_prior,
-    field_arrays,
-    upper,
-)
-from solver_backend.training.pose_ndf_stages import manifold_of, possible_frames
-from solver_backend.training.pose_negatives import (
+from solver_backend.priors.pose_ndf.pose_distance import pose_distance
+from solver_backend.priors.pose_ndf.pose_ndf import in_metric, load_pose_ndf, metric_length
+from solver_backend.training.data.corpus import Corpus, build_corpus
+from solver_backend.training.data.sources.clips import Clip
+from solver_backend.training.engine.loop import TrainingSettings
+from solver_backend.training.engine.recipe import Job
+from solver_backend.training.pose_ndf.nearest_poses import NearestPoses, unit_quats
+from solver_backend.training.pose_ndf.negatives import (
     NOBODY,
     Labelled,
     Manifold,
@@ -40,8 +32,16 @@ from solver_backend.training.pose_negatives import (
     spread,
     turned,
 )
-from solver_backend.training.recipe import Job
-from solver_backend.training.train_pose_ndf import train_pose_ndf
+from solver_backend.training.pose_ndf.network import (
+    PoseFieldNet,
+    PoseNdfSettings,
+    PoseNdfTask,
+    as_prior,
+    field_arrays,
+    upper,
+)
+from solver_backend.training.pose_ndf.stages import manifold_of, possible_frames
+from solver_backend.training.pose_ndf.train import train_pose_ndf
 from tests.training.test_sposer_training import DATA
 
 SMALL = PoseNdfSettings(

@@ -9,23 +9,23 @@ import pytest
 import torch
 from torch import nn
 
-from solver_backend.errors import JobInvalid
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import silent
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.progress import silent
-from solver_backend.training.accuracy import reconstruction_accuracy, reconstruction_statistics
-from solver_backend.training.clips import Clip
-from solver_backend.training.corpus import Corpus, build_corpus
-from solver_backend.training.latents import Kind
-from solver_backend.training.loop import TrainingSettings
-from solver_backend.training.recipe import Job
-from solver_backend.training.spherical_autoencoder import linear_layers
-from solver_backend.training.sposer import SPoserSettings, pose_loss
+from solver_backend.training.data.corpus import Corpus, build_corpus
+from solver_backend.training.data.sources.clips import Clip
+from solver_backend.training.engine.loop import TrainingSettings
+from solver_backend.training.engine.recipe import Job
+from solver_backend.training.sposer.accuracy import reconstruction_accuracy, reconstruction_statistics
+from solver_backend.training.sposer.network import linear_layers
+from solver_backend.training.sposer.task import SPoserSettings, pose_loss
+from solver_backend.training.sposer.train import train_sposer
 from solver_backend.training.train import train
-from solver_backend.training.train_sposer import train_sposer
-from solver_backend.training.train_vae import folded_encoder, train_vae
-from solver_backend.training.variational_autoencoder import VariationalAutoencoder
+from solver_backend.training.vae.latents import Kind
+from solver_backend.training.vae.network import VariationalAutoencoder
+from solver_backend.training.vae.train import folded_encoder, train_vae
 
 DATA = {
     "sources": {"training/sway": {"clips": 1, "frames": 40, "distinct": 40}}, "keyed_repeats": 4,

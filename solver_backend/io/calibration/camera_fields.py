@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.errors import CalibrationInvalid
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
 

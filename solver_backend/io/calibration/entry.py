@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.errors import CalibrationInvalid
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types import Cameras
 
 ROUNDING = 1e-3

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from solver_backend.errors import CalibrationInvalid, FileDamaged
+from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.files import require_file
 

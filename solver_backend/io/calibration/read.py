@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from solver_backend.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.opencv_cameras import count_cameras, read_opencv_cameras
 from solver_backend.io.calibration.qualisys import read_qualisys

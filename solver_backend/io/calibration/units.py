@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.errors import JobInvalid
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.calibration.entry import CameraEntry
-from solver_backend.io.up_axis import turn_to_z_up
+from solver_backend.io.recognition.up_axis import turn_to_z_up
 from solver_backend.types import Cameras
 
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solver_backend.errors import FileDamaged
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_text
 
 _KEY = re.compile(r"""^("[^"]*"|'[^']*'|[^\s\-:"'\[{][^:]*?)\s*:(?:\s+(.*))?$""")

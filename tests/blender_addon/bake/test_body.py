@@ -9,13 +9,13 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.bake.curves import action_curves
-from blender_addon.bake.deviation import evaluated_joints, measure_deviation
-from blender_addon.bake.scene import BakedTake, BakeSettings, bake_take
-from blender_addon.bake.timing import scene_frame_rate
+from blender_addon.animation.curves import action_curves
+from blender_addon.animation.deviation import evaluated_joints, measure_deviation
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.conventions.skeleton import JOINTS
+from blender_addon.conventions.timing import scene_frame_rate
 from blender_addon.errors import BodyMismatch
-from blender_addon.files.body_file import default_body_path, read_body
-from blender_addon.files.skeleton import JOINTS
+from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
 
 
 def test_evaluated_joints_and_skin_match_numpy(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:

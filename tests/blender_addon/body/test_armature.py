@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from blender_addon.body.armature import DEFORM_COLLECTION, bone_axes, deform_bone
+from blender_addon.body.body_file import BodyFile
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.files.body_file import BodyFile
-from blender_addon.files.skeleton import JOINTS, MAIN_CHILD, PARENTS
+from blender_addon.conventions.skeleton import JOINTS, MAIN_CHILD, PARENTS
 from tests.blender_addon.body.conftest import evaluated, pose
 
 

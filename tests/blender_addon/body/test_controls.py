@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 
 from blender_addon.body.armature import bone_axes, deform_bone
+from blender_addon.body.body_file import BodyFile
 from blender_addon.body.rig import Rig
-from blender_addon.files.body_file import BodyFile
-from blender_addon.files.skeleton import JOINTS
+from blender_addon.conventions.skeleton import JOINTS
 from tests.blender_addon.body.conftest import evaluated
 
 

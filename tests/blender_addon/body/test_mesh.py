@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from blender_addon.bake.scene import BakedTake
 from blender_addon.body.armature import deform_bone
-from blender_addon.files.skeleton import JOINTS
+from blender_addon.conventions.skeleton import JOINTS
+from blender_addon.scene.bake import BakedTake
 
 
 def test_mesh_carries_groups_materials_and_texture(take: BakedTake, files: Any) -> None:

@@ -12,12 +12,12 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.bake.deviation import evaluated_joints
-from blender_addon.bake.rotations import matrix_from_rotvec, rotvec_from_matrix
-from blender_addon.bake.scene import BakedTake, bake_take
-from blender_addon.bake.skinning import pose_joints
-from blender_addon.bake.takes import push_down
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.takes import push_down
+from blender_addon.body.posed_body import pose_joints
 from blender_addon.body.shape import get_betas, set_betas
+from blender_addon.conventions.rotations import matrix_from_rotvec, rotvec_from_matrix
+from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
 from blender_addon.export import alembic, usd
 from blender_addon.export.blender_exporters import run_exporter
@@ -26,9 +26,9 @@ from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import WRITERS, export_take
 from blender_addon.files.motion_file import read_motion
-from blender_addon.files.skeleton import JOINTS
-from solver_backend.io.bvh import read_bvh
-from tests.blender_addon.full_disk import full_disk
+from blender_addon.scene.bake import BakedTake, bake_take
+from solver_backend.io.motions.bvh import read_bvh
+from tests.support.full_disk import full_disk
 
 
 def test_every_format_has_a_writer() -> None:

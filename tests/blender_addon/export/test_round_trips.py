@@ -11,17 +11,17 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.bake.deviation import evaluated_joints, evaluated_vertices
-from blender_addon.bake.scene import bake_take
-from blender_addon.bake.timing import scene_frame_rate
+from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
+from blender_addon.conventions.skeleton import JOINTS
+from blender_addon.conventions.timing import scene_frame_rate
 from blender_addon.errors import ExporterMissing
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
 from blender_addon.files.motion_file import read_motion
-from blender_addon.files.skeleton import JOINTS
-from solver_backend.io.amass import read_amass
-from solver_backend.io.bvh import read_bvh
+from blender_addon.scene.bake import bake_take
+from solver_backend.io.motions.amass import read_amass
+from solver_backend.io.motions.bvh import read_bvh
 
 TOLERANCE_M = 1e-3
 CHECKED = (0, 7, 31, 44, 59)

@@ -18,7 +18,7 @@ from blender_addon.headless.main import main
 from blender_addon.headless.record import fingerprint
 from blender_addon.headless.summary import table, worst_first
 from blender_addon.progress import silent
-from solver_backend.io.capture_file import write_capture
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
 
 ROOT = Path(__file__).resolve().parents[3]

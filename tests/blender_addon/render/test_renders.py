@@ -11,9 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.bake.distortion import distort, normalised, pixels
-from blender_addon.bake.footage import Footage
-from blender_addon.bake.scene import BakedTake, bake_take
+from blender_addon.conventions.distortion import distort, normalised, pixels
 from blender_addon.progress import silent
 from blender_addon.render.backdrop import footage_backdrop
 from blender_addon.render.contact_sheet import render_contact_sheet
@@ -24,6 +22,8 @@ from blender_addon.render.stage import Look, open_stage
 from blender_addon.render.strips import encode_video, open_footage
 from blender_addon.render.subject import DETECTION_DOT, KEYPOINT_DOT, Subject
 from blender_addon.render.view import View
+from blender_addon.scene.bake import BakedTake, bake_take
+from blender_addon.scene.footage import Footage
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ import bpy
 import pytest
 
 import blender_addon
-from blender_addon.bake.solved_takes import Provenance
+from blender_addon.animation.solved_takes import Provenance
 from blender_addon.solving.run import start
-from blender_addon.ui.arrivals import take_capture, take_motion
+from blender_addon.ui.operators.import_results import take_capture, take_motion
 from solver_backend.cli.main import main as solver
-from solver_backend.io.capture_file import write_capture
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
 
 

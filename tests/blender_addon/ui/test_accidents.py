@@ -14,11 +14,11 @@ import pytest
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run, start
 from blender_addon.ui import locations
-from blender_addon.ui.following import current
-from solver_backend.io.capture_file import write_capture
+from blender_addon.ui.operators.solver_operator import current
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
-from tests.blender_addon.full_disk import full_disk
 from tests.blender_addon.ui.conftest import Solved
+from tests.support.full_disk import full_disk
 
 
 def written(folder: Path) -> dict[str, int]:

@@ -10,7 +10,8 @@ import bpy
 import pytest
 
 import blender_addon
-from blender_addon.ui import registration, settings
+from blender_addon.ui import properties as settings
+from blender_addon.ui import registration
 
 ADDON = Path(blender_addon.__file__).parent
 

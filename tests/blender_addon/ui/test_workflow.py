@@ -12,21 +12,22 @@ import pytest
 from mathutils import Quaternion
 
 import solver_backend
-from blender_addon.bake.confidence_lane import current_confidence, read_lane
-from blender_addon.bake.curves import action_curves
-from blender_addon.bake.pose import read_pose
-from blender_addon.bake.solved_takes import add_take
-from blender_addon.bake.timing import set_scene_frame_rate
+from blender_addon.animation.curves import action_curves
+from blender_addon.animation.pose import read_pose
+from blender_addon.animation.solved_takes import add_take
+from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.sliders import body_mesh
-from blender_addon.files.body_file import default_body_path, read_body
+from blender_addon.conventions.timing import set_scene_frame_rate
 from blender_addon.files.motion_file import read_motion
+from blender_addon.review.confidence_lane import current_confidence, read_lane
 from blender_addon.solving.presets import PRESETS
-from blender_addon.ui import locations, solve
-from blender_addon.ui.following import FollowsRun, current
-from blender_addon.ui.settings import MocapSolve
+from blender_addon.ui import locations
+from blender_addon.ui.operators import solve
+from blender_addon.ui.operators.solver_operator import FollowsRun, current
+from blender_addon.ui.properties import MocapSolve
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.io.motion_file import read_motion as read_solver_motion
-from solver_backend.io.motion_file import write_motion
+from solver_backend.io.native.motion_file import read_motion as read_solver_motion
+from solver_backend.io.native.motion_file import write_motion
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""From the surface to a mesh with materials and texture charts."""

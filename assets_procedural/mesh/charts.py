@@ -1,0 +1,179 @@
+"""Texture charts: each body part in a front and a back shell, flattened by least squares conformal maps and packed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import spsolve
+
+Array = np.ndarray
+_MARGIN = 0.006
+_GRID_M = 1e-6
+"""Lengths that decide are seen on this grid: mirror images tie exactly, whatever the last bits of BLAS."""
+
+
+@dataclass(frozen=True)
+class TextureMap:
+    """Texture coordinates with seams."""
+
+    vt: Array
+    """(T, 2) coordinates in [0, 1]."""
+    ft: Array
+    """(F, 3) index into ``vt`` of each face's corners."""
+
+    def per_vertex(self, faces: Array, count: int) -> Array:
+        """Return (V, 2): one coordinate a vertex, the first chart's where a seam gives several."""
+        uv = np.zeros((count, 2))
+        uv[faces[::-1].ravel()] = self.vt[self.ft[::-1].ravel()]
+        return uv
+
+
+def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
+    """Flatten and pack every part.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (F, 3).
+        part: (F,) number of the body part of each face.
+        facing: (P, 3) for each part the direction that its first shell faces.
+    """
+    label = _shells(vertices, faces, part, facing)
+    charts, ft = [], np.zeros_like(faces)
+    offset = 0
+    for chart in range(label.max() + 1):
+        chosen = np.nonzero(label == chart)[0]
+        used, local = np.unique(faces[chosen], return_inverse=True)
+        local = local.reshape(-1, 3)
+        axis = facing[part[chosen[0]]]
+        charts.append(_upright(flatten(vertices[used], local), vertices[used], axis))
+        ft[chosen] = offset + local
+        offset += len(used)
+    return TextureMap(_pack(charts), ft)
+
+
+def flatten(vertices: Array, faces: Array) -> Array:
+    """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002), its area equal to the surface's."""
+    corners = vertices[faces]
+    x = corners[:, 1] - corners[:, 0]
+    length = np.linalg.norm(x, axis=1)
+    normal = np.cross(x, corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(normal, axis=1)
+    y = np.cross(normal / doubled[:, None], x / length[:, None])
+    to_third = corners[:, 2] - corners[:, 0]
+    u = np.einsum("fa,fa->f", to_third, x) / length
+    v = np.einsum("fa,fa->f", to_third, y)
+    local = np.stack([0 * u, length, u], axis=1) + 1j * np.stack([0 * u, 0 * u, v], axis=1)
+    edge = (local[:, [2, 0, 1]] - local[:, [1, 2, 0]]) / np.sqrt(doubled)[:, None]
+    rows = np.repeat(np.arange(len(faces)), 3)
+    matrix = sp.csr_matrix((edge.ravel(), (rows, faces.ravel())), shape=(len(faces), len(vertices)))
+    pinned = _far_pair(vertices, faces)
+    free = np.setdiff1d(np.arange(len(vertices)), pinned)
+    ends = np.array([0.0, np.linalg.norm(vertices[pinned[1]] - vertices[pinned[0]])], dtype=complex)
+    left, right = matrix[:, free], -matrix[:, pinned] @ ends
+    flat = np.zeros(len(vertices), dtype=complex)
+    flat[pinned] = ends
+    flat[free] = spsolve((left.conj().T @ left).tocsc(), left.conj().T @ right)
+    points = np.stack([flat.real, flat.imag], axis=1)
+    return points * np.sqrt(0.5 * doubled.sum() / max(abs(signed_areas(points, faces).sum()), 1e-12))
+
+
+def signed_areas(points: Array, faces: Array) -> Array:
+    """Return the (F,) areas of flat triangles, negative where they are turned over."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
+def _far_pair(vertices: Array, faces: Array) -> Array:
+    """Return two border vertices far from each other; of mirror images the one with the lower number."""
+    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    keys, counts = np.unique(pairs, axis=0, return_counts=True)
+    rim = np.unique(keys[counts == 1])
+    first = rim[_furthest(vertices[rim], vertices[rim].mean(axis=0))]
+    return np.array([first, rim[_furthest(vertices[rim], vertices[first])]])
+
+
+def _furthest(points: Array, origin: Array) -> int:
+    return int(np.round(np.linalg.norm(points - origin, axis=1) / _GRID_M).argmax())
+
+
+def _shells(vertices: Array, faces: Array, part: Array, facing: Array) -> Array:
+    """Return (F,) chart numbers: connected pieces of each part that face its direction, or away from it."""
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    towards = np.einsum("fa,fa->f", normal, facing[part]) / np.linalg.norm(normal, axis=1)
+    graph = _face_graph(faces, part)
+    degree = np.maximum(np.asarray(graph.sum(axis=1)).ravel(), 1.0)
+    for _ in range(12):
+        towards = 0.5 * towards + 0.5 * (graph @ towards) / degree
+    group = 2 * part + (towards < 0)
+    for _ in range(8):
+        label = _pieces(faces, group)
+        size = np.bincount(label)
+        small = size[label] < 24
+        if not np.any(small):
+            break
+        group = np.where(small, group ^ 1, group)
+    return _pieces(faces, group)
+
+
+def _pieces(faces: Array, group: Array) -> Array:
+    _, label = connected_components(_face_graph(faces, group), directed=False)
+    _, first = np.unique(label, return_index=True)
+    order = np.argsort(group[first], kind="stable")
+    return np.argsort(order, kind="stable")[label]
+
+
+def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
+    """Return the adjacency of faces of the same group."""
+    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort(pairs.T[::-1])
+    a, b = owner[order][0::2], owner[order][1::2]  # closed mesh: every edge has two faces
+    same = group[a] == group[b]
+    a, b = a[same], b[same]
+    ones = np.ones(2 * len(a))
+    return sp.csr_matrix((ones, (np.concatenate([a, b]), np.concatenate([b, a]))), shape=(len(faces),) * 2)
+
+
+def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
+    """Return the chart turned so that world up (or outwards, for flat parts) points up, its corner at the origin."""
+    up = np.array([0.0, 1.0, 0.0]) if abs(facing[1]) < 0.5 else np.array([0.0, 0.0, 1.0])
+    centred = flat - flat.mean(axis=0)
+    gradient = centred.T @ (vertices @ up - (vertices @ up).mean())
+    angle = np.arctan2(gradient[0], gradient[1])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    turned = centred @ turn.T
+    return turned - turned.min(axis=0)
+
+
+def _pack(charts: list[Array]) -> Array:
+    """Return all charts on shelves in the unit square, at one scale."""
+    sizes = np.array([chart.max(axis=0) for chart in charts])
+    order = np.argsort(-np.round(sizes[:, 1], 6), kind="stable")
+    low, high = 0.0, 2.0 / np.sqrt(np.prod(sizes, axis=1).sum())
+    places = np.zeros_like(sizes)
+    for _ in range(40):
+        scale = 0.5 * (low + high)
+        found = _shelves(sizes * scale + 2 * _MARGIN, order)
+        if found is None:
+            high = scale
+        else:
+            low, places = scale, found
+    return np.concatenate([chart * low + place + _MARGIN for chart, place in zip(charts, places, strict=True)])
+
+
+def _shelves(sizes: Array, order: Array) -> Array | None:
+    """Return the (C, 2) lower left corners, or None where the charts do not fit into the unit square."""
+    places, x, y, shelf = np.zeros_like(sizes), 0.0, 0.0, 0.0
+    for chart in order:
+        width, height = sizes[chart]
+        if x + width > 1.0:
+            x, y, shelf = 0.0, y + shelf, 0.0
+        if x + width > 1.0 or y + height > 1.0:
+            return None
+        places[chart] = x, y
+        x, shelf = x + width, max(shelf, height)
+    return places

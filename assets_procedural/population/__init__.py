@@ -1,0 +1,1 @@
+"""Shape components from population statistics."""

@@ -1,0 +1,110 @@
+"""Rest, shapes and poses to look at: ``python -m assets_procedural.quality.contact_sheet --out FOLDER``."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from assets_procedural.build import BODY_FILE
+from assets_procedural.quality.poses import EXTREMES, rotations
+from assets_procedural.quality.raster import View, render, tile, write_png
+from assets_procedural.skeleton.correctives import pose_features
+from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton
+
+Array = np.ndarray
+_MATERIAL_COLOURS = np.array([[0.80, 0.62, 0.50], [0.42, 0.47, 0.54]])
+
+
+@dataclass(frozen=True)
+class BakedBody:
+    """The arrays of a body file in double precision."""
+
+    vertices: Array
+    faces: Array
+    weights: Array
+    shapedirs: Array
+    posedirs: Array
+    regressor: Array
+    material: Array
+
+    @property
+    def joints(self) -> Array:
+        """Return the (24, 3) rest joints of the mean shape."""
+        return self.regressor @ self.vertices
+
+    def posed(self, local: Array, *, correctives: bool = True) -> Array:
+        """Return the (V, 3) skinned vertices of the mean shape for (24, 3, 3) local rotations."""
+        vertices = self.vertices
+        if correctives:
+            vertices = vertices + self.posedirs @ pose_features(local[None])[0]
+        return linear_blend(vertices, self.weights, *pose_skeleton(self.joints, local))
+
+
+def read_baked(path: Path = BODY_FILE) -> BakedBody:
+    """Read a body file."""
+    with np.load(path, allow_pickle=False) as data:
+        names = ("v_template", "f", "weights", "shapedirs", "posedirs", "J_regressor", "face_material")
+        arrays = {name: data[name] for name in names}
+    real = {name: value.astype(np.float64) for name, value in arrays.items() if value.dtype.kind == "f"}
+    return BakedBody(
+        real["v_template"],
+        arrays["f"].astype(np.int64),
+        real["weights"],
+        real["shapedirs"],
+        real["posedirs"],
+        real["J_regressor"],
+        arrays["face_material"].astype(np.int64),
+    )
+
+
+def draw_all(body: BakedBody) -> dict[str, Array]:
+    """Return the sheets by file name."""
+    colours = _MATERIAL_COLOURS[body.material]
+
+    def draw(vertices: Array, view: View) -> Array:
+        return render(vertices, body.faces, colours, view)
+
+    rest = [draw(body.vertices, view) for view in _rest_views(body)]
+    posed = []
+    for pose in EXTREMES.values():
+        vertices = body.posed(rotations(pose))
+        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        posed += [draw(vertices, View(yaw=yaw, pitch=8, centre=tuple(middle), height_m=2.0)) for yaw in (30, -150)]
+    shapes = [
+        draw(body.vertices + sign * 2.0 * body.shapedirs[:, :, k], View(yaw=25, size=(320, 480), height_m=2.1))
+        for sign in (1, -1)
+        for k in range(body.shapedirs.shape[2])
+    ]
+    return {"rest.png": tile(rest, 4), "poses.png": tile(posed, 6), "shapes.png": tile(shapes, 10)}
+
+
+def _rest_views(body: BakedBody) -> list[View]:
+    head = tuple(body.joints[15] + [0.0, 0.07, 0.0])
+    hand = tuple(body.joints[22] + [0.02, -0.01, 0.01])
+    foot = tuple(0.5 * (body.joints[7] + body.joints[10]))
+    hips = tuple(body.joints[0] + [0.0, -0.06, 0.0])
+    near = [View(yaw=yaw, centre=head, height_m=0.32) for yaw in (0, 40, 90)]
+    hands = [View(yaw=0, pitch=pitch, centre=hand, height_m=0.26) for pitch in (90, 25)]
+    feet = [View(yaw=-40, pitch=25, centre=foot, height_m=0.30), View(yaw=60, pitch=15, centre=foot, height_m=0.30)]
+    trunk = [View(yaw=yaw, centre=hips, height_m=0.62) for yaw in (0, 180)]
+    chest = [View(yaw=yaw, centre=tuple(body.joints[9]), height_m=0.62) for yaw in (20, 160)]
+    whole = [View(yaw=yaw, height_m=1.95) for yaw in (0, 45, 90, 180)]
+    return whole + near + hands[:1] + hands[1:] + feet + trunk[:1] + trunk[1:] + chest
+
+
+def main() -> None:
+    """Render the sheets of a body file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--body", type=Path, default=BODY_FILE)
+    parser.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for name, image in draw_all(read_baked(arguments.body)).items():
+        write_png(arguments.out / name, image)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Joints, skinning weights, regressor and pose correctives."""

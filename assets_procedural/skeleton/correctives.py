@@ -1,0 +1,180 @@
+"""Pose correctives, computed joint by joint: what linear blending loses against dual quaternions, and lost volume.
+
+One joint turns at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear blending,
+plus, at hips and knees, a swelling of stretched skin that gives back the rest volume. It is regressed on
+``flatten(R_j - I)`` and masked to the skin on which both sides of the joint pull.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
+from assets_procedural.quality.raster import vertex_normals
+from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, volume
+from solver_backend.types import SMPL_JOINTS
+
+Array = np.ndarray
+NUM_FEATURES = 9 * (len(PARENTS) - 1)
+_RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
+_BULGING_JOINTS, _BULGE = ("shoulder",), 0.3  # dual quaternions round shoulders too much: take back this share
+_SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee"), 0.025
+_FLEXION = {  # joint: axis and range of its main bend, radians
+    "left_knee": ((1.0, 0.0, 0.0), -0.1, 2.4),
+    "left_elbow": ((0.0, -1.0, 0.0), -0.1, 2.4),
+    "left_hip": ((-1.0, 0.0, 0.0), -0.6, 2.2),
+    "left_wrist": ((1.0, 0.0, 0.0), -1.6, 1.6),
+    "left_shoulder": ((0.0, 0.0, 1.0), -1.6, 1.6),
+    "left_ankle": ((1.0, 0.0, 0.0), -0.5, 0.9),
+    "neck": ((1.0, 0.0, 0.0), -0.6, 0.6),
+}
+_SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
+_OTHER_SPREAD_RAD = 0.18
+
+
+def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
+    """Return (count, 3) rotation vectors that cover the range of a joint."""
+    part = name.split("_")[-1]
+    vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
+    key = name.replace("right", "left")
+    if key in _FLEXION:
+        axis, low, high = _FLEXION[key]
+        main = np.array(axis) * ([1.0, -1.0, -1.0] if name.startswith("right") else 1.0)
+        vectors += rng.uniform(low, high, (count, 1)) * main
+    return vectors
+
+
+def sample_poses(count: int, seed: int) -> Array:
+    """Return (count, 24, 3, 3) local rotations with every joint turned; the root stays."""
+    rng = np.random.default_rng(seed)
+    vectors = np.zeros((count, len(PARENTS), 3))
+    for name, j in JOINT.items():
+        if j > 0:
+            vectors[:, j] = sample_turns(name, count, rng)
+    return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(count, -1, 3, 3)
+
+
+def pose_features(rotations: Array) -> Array:
+    """Return (N, 207) ``flatten(R_j - I)``, j = 1..23, row-major."""
+    return (rotations[:, 1:] - np.eye(3)).reshape(len(rotations), -1)
+
+
+def dual_quaternion_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
+    """Return the (V, 3) vertices blended by dual quaternions, signs matched to each vertex's strongest bone."""
+    real = Rotation.from_matrix(turns).as_quat()
+    dual = _dual_part(real, shifts)
+    strongest = real[weights.argmax(axis=1)]
+    signed = weights * np.where(strongest @ real.T < 0, -1.0, 1.0)
+    q, d = signed @ real, signed @ dual
+    length = np.linalg.norm(q, axis=1, keepdims=True)
+    q, d = q / length, d / length
+    shift = 2.0 * (q[:, 3:] * d[:, :3] - d[:, 3:] * q[:, :3] + np.cross(q[:, :3], d[:, :3]))
+    return Rotation.from_quat(q).apply(vertices) + shift
+
+
+def _dual_part(real: Array, shifts: Array) -> Array:
+    """Return half the product of the pure quaternion of the shift with the rotation (x, y, z, w)."""
+    vector = real[:, 3:] * shifts + np.cross(shifts, real[:, :3])
+    return 0.5 * np.concatenate([vector, -np.sum(shifts * real[:, :3], axis=1, keepdims=True)], axis=1)
+
+
+def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
+    """Return (N, V, 3): what to add to the rest vertices so that linear blending lands where dual quaternions do."""
+    out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
+    mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
+    for n, local in enumerate(rotations):
+        turns, shifts = pose_skeleton(joints, local)
+        target = dual_quaternion_blend(vertices[mixed], weights[mixed], turns, shifts)
+        out[n, mixed] = _to_rest(target, vertices[mixed], weights[mixed], turns, shifts)
+    return out
+
+
+def _to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
+    """Return the rest offsets that move linearly blended vertices to the target; damped where skin folds."""
+    blend = (weights @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
+    gap = target - linear_blend(vertices, weights, turns, shifts)
+    normal = np.einsum("vba,vbc->vac", blend, blend) + 0.02 * np.eye(3)
+    return np.linalg.solve(normal, np.einsum("vba,vb->va", blend, gap)[..., None])[..., 0]
+
+
+def joint_masks(weights: Array) -> Array:
+    """Return (V, 23): 1 where the bones beyond joint j = 1..23 and those before it both weigh in, fading to 0."""
+    below = np.eye(len(PARENTS))
+    for j in range(len(PARENTS) - 1, 0, -1):
+        below[PARENTS[j]] += below[j]
+    beyond = weights @ below[1:].T
+    t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
+    return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
+
+
+def fit_correctives(
+    vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, *, count: int = 48, seed: int = 0
+) -> Array:
+    """Return (V, 3, 207) pose correctives, metres per unit of pose feature.
+
+    Args:
+        vertices: (V, 3) rest vertices, metres.
+        faces: (T, 3).
+        weights: (V, 24).
+        joints: (24, 3) metres.
+        mirror: (V,) index of each vertex's mirror image.
+        count: poses a joint.
+        seed: of the poses.
+    """
+    rng, masks = np.random.default_rng(seed), joint_masks(weights)
+    directions = np.zeros((len(vertices), 3, NUM_FEATURES))
+    for name, j in JOINT.items():
+        if j == 0 or name.startswith("right"):
+            continue
+        turns = Rotation.from_rotvec(sample_turns(name, count, rng)).as_matrix()
+        features = (turns - np.eye(3)).reshape(count, 9)
+        wanted = np.stack([_wanted_offsets(vertices, faces, weights, joints, masks[:, j - 1], j, R) for R in turns])
+        gram = features.T @ features + _RIDGE * np.eye(9)
+        fitted = np.linalg.solve(gram, features.T @ wanted.reshape(count, -1)).reshape(9, -1, 3)
+        directions[:, :, 9 * (j - 1) : 9 * j] = np.transpose(fitted, (1, 2, 0)) * masks[:, j - 1, None, None]
+    other = _mirrored(directions, mirror)
+    for name, j in JOINT.items():
+        block = slice(9 * (j - 1), 9 * j)
+        if name.startswith("right"):
+            directions[:, :, block] = other[:, :, block]
+        elif j > 0 and not name.startswith("left"):
+            directions[:, :, block] = 0.5 * (directions[:, :, block] + other[:, :, block])
+    return np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
+
+
+def _wanted_offsets(
+    vertices: Array, faces: Array, weights: Array, joints: Array, mask: Array, joint: int, turn: Array
+) -> Array:
+    """Return the (V, 3) rest offsets wanted for one turned joint."""
+    local = np.tile(np.eye(3), (len(PARENTS), 1, 1))
+    local[joint] = turn
+    turns, shifts = pose_skeleton(joints, local)
+    target = dual_quaternion_blend(vertices, weights, turns, shifts)
+    if SMPL_JOINTS[joint].endswith(_BULGING_JOINTS):
+        target = target + _BULGE * (linear_blend(vertices, weights, turns, shifts) - target)
+    if SMPL_JOINTS[joint].endswith(_SWELLING_JOINTS):
+        target = target + _swelling(vertices, target, faces, mask)
+    chosen = mask > 0
+    out = np.zeros_like(vertices)
+    out[chosen] = _to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
+    return out
+
+
+def _swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
+    """Return the (V, 3) offsets along the normals of stretched skin that give back the rest volume."""
+    areas = vertex_areas(posed, faces)
+    share = mask * (areas / vertex_areas(vertices, faces) - 0.7).clip(0.0, 0.8)
+    lost = volume(vertices, faces) - volume(posed, faces)
+    amount = lost / max(float(np.sum(share * areas)), 1e-9)
+    limit = _LARGEST_SWELLING_M / max(float(share.max()), 1e-9)
+    return (np.clip(amount, 0.0, limit) * share)[:, None] * vertex_normals(posed, faces)
+
+
+def _mirrored(directions: Array, mirror: Array) -> Array:
+    """Return the correctives of the mirror image: x flips, and R turns into S R S with S = diag(-1, 1, 1)."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    blocks = directions[mirror].reshape(len(directions), 3, -1, 3, 3)
+    order = [MIRROR_JOINT[j] - 1 for j in range(1, len(PARENTS))]
+    turned = blocks[:, :, order] * flip[:, None] * flip
+    return (turned * flip[:, None, None, None]).reshape(directions.shape)

@@ -1,0 +1,113 @@
+"""Bone-heat skinning weights (Baran, Popovic 2007) and the posed skeleton."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
+from assets_procedural.skeleton.joints import Segment, bone_segments
+
+Array = np.ndarray
+MAX_INFLUENCES = 6
+_SMALLEST = 0.005
+_FLOW = 3.0
+_LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
+
+
+def heat_weights(vertices: Array, faces: Array, mirror: Array, joints: Array) -> Array:
+    """Return (V, 24) weights from ``(L + H) w_j = H p_j``, p_j marking the skin nearest to bone j.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (T, 3).
+        mirror: (V,) index of each vertex's mirror image.
+        joints: (24, 3) metres.
+    """
+    distance = _bone_distances(vertices, bone_segments(joints))
+    nearest = distance.min(axis=0)
+    owner = distance <= nearest + 1e-9
+    owner = owner / owner.sum(axis=0)
+    laplacian, area = cotangent_laplacian(vertices, faces)
+    heat = sp.diags(_FLOW * area / nearest**2)
+    solve = splu((laplacian + heat).tocsc()).solve
+    weights = np.stack([solve(heat @ row) for row in owner], axis=1).clip(0.0)
+    weights = 0.5 * (weights + weights[mirror][:, list(MIRROR_JOINT)])
+    return _keep_strongest(weights)
+
+
+def _keep_strongest(weights: Array) -> Array:
+    weights = np.where(weights < _SMALLEST, 0.0, weights - _SMALLEST)
+    # Equal weights of a left and a right joint go together, or the midline would lean to one side.
+    limit = -np.sort(-weights, axis=1)[:, MAX_INFLUENCES, None]
+    kept = np.where(weights > limit + 1e-12, weights, 0.0)
+    return kept / kept.sum(axis=1, keepdims=True)
+
+
+def _bone_distances(vertices: Array, segments: list[list[Segment]]) -> Array:
+    distance = np.stack([np.min([_to_segment(vertices, a, b) for a, b in parts], axis=0) for parts in segments])
+    for name in _LEFT_LEG:
+        distance[JOINT[name], vertices[:, 0] < 0] = np.inf
+        distance[MIRROR_JOINT[JOINT[name]], vertices[:, 0] > 0] = np.inf
+    return distance
+
+
+def _to_segment(points: Array, a: Array, b: Array) -> Array:
+    along = b - a
+    t = ((points - a) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
+    return np.linalg.norm(points - a - t[:, None] * along, axis=1)
+
+
+def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, Array]:
+    """Return the (V, V) positive semi-definite cotangent Laplacian and the (V,) vertex areas, square metres."""
+    rows, columns, values = [], [], []
+    area = np.zeros(len(vertices))
+    for k in range(3):
+        i, j, o = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
+        p, q = vertices[i] - vertices[o], vertices[j] - vertices[o]
+        doubled = np.linalg.norm(np.cross(p, q), axis=1)
+        cotangent = (np.einsum("ta,ta->t", p, q) / np.maximum(doubled, 1e-15)).clip(0.01, 20.0)
+        rows += [i, j]
+        columns += [j, i]
+        values += [0.5 * cotangent] * 2
+        np.add.at(area, o, doubled / 6.0)
+    shape = (len(vertices),) * 2
+    adjacency = sp.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    return sp.csr_matrix(sp.diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency), area
+
+
+def vertex_areas(vertices: Array, faces: Array) -> Array:
+    """Return the (V,) share of the surface around each vertex, square metres."""
+    corners = vertices[faces]
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.bincount(faces.ravel(), np.repeat(doubled / 6.0, 3), minlength=len(vertices))
+
+
+def volume(vertices: Array, faces: Array) -> float:
+    """Return the signed volume, cubic metres."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("fa,fa->", a, np.cross(b, c))) / 6.0
+
+
+def pose_skeleton(joints: Array, rotations: Array) -> tuple[Array, Array]:
+    """Return the world rotation and the translation ``t`` of every bone, so that bone j carries x to ``G_j x + t_j``.
+
+    Args:
+        joints: (24, 3) rest joints, metres.
+        rotations: (24, 3, 3) local rotations, the root's first.
+    """
+    turns, origins = np.zeros_like(rotations), np.zeros_like(joints)
+    for j, parent in enumerate(PARENTS):
+        if parent < 0:
+            turns[j], origins[j] = rotations[j], joints[j]
+        else:
+            turns[j] = turns[parent] @ rotations[j]
+            origins[j] = origins[parent] + turns[parent] @ (joints[j] - joints[parent])
+    return turns, origins - np.einsum("jab,jb->ja", turns, joints)
+
+
+def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
+    """Return the (V, 3) linearly blended vertices."""
+    blend = (weights @ turns.reshape(len(turns), 9)).reshape(-1, 3, 3)
+    return np.einsum("vab,vb->va", blend, vertices) + weights @ shifts

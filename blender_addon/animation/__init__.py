@@ -1,0 +1,1 @@
+"""Motion as actions: curves, few keys, takes."""

@@ -1,0 +1,103 @@
+"""The action: the motion as rotations of the pose bones and the path of the pelvis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ..body.armature import rotation_from_body_axes
+from ..conventions.coordinates import QUAT_BODY_ARMATURE
+from ..conventions.rotations import quat_from_rotvec, quat_multiply, sign_continuous
+from ..conventions.skeleton import JOINTS
+from ..conventions.timing import TakeTiming
+from ..files.motion_file import MotionFile
+from ..review.confidence_lane import write_confidence
+from .curves import create_action, key_type_values, write_curves, write_smooth_curves
+from .few_keys import thin_channels
+
+
+def bake_action(
+    name: str,
+    motion: MotionFile,
+    armature: bpy.types.Object,
+    rest_pelvis: np.ndarray,
+    timing: TakeTiming,
+    keys_per_second: float | None = None,
+) -> bpy.types.Action:
+    """Write the motion as one new action of the armature.
+
+    Args:
+        name: name of the action.
+        motion: the motion.
+        armature: of the body's rig.
+        rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
+        timing: where the take lies in the scene.
+        keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
+            the full take is noted on the action. None for a key on every frame.
+    """
+    target = create_action(name, armature)
+    action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
+    channels = pose_channels(motion, armature, rest_pelvis)
+    if keys_per_second is None:
+        types = key_type_values(motion.keyframes, motion.num_frames)
+        for path, joint, part in pose_columns():
+            write_curves(target, path, joint, times, channels[:, part], types)
+        write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
+    else:
+        count = 1 + round(keys_per_second * motion.num_frames / motion.fps)
+        curves, deviation = thin_channels(channels, armature, motion.keyframes, count)
+        slopes = curves.slopes * motion.fps / timing.scene_fps
+        for path, joint, part in pose_columns():
+            write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
+        write_confidence(target, armature, motion, curves.frames, times)
+        action["keys_deviation"] = str(deviation)
+        action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
+    armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
+    armature["body"], armature["provenance"] = motion.body, motion.provenance
+    action["fps"] = motion.fps
+    action["frames"], action["frame_start"] = motion.num_frames, timing.start
+    action["body"] = motion.body
+    action["provenance"] = motion.provenance
+    action.use_fake_user = True
+    return action
+
+
+def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
+    """Return the (F, 99) location of the pelvis and quaternions wxyz of the bones, in their own rest axes."""
+    quaternions = bone_quaternions(motion.rotvec, rotation_from_body_axes(armature))
+    location = pelvis_location(motion, armature, rest_pelvis)
+    return np.concatenate([location, quaternions.reshape(motion.num_frames, -1)], axis=1)
+
+
+def pose_columns() -> Iterator[tuple[str, str, slice]]:
+    """Yield data path, bone and columns of each property in ``pose_channels``."""
+    yield f'pose.bones["{JOINTS[0]}"].location', JOINTS[0], slice(0, 3)
+    for j, joint in enumerate(JOINTS):
+        yield f'pose.bones["{joint}"].rotation_quaternion', joint, slice(3 + 4 * j, 7 + 4 * j)
+
+
+def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
+    """Return the pose-bone rotations of a motion, continuous in sign.
+
+    A joint's rotation exp(v) in the body's axes is exp(C v) in its bone's axes. The root maps the body's frame to the
+    world; the armature's frame already is the world's, so the part that stands the body up is taken off first.
+
+    Args:
+        rotvec: (F, 24, 3) axis-angle in radians.
+        R_bone_body: (24, 3, 3) rotations C from ``rotation_from_body_axes``.
+
+    Returns:
+        (F, 24, 4) wxyz.
+    """
+    quat = quat_from_rotvec(rotvec)
+    quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])
+    quat[..., 1:] = (R_bone_body @ quat[..., 1:, None])[..., 0]
+    return sign_continuous(quat)
+
+
+def pelvis_location(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
+    """Return the (F, 3) location channel of the pelvis: its path in its own rest axes, in metres."""
+    rest = np.array(armature.data.bones[JOINTS[0]].matrix_local, dtype=np.float64)
+    return (rest_pelvis + motion.transl - rest[:3, 3]) @ rest[:3, :3]

@@ -1,0 +1,75 @@
+"""How far Blender's evaluated body is from the same body computed in NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..body.body_file import BodyFile
+from ..body.posed_body import pose_joints, skin
+from ..conventions.skeleton import JOINTS
+from ..conventions.timing import TakeTiming
+from ..files.motion_file import MotionFile
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Largest distances over the frames looked at."""
+
+    joints_mm: float
+    """Heads of the pose bones against the motion file's joints, or the tree's where the file has none."""
+    skin_mm: float
+    """Evaluated mesh against the model: skinning with the body's shape and pose correctives."""
+
+
+def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:
+    """Return the (24, 3) world positions of the pose bones' heads on a scene frame."""
+    _go_to(scene, frame)
+    evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return np.array([evaluated.matrix_world @ evaluated.pose.bones[joint].head for joint in JOINTS])
+
+
+def evaluated_vertices(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> np.ndarray:
+    """Return the (V, 3) world positions of a mesh's evaluated vertices on a scene frame."""
+    _go_to(scene, frame)
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    co = np.empty(3 * len(evaluated.data.vertices), dtype=np.float32)
+    evaluated.data.vertices.foreach_get("co", co)
+    world = np.array(evaluated.matrix_world, dtype=np.float64)
+    return co.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+
+
+def measure_deviation(
+    scene: bpy.types.Scene,
+    armature: bpy.types.Object,
+    mesh: bpy.types.Object,
+    body: BodyFile,
+    motion: MotionFile,
+    timing: TakeTiming,
+    frames: list[int],
+) -> Deviation:
+    """Compare Blender's evaluation with NumPy's on these frames of the take; the scene ends on its first frame.
+
+    The scene must be the window's current one.
+    """
+    times = timing.scene_frames(motion.num_frames, motion.fps)
+    _, tree = pose_joints(body.rest_joints(motion.betas), motion.rotvec[frames], motion.transl[frames])
+    expected = tree if motion.joints is None else motion.joints[frames]
+    joints = np.stack([evaluated_joints(scene, armature, times[f]) for f in frames])
+    vertices = np.stack([evaluated_vertices(scene, mesh, times[f]) for f in frames])
+    scene.frame_set(scene.frame_start)
+    return Deviation(
+        joints_mm=_largest_mm(joints, expected),
+        skin_mm=_largest_mm(vertices, skin(body, motion, frames)),
+    )
+
+
+def _go_to(scene: bpy.types.Scene, frame: float) -> None:
+    whole = int(np.floor(frame))
+    scene.frame_set(whole, subframe=float(frame - whole))
+
+
+def _largest_mm(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(1000 * np.linalg.norm(found - expected, axis=-1).max())

@@ -1,0 +1,87 @@
+"""A take with few keys: how an action is thinned, and how far the result is from the full take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..conventions.rotations import matrix_from_quat
+from ..conventions.skeleton import JOINTS, NUM_JOINTS, PARENTS
+from .key_reduction import reduce_keys
+from .sparse_curves import SparseCurves
+
+
+@dataclass(frozen=True)
+class KeyDeviation:
+    """Largest differences between a take with few keys and the full take, over all its frames and joints."""
+
+    keys: int
+    """Keys that are left."""
+    joints_mm: float
+    """Joint positions."""
+    degrees: float
+    """Rotations of the joints against their parents."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.keys} keys are left: joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° "
+            "from the full take."
+        )
+
+
+def thin_channels(
+    channels: np.ndarray, armature: bpy.types.Object, keyframes: np.ndarray | None, count: int
+) -> tuple[SparseCurves, KeyDeviation]:
+    """Return the channels of an armature with few keys.
+
+    Args:
+        channels: (F, 99) location of the pelvis and quaternions wxyz of the 24 bones, in their own rest axes.
+        armature: whose channels they are.
+        keyframes: (F,) frames that may keep a key; None for any.
+        count: keys at most.
+    """
+    frames = len(channels)
+    candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
+    heads, axes = _rest(armature)
+    joints = _joints(channels, heads, axes)
+
+    def apart(first: int, found: np.ndarray) -> np.ndarray:
+        """Return (n,) metres by which the joint farthest off is off."""
+        off = _joints(found, heads, axes) - joints[first : first + len(found)]
+        return np.linalg.norm(off, axis=-1).max(axis=1)
+
+    curves = reduce_keys(channels, candidates, max(2, count), apart)
+    found = curves.sampled(frames)
+    cosine = np.abs((_quaternions(found) * _quaternions(channels)).sum(-1)).clip(max=1)
+    return curves, KeyDeviation(
+        keys=len(curves.frames),
+        joints_mm=float(1000 * apart(0, found).max()),
+        degrees=float(np.degrees(2 * np.arccos(cosine)).max()),
+    )
+
+
+def _rest(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """Return heads (24, 3) and axes (24, 3, 3) of the bones at rest, in the armature's frame."""
+    rest = np.array([armature.data.bones[joint].matrix_local for joint in JOINTS], dtype=np.float64)
+    return rest[:, :3, 3], rest[:, :3, :3]
+
+
+def _quaternions(channels: np.ndarray) -> np.ndarray:
+    """Return the (F, 24, 4) unit quaternions; Blender, too, scales those of a pose to length 1."""
+    quat = channels[:, 3:].reshape(len(channels), NUM_JOINTS, 4)
+    return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+
+
+def _joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Return the (F, 24, 3) joints: ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``."""
+    R = matrix_from_quat(_quaternions(channels))
+    G, p = np.empty_like(R), np.empty(R.shape[:3])
+    G[:, 0], p[:, 0] = axes[0] @ R[:, 0], heads[0] + channels[:, :3] @ axes[0].T
+    for j in range(1, NUM_JOINTS):
+        parent = PARENTS[j]
+        turned = G[:, parent] @ axes[parent].T
+        G[:, j] = turned @ axes[j] @ R[:, j]
+        p[:, j] = p[:, parent] + turned @ (heads[j] - heads[parent])
+    return p

@@ -1,0 +1,119 @@
+"""The body file: an SMPL-type body with our material and texture layout beside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..backend_environment import PACKAGE, backend_folder
+from ..conventions.skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
+from ..errors import BodyInvalid
+from ..files.arrays import read_arrays, text
+from .smpl_family import on_24_joints
+
+_REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
+_OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
+_ASSET = Path("assets", "body_neutral.npz")
+_OWN_LICENCE = "GPL-3.0-or-later"
+
+
+@dataclass(frozen=True)
+class BodyFile:
+    """A skinned body in its rest frame: Y up, facing +Z, left = +X, metres."""
+
+    id: str
+    """Name the motion files use for it."""
+    v_template: np.ndarray
+    """(V, 3) metres."""
+    shapedirs: np.ndarray
+    """(V, 3, 10) metres per unit of shape."""
+    posedirs: np.ndarray | None
+    """(V, 3, 207) metres per unit of pose feature flatten(R_j - I), j = 1..23."""
+    J_regressor: np.ndarray
+    """(24, V), rows sum to 1."""
+    weights: np.ndarray
+    """(V, 24), rows sum to 1."""
+    faces: np.ndarray
+    """(T, 3) vertex indices."""
+    uv: np.ndarray | None = None
+    """(V, 2) texture coordinates."""
+    face_material: np.ndarray | None = None
+    """(T,) index of each face's material."""
+    licence: str = ""
+    """SPDX identifier, "" where the file does not say."""
+
+    def shaped(self, betas: np.ndarray) -> np.ndarray:
+        """Return the (V, 3) vertices at rest, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""
+        return self.v_template + self.shapedirs @ betas
+
+    def rest_joints(self, betas: np.ndarray) -> np.ndarray:
+        """Return the (24, 3) joints at rest, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
+        return self.J_regressor @ self.shaped(betas)
+
+
+def default_body_path() -> Path:
+    """Return the path of the body that ships with the solver.
+
+    Raises:
+        BackendMissing: the solver is not there.
+    """
+    return backend_folder() / PACKAGE / _ASSET
+
+
+def read_body(path: Path) -> BodyFile:
+    """Read a body with SMPL's key names, of the SMPL, SMPL-H or SMPL-X family; 24 joints are kept.
+
+    Raises:
+        FileMissing, FileDamaged: see ``read_arrays``.
+        BodyInvalid: an array has the wrong shape, another tree, or values that are not finite.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".pkl":
+        raise BodyInvalid(
+            "Blender reads bodies from .npz files, not from pickles.", where=str(path), hint="Take the model's .npz."
+        )
+    arrays = on_24_joints(read_arrays(path, required=_REQUIRED, optional=_OPTIONAL), path)
+    arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
+    _check(arrays, path)
+    weights = np.asarray(arrays["weights"], np.float64)
+    posedirs, uv, material = (arrays.get(key) for key in ("posedirs", "uv", "face_material"))
+    return BodyFile(
+        id=text(arrays, "body_id", path.stem),
+        v_template=np.asarray(arrays["v_template"], np.float64),
+        shapedirs=np.asarray(arrays["shapedirs"], np.float64),
+        posedirs=posedirs,
+        J_regressor=np.asarray(arrays["J_regressor"], np.float64),
+        weights=weights / weights.sum(axis=1, keepdims=True),
+        faces=np.asarray(arrays["f"]).astype(np.int64),
+        uv=None if uv is None else np.asarray(uv, np.float64),
+        face_material=None if material is None else np.asarray(material).astype(np.int64),
+        licence=text(arrays, "license", _OWN_LICENCE if _ships_with_us(path) else ""),
+    )
+
+
+def _ships_with_us(path: Path) -> bool:
+    return path.resolve().parts[-len(_ASSET.parts) :] == _ASSET.parts
+
+
+def _check(arrays: dict[str, np.ndarray], path: Path) -> None:
+    vertices, faces = len(arrays["v_template"]), len(arrays["f"])
+    shapes = {
+        "v_template": (vertices, 3), "shapedirs": (vertices, 3, NUM_BETAS), "J_regressor": (NUM_JOINTS, vertices),
+        "weights": (vertices, NUM_JOINTS), "kintree_table": (2, NUM_JOINTS), "f": (faces, 3), "uv": (vertices, 2),
+        "posedirs": (vertices, 3, 9 * (NUM_JOINTS - 1)), "face_material": (faces,),
+    }  # fmt: skip
+    for key, shape in shapes.items():
+        if key not in arrays:
+            continue
+        if arrays[key].shape != shape:
+            raise BodyInvalid(f"{key} has shape {arrays[key].shape}; {shape} is expected.", where=str(path))
+        if not np.isfinite(arrays[key]).all():
+            raise BodyInvalid(f"{key} holds NaN or infinite values.", where=str(path))
+    if not faces or arrays["f"].min() < 0 or arrays["f"].max() >= vertices:
+        raise BodyInvalid(f"The faces must name vertices 0..{vertices - 1}.", where=str(path))
+    if (arrays["weights"].sum(axis=1) <= 0).any():
+        raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
+    if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != PARENTS[1:]:
+        raise BodyInvalid("The tree is not SMPL's tree of 24 joints.", where=str(path))

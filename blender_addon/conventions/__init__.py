@@ -1,0 +1,1 @@
+"""Frames, time and names: the solver's conventions in Blender's; no bpy."""

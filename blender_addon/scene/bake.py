@@ -1,0 +1,165 @@
+"""The bake as a pipeline of verbs: body, action, cameras, detections, floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from ..animation.action import bake_action
+from ..animation.takes import mark_as_asset
+from ..body.body_file import BodyFile
+from ..body.rig import create_rig
+from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
+from ..errors import BodyMismatch
+from ..files.capture_file import CaptureFile
+from ..files.motion_file import MotionFile
+from .cameras import look_through
+from .capture_stage import create_cameras, create_detections
+from .collections import child_collection
+from .floor import create_floor
+from .materials import KEYPOINT_COLOUR
+from .overlay import create_point_overlay
+
+_KEYPOINT_M = 0.014
+
+
+@dataclass(frozen=True)
+class BakeSettings:
+    """What a bake makes."""
+
+    frame_start: int = 1
+    """Scene frame of the take's first frame."""
+    set_scene: bool = True
+    """Set the scene's frame rate, range and camera; otherwise keys are placed by time at the scene's own rate."""
+    keys_per_second: float | None = None
+    """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
+    asset: bool = False
+    """Mark the action as an asset."""
+    floor: bool = True
+    """Add a floor."""
+    backgrounds: bool = True
+    """Show footage behind the cameras where there is any."""
+
+
+@dataclass(frozen=True)
+class BakedTake:
+    """The objects of one take."""
+
+    collection: bpy.types.Collection
+    """Holds everything of the take."""
+    body: bpy.types.Collection
+    """Holds the armature and the mesh."""
+    armature: bpy.types.Object
+    mesh: bpy.types.Object
+    action: bpy.types.Action
+    cameras: tuple[bpy.types.Object, ...]
+    overlays: tuple[bpy.types.Object, ...]
+    floor: bpy.types.Object | None
+    timing: TakeTiming
+    notes: tuple[str, ...]
+    """What was missing or assumed, one sentence each."""
+
+
+def bake_take(
+    scene: bpy.types.Scene,
+    motion: MotionFile,
+    body: BodyFile,
+    capture: CaptureFile | None = None,
+    settings: BakeSettings | None = None,
+    parent: bpy.types.Collection | None = None,
+) -> BakedTake:
+    """Bake a motion, and the capture it was solved from, into a scene; nothing that is there is changed.
+
+    Everything goes into a collection of its own inside ``parent`` or, without one, the scene's.
+
+    Blender must be in object mode, and the scene the window's current one.
+
+    Raises:
+        BodyMismatch: the motion says that it belongs to another body.
+    """
+    settings = settings or BakeSettings()
+    require_body(motion, body)
+    notes = _differences(motion, capture)
+    timing = _set_time(scene, motion, settings)
+    take = child_collection(motion.name, parent or scene.collection)
+    rest = body.rest_joints(motion.betas)
+    figure = child_collection("Body", take)
+    rig = create_rig(motion.name, body, motion.betas, figure)
+    action = bake_action(motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second)
+    notes += [action["keys_deviation"]] if "keys_deviation" in action else []
+    if settings.asset:
+        mark_as_asset(action)
+    cameras, detections = _bake_capture(scene, capture, timing, take, settings, notes)
+    overlays = (*_bake_keypoints(motion, timing, take), *detections)
+    floor = None
+    if settings.floor:
+        floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take))
+    scene.frame_set(settings.frame_start)
+    return BakedTake(take, figure, rig.armature, rig.mesh, action, cameras, overlays, floor, timing, tuple(notes))
+
+
+def require_body(motion: MotionFile, body: BodyFile) -> None:
+    """Check that a motion belongs to a body; a motion that does not say so fits any.
+
+    Raises:
+        BodyMismatch: both have an id and the ids differ.
+    """
+    if motion.body and body.id and motion.body != body.id:
+        raise BodyMismatch(
+            f"The motion was solved for the body '{motion.body}', not for '{body.id}'.",
+            where=motion.name,
+            hint="Name the body file it was solved for.",
+        )
+
+
+def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
+    notes = []
+    if not motion.body:
+        notes.append("The motion does not say which body it is for: its shape is read as this body's.")
+    if capture is not None and capture.xy is not None:
+        frames = capture.xy.shape[1]
+        if frames != motion.num_frames:
+            notes.append(f"The capture has {frames} frames and the motion {motion.num_frames}; both start together.")
+        if abs(capture.fps - motion.fps) > 1e-3:
+            notes.append(f"The capture runs at {capture.fps:g} fps and the motion at {motion.fps:g}; aligned by time.")
+    return notes
+
+
+def _set_time(scene: bpy.types.Scene, motion: MotionFile, settings: BakeSettings) -> TakeTiming:
+    if settings.set_scene:
+        set_scene_frame_rate(scene, motion.fps)
+        timing = TakeTiming(settings.frame_start, motion.fps)
+        scene.frame_start = settings.frame_start
+        scene.frame_end = timing.last_frame(motion.num_frames, motion.fps)
+        return timing
+    return TakeTiming(settings.frame_start, scene_frame_rate(scene))
+
+
+def _bake_capture(
+    scene: bpy.types.Scene,
+    capture: CaptureFile | None,
+    timing: TakeTiming,
+    take: bpy.types.Collection,
+    settings: BakeSettings,
+    notes: list[str],
+) -> tuple[tuple[bpy.types.Object, ...], tuple[bpy.types.Object, ...]]:
+    if capture is None:
+        return (), ()
+    cameras, missing = create_cameras(capture, take, frame_start=settings.frame_start, backgrounds=settings.backgrounds)
+    notes += missing
+    if settings.set_scene and cameras:
+        look_through(scene, cameras[0])
+    return cameras, create_detections(capture, cameras, timing, child_collection("Detections", take))
+
+
+def _bake_keypoints(motion: MotionFile, timing: TakeTiming, take: bpy.types.Collection) -> tuple[bpy.types.Object, ...]:
+    points = motion.keypoints3d
+    if points is None or not points.size:
+        return ()
+    folder = child_collection("Keypoints", take)
+    return (
+        create_point_overlay(
+            "Triangulated keypoints", points, motion.fps, timing, folder, radius_m=_KEYPOINT_M, colour=KEYPOINT_COLOUR
+        ),
+    )

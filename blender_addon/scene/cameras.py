@@ -1,0 +1,93 @@
+"""Blender cameras at the capture's cameras, with their footage behind the view.
+
+A Blender camera is a pinhole: it shows the undistorted image. Footage behind it is the recording as it stands, so
+with a strongly bent lens the picture's corners lie off by the distortion; the detections and the body do not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from mathutils import Matrix
+
+from ..conventions.coordinates import SENSOR_WIDTH_MM, camera_to_world, lens_from_intrinsics
+from ..files.capture_file import CameraFile
+from .footage import Footage, find_footage
+
+
+def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Create one camera, named as the capture's; its image size is kept in the camera's custom properties."""
+    data = bpy.data.cameras.new(source.name)
+    lens = lens_from_intrinsics(source.K, source.image_size)
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = SENSOR_WIDTH_MM
+    data.lens = lens.focal_mm
+    data.shift_x, data.shift_y = lens.shift_x, lens.shift_y
+    data.clip_start, data.clip_end = 0.05, 500.0
+    data.display_size = 0.25
+    data["image_size"] = list(source.image_size)
+    data["pixel_aspect"] = list(lens.pixel_aspect)
+    camera = bpy.data.objects.new(source.name, data)
+    camera.matrix_world = Matrix(camera_to_world(source.R, source.t).tolist())
+    collection.objects.link(camera)
+    return camera
+
+
+def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: float = 1.0) -> None:
+    """Make a camera from ``create_camera`` the scene's, with its image size and pixel aspect.
+
+    Args:
+        scene: the scene to change.
+        camera: the camera.
+        scale: share of the image size to render.
+    """
+    width, height = camera.data["image_size"]
+    scene.camera = camera
+    scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
+    scene.render.resolution_percentage = max(1, round(100 * scale))
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = camera.data["pixel_aspect"]
+
+
+def add_background(camera: bpy.types.Object, source: CameraFile, *, frame_start: int) -> str:
+    """Show the footage behind the camera's view, its first image on ``frame_start``.
+
+    Returns:
+        A sentence on what is missing, "" if nothing is.
+    """
+    footage = find_footage(source.footage)
+    if footage is None:
+        return "" if source.footage is None else f"Camera {source.name}: no video or images at {source.footage}."
+    image = _load(footage)
+    if image is None:
+        return f"Camera {source.name}: Blender cannot read {footage.files[0].name}."
+    background = camera.data.background_images.new()
+    background.image = image
+    background.alpha = 1.0
+    background.display_depth = "BACK"
+    background.frame_method = "STRETCH"
+    user = background.image_user
+    user.frame_start = frame_start
+    user.frame_duration = max(1, image.frame_duration if footage.is_video else len(footage.files))
+    user.frame_offset = 0 if footage.is_video else _first_number(footage.files[0]) - 1
+    user.use_auto_refresh = True
+    camera.data.show_background_images = True
+    return ""
+
+
+def _load(footage: Footage) -> bpy.types.Image | None:
+    try:
+        image = bpy.data.images.load(str(footage.files[0]), check_existing=True)
+    except RuntimeError:
+        return None
+    if image.size[0] == 0:
+        bpy.data.images.remove(image)
+        return None
+    if not footage.is_video and len(footage.files) > 1:
+        image.source = "SEQUENCE"
+    return image
+
+
+def _first_number(path: Path) -> int:
+    digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
+    return int(digits[-1]) if digits else 1

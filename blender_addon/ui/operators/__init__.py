@@ -1,0 +1,1 @@
+"""Operators: each reads properties, calls one function, reports."""

@@ -1,0 +1,56 @@
+"""Shapes of operators: one undo step, one sentence where something is wrong, and what they need first."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...errors import AddonError
+
+
+class MocapOperator:
+    """Mixin of operators that change the scene in one undo step; ``work`` does what the operator is for.
+
+    Modules that do the work are imported there, not at the top: registering loads no arrays and no solver.
+    """
+
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Do the work, or say what is wrong."""
+        try:
+            return self.work(context)
+        except AddonError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Do what the operator is for and return its answer.
+
+        Raises:
+            AddonError: it cannot be done.
+        """
+        raise NotImplementedError
+
+
+class NeedsBody(MocapOperator):
+    """Mixin of operators on the solved body."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a body."""
+        if context.scene.mocap.review.armature is None:
+            cls.poll_message_set("Solve a capture first")
+            return False
+        return True
+
+
+class NeedsTake(MocapOperator):
+    """Mixin of operators on the take the body plays."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        if context.scene.mocap.review.take is None:
+            cls.poll_message_set("Solve a capture first")
+            return False
+        return True

@@ -1,0 +1,119 @@
+"""Importing a capture: by button, by menu, by dropping a file on the viewport."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from ..locations import files_folder, usable
+from ..paths import RELATIVE, absolute
+from .solver_operator import FollowsRun
+
+SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml")
+"""Of the files a capture is made of: our own, detections, calibrations, settings."""
+
+
+class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
+    """Reads a capture in the solver's process and sets up its cameras, footage and detections."""
+
+    bl_idname = "mocap.import_capture"
+    bl_label = "Import Capture"
+    bl_description = (
+        "Read a capture, say what was recognised, and add its cameras, footage, detections and floor. "
+        "Choose a folder (a Pose2Sim trial, or folders of OpenPose JSON with a calibration) or any file in it"
+    )
+
+    filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
+    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Read what was dropped, or let the user choose."""
+        if self.files or (self.filepath and Path(self.filepath).exists()):
+            return self.execute(context)
+        return ImportHelper.invoke(self, context, event)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start reading; a solved motion is baked at once instead."""
+        from ...files.motion_file import is_motion
+        from ...scene.bake import BakeSettings
+        from ...solving.take_paths import capture_folder, capture_root
+        from .import_results import add_motion
+
+        chosen = self._chosen()
+        if is_motion(chosen):
+            take = add_motion(context, chosen, BakeSettings(frame_start=context.scene.frame_start))
+            self.report({"INFO"}, f"Baked '{take.action.name}'")
+            return {"FINISHED"}
+        settings, source = context.scene.mocap, capture_root(chosen)
+        folder = usable(capture_folder(files_folder(context.scene), source))
+        out = ["--out", str(folder / "capture.npz"), "--overwrite"]
+        settings.capture.source = str(source)
+        return self.launch(context, "convert", [str(source), *out, *settings.reading.arguments()], folder)
+
+    def _chosen(self) -> Path:
+        """Return the first file that was dropped, or what was chosen: a file or a folder."""
+        if self.files and self.files[0].name:
+            return absolute(self.directory) / self.files[0].name
+        return absolute(self.filepath or self.directory)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Set the stage, and keep what was recognised for the panels."""
+        from .import_results import frame_capture, take_capture
+
+        stage = take_capture(context.scene, result)
+        frame_capture(context, stage)
+        problems = len(result["problems"])
+        found = f"{len(stage.cameras)} cameras, {result['frames']} frames"
+        self.report(
+            {"WARNING"} if problems else {"INFO"},
+            f"Capture '{result['name']}': {found}" + (f"; {problems} problems, see the panel" if problems else ""),
+        )
+        return {"FINISHED"}
+
+
+class MOCAP_OT_demo_capture(FollowsRun, bpy.types.Operator):
+    """Makes the capture that ships with the add-on."""
+
+    bl_idname = "mocap.demo_capture"
+    bl_label = "Try the Demo Capture"
+    bl_description = "Make a synthetic capture of a walking person and set it up: nothing of your own is needed"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start making it."""
+        from ...solving.take_paths import capture_folder
+
+        folder = usable(capture_folder(files_folder(context.scene), Path("demo")))
+        return self.launch(context, "demo-capture", ["--out", str(folder / "capture.npz"), "--overwrite"], folder)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Set the stage."""
+        from .import_results import frame_capture, take_capture
+
+        stage = take_capture(context.scene, result)
+        context.scene.mocap.capture.source = result["capture"]
+        frame_capture(context, stage)
+        return {"FINISHED"}
+
+
+class MOCAP_FH_capture(bpy.types.FileHandler):
+    """Takes files that are dropped on the 3D viewport; Blender hands over no folders, so a file stands for its own."""
+
+    bl_idname = "MOCAP_FH_capture"
+    bl_label = "Motion capture"
+    bl_import_operator = "mocap.import_capture"
+    bl_file_extensions = ";".join(SUFFIXES)
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Only in the 3D viewport."""
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+
+def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw the entry in File > Import."""
+    self.layout.operator(MOCAP_OT_import_capture.bl_idname, text="Motion Capture (.npz, folder)")

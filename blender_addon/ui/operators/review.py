@@ -1,0 +1,140 @@
+"""Looking at a take: doubtful stretches, pins, confidence, the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...errors import FileMissing
+from ..bone_colours import colour_bones
+from .base import MocapOperator, NeedsBody, NeedsTake
+
+_MARGIN = 5
+"""Scene frames a range reaches beyond a doubtful stretch, whose neighbours it must meet."""
+
+
+class MOCAP_OT_next_bad_range(NeedsTake, bpy.types.Operator):
+    """Goes to a doubtful stretch."""
+
+    bl_idname = "mocap.next_bad_range"
+    bl_label = "Next Doubtful Range"
+    bl_description = "Go to the next stretch of frames that deserves a look, and take it as the range to solve again"
+
+    backwards: bpy.props.BoolProperty(options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Go there."""
+        from ...review.ranges import doubtful_ranges, next_range
+
+        scene, review = context.scene, context.scene.mocap.review
+        ranges = doubtful_ranges(review.take, review.below)
+        found = next_range(ranges, scene.frame_current, backwards=self.backwards)
+        if found is None:
+            self.report({"INFO"}, "No frame is below the bound")
+            return {"CANCELLED"}
+        review.first = max(found[0] - _MARGIN, scene.frame_start)
+        review.last = min(found[1] + _MARGIN, scene.frame_end)
+        scene.frame_set(found[0])
+        self.report({"INFO"}, f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_pin_pose(NeedsTake, bpy.types.Operator):
+    """Pins the current pose."""
+
+    bl_idname = "mocap.pin_pose"
+    bl_label = "Pin Current Pose"
+    bl_description = "Keep the pose of this frame, with your edits, when its range is solved again"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Keep the pose."""
+        from ...review.pinning import pinned_values
+
+        review, frame = context.scene.mocap.review, context.scene.frame_current
+        values = pinned_values(review.armature)
+        pin = next((pin for pin in review.pins if pin.frame == frame), None) or review.pins.add()
+        pin.frame, pin.job_values = frame, values
+        review.first, review.last = min(review.first, frame), max(review.last, frame)
+        self.report({"INFO"}, f"Frame {frame} is pinned")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_unpin(MocapOperator, bpy.types.Operator):
+    """Takes a pin away."""
+
+    bl_idname = "mocap.unpin"
+    bl_label = "Unpin"
+    bl_description = "Let the solver change this pose again"
+
+    index: bpy.props.IntProperty(options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Take it away."""
+        context.scene.mocap.review.pins.remove(self.index)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_show_confidence(NeedsTake, bpy.types.Operator):
+    """Paints bones by confidence."""
+
+    bl_idname = "mocap.show_confidence"
+    bl_label = "Show Confidence"
+    bl_description = "Select the body in pose mode, with each bone painted by its joint's confidence on every frame"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Enter pose mode and paint, or take the paint off."""
+        review = context.scene.mocap.review
+        review.colours = not review.colours
+        if review.colours:
+            select_alone(context, review.armature)
+            bpy.ops.object.mode_set(mode="POSE")
+        colour_bones(context.scene)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_select_body(NeedsBody, bpy.types.Operator):
+    """Selects the solved body."""
+
+    bl_idname = "mocap.select_body"
+    bl_label = "Select Body"
+    bl_description = "Leave pose mode and select the solved body alone"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Select it."""
+        select_alone(context, context.scene.mocap.review.armature)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_open_report(NeedsTake, bpy.types.Operator):
+    """Opens the take's report."""
+
+    bl_idname = "mocap.open_report"
+    bl_label = "Open Report"
+    bl_description = "Open the page about this take's solve"
+    bl_options = {"REGISTER"}  # noqa: RUF012 - Blender reads a plain set
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Open it in the system's browser."""
+        path = Path(context.scene.mocap.review.take.get("report_file") or "")
+        if not path.is_file():
+            raise FileMissing(
+                "This take has no report.", where=str(path), hint="Solve again with Report switched on under Advanced."
+            )
+        return bpy.ops.wm.path_open(filepath=str(path))
+
+
+def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Go to object mode and make an object the only selected one and the active one."""
+    if context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    for other in context.selected_objects:
+        other.select_set(False)
+    obj.select_set(True)
+    context.view_layer.objects.active = obj
+
+
+CLASSES = (
+    MOCAP_OT_next_bad_range, MOCAP_OT_pin_pose, MOCAP_OT_unpin, MOCAP_OT_show_confidence,
+    MOCAP_OT_select_body, MOCAP_OT_open_report,
+)  # fmt: skip

@@ -1,0 +1,127 @@
+"""Solving: a job file, the solver's process, and its motion as a new action."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from .solver_operator import FollowsRun, current
+
+if TYPE_CHECKING:
+    from ...review.pinning import Stretch
+
+
+class _Solves(FollowsRun):
+    """What solving a take and solving a stretch of it have in common."""
+
+    def solve(self, context: bpy.types.Context, stretch: Stretch | None) -> set[str]:
+        """Write the job and start the solver."""
+        from ...animation.solved_takes import Provenance
+        from ...solving.job_file import write_job
+        from ..jobs import prepare_job
+
+        job, path = prepare_job(context.scene, stretch)
+        write_job(path, job)
+        self._provenance = Provenance(job.out, job.capture, job.report, path)
+        return self.launch(context, "solve", ["--job", str(path)], path.parent)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Bake the motion as a new action."""
+        from .import_results import take_motion
+
+        action = take_motion(context, self._provenance)
+        doubtful = result["unseen_frames"] + result["unsure_frames"]
+        look = f"; {doubtful} frames deserve a look" if doubtful else ""
+        self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
+        return {"FINISHED"}
+
+    def rescue(self, context: bpy.types.Context) -> str:
+        """Bake a motion that is whole although what follows it, the report, is not."""
+        from .import_results import take_motion
+
+        if not self._provenance.motion.is_file():
+            return ""
+        action = take_motion(context, replace(self._provenance, report=None))
+        return f"The motion itself is whole: it arrived as '{action.name}'."
+
+
+class MOCAP_OT_solve(_Solves, bpy.types.Operator):
+    """Solves the capture into a new take."""
+
+    bl_idname = "mocap.solve"
+    bl_label = "Solve"
+    bl_description = "Solve the capture in a process of its own; the motion arrives as a new action, older takes stay"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture."""
+        if not context.scene.mocap.capture.file:
+            cls.poll_message_set("Import a capture first")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        return self.solve(context, None)
+
+
+class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
+    """Solves a stretch of the current take again."""
+
+    bl_idname = "mocap.resolve_range"
+    bl_label = "Solve Range Again"
+    bl_description = "Solve the frames from First to Last again, with the pinned poses kept; the rest stays as it is"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        if context.scene.mocap.review.take is None:
+            cls.poll_message_set("Solve the capture first")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        from ...review.pinning import Stretch
+
+        review = context.scene.mocap.review
+        pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
+        return self.solve(context, Stretch(review.take, review.first, review.last, pins))
+
+
+class MOCAP_OT_show_log(bpy.types.Operator):
+    """Shows what the solver said."""
+
+    bl_idname = "mocap.show_log"
+    bl_label = "Show Log"
+    bl_description = "Show what the solver said, as a text in a window of its own"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a run."""
+        return current.run is not None or current.last is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Write the log into a text and open it."""
+        text = write_log()
+        if not bpy.app.background:
+            bpy.ops.wm.window_new()
+            area = context.window_manager.windows[-1].screen.areas[0]
+            area.type = "TEXT_EDITOR"
+            area.spaces.active.text = text
+        return {"FINISHED"}
+
+
+def write_log() -> bpy.types.Text:
+    """Write the log of the run under way, or of the last one, into a text of the file."""
+    run = current.run or current.last
+    assert run is not None
+    text = next((text for text in bpy.data.texts if "mocap_log" in text), None)
+    if text is None:
+        text = bpy.data.texts.new("MoCap Log")
+        text["mocap_log"] = True
+    text.clear()
+    text.write("\n".join(run.log) + "\n")
+    return text

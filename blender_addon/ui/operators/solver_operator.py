@@ -1,0 +1,185 @@
+"""Following a run of the solver from a modal operator: Blender stays free, the run is polled by a timer."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ...errors import AddonError, sentence
+from ..preferences import chosen_python
+from .base import MocapOperator
+
+if TYPE_CHECKING:
+    from ...solving.run import Run
+
+_INTERVAL_S = 0.1
+_REDRAW_S = 1.0
+"""Least time between two redraws of progress: on a slow screen they would take time from the solver."""
+
+
+class Current:
+    """The run that is under way and the one before; there is at most one of each in a Blender."""
+
+    def __init__(self) -> None:
+        self.run: Run | None = None
+        self.last: Run | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run is under way."""
+        return self.run is not None
+
+    def finish(self) -> None:
+        """Keep the run as the last one."""
+        self.run, self.last = None, self.run
+
+    def abandon(self) -> None:
+        """End the run at once and forget everything; for leaving a file or switching the add-on off."""
+        if self.run is not None:
+            self.run.process.kill()
+        self.run = self.last = None
+
+
+current = Current()
+
+
+class FollowsRun(MocapOperator):
+    """Mixin of modal operators that start the solver; ``received`` takes its result.
+
+    Escape is not taken: the run is cancelled by the panel's button alone.
+    """
+
+    _timer: bpy.types.Timer | None = None
+    _shown = 0.0
+    _scene = ""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """One run at a time."""
+        if current.busy:
+            cls.poll_message_set("The solver is at work; wait or cancel first")
+            return False
+        return True
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Take the result into the scene and return the operator's answer."""
+        raise NotImplementedError
+
+    def rescue(self, context: bpy.types.Context) -> str:
+        """Take what a run that failed has finished into the scene, and say so in a sentence; "" if there is nothing.
+
+        Raises:
+            AddonError: what is there cannot be read.
+        """
+        return ""
+
+    def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
+        """Start the solver and follow it; without a window, wait for it.
+
+        Raises:
+            AddonError: it cannot be started.
+        """
+        from ...solving.run import start
+
+        self._scene = context.scene.name
+        current.run = start(verb, arguments, chosen_python(context), folder)
+        if bpy.app.background:
+            current.run.process.wait()
+            while not current.run.finished:
+                current.run.poll()
+            return self._ended(context)
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(_INTERVAL_S, window=context.window)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Poll on each tick; every other event passes through."""
+        run = current.run
+        if run is None:  # abandoned
+            self._stop_timer(context)
+            _show(context, None)
+            return {"CANCELLED"}
+        if event.type == "TIMER" and run.poll() and time.monotonic() - self._shown > _REDRAW_S:
+            self._shown = time.monotonic()
+            _show(context, f"Motion capture: {run.headline} ({run.share:.0%})")
+        if not run.finished:
+            return {"PASS_THROUGH"}
+        self._stop_timer(context)
+        return self._ended(context)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """End the run when Blender closes the window or opens another file."""
+        self._stop_timer(context)
+        current.abandon()
+
+    def _ended(self, context: bpy.types.Context) -> set[str]:
+        """Take the outcome into the scene the run was started in, whichever is shown now."""
+        scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
+        if scene is None or scene == shown or window is None:
+            return self._outcome(context)
+        window.scene = scene
+        try:
+            return self._outcome(context)
+        finally:
+            window.scene = shown
+
+    def _outcome(self, context: bpy.types.Context) -> set[str]:
+        run = current.run
+        assert run is not None
+        current.finish()
+        _show(context, None)
+        try:
+            if run.result is not None:
+                return self.received(context, run.result)
+            error = run.error or {}
+            if error.get("code") == "cancelled":
+                self.report({"INFO"}, sentence(error))
+            elif rescued := self.rescue(context):
+                self.report({"WARNING"}, f"{sentence(error)} {rescued}")
+                return {"FINISHED"}
+            else:
+                self.report({"ERROR"}, sentence(error))
+        except AddonError as error:
+            run.error = error.as_event()
+            self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+
+    def _stop_timer(self, context: bpy.types.Context) -> None:
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+
+
+class MOCAP_OT_cancel(bpy.types.Operator):
+    """Ends the run under way."""
+
+    bl_idname = "mocap.cancel"
+    bl_label = "Cancel"
+    bl_description = "End the run under way; nothing is left half-written and earlier takes stay"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only while there is a run."""
+        return current.busy
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Tell the solver to end; its operator notices."""
+        if current.run is not None:
+            current.run.cancel()
+        return {"FINISHED"}
+
+
+def _show(context: bpy.types.Context, status: str | None) -> None:
+    """Redraw the sidebars, and write a line into the status bar or give it back."""
+    for window in context.window_manager.windows:
+        if not bpy.app.background:
+            window.workspace.status_text_set(status)
+        for area in window.screen.areas:
+            for region in area.regions if area.type == "VIEW_3D" else ():
+                if region.type == "UI":  # the view itself may be slow to draw
+                    region.tag_redraw()

@@ -1,0 +1,89 @@
+"""Takes of a body: played, thinned, laid aside on the NLA, offered as assets."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...animation.takes import mark_as_asset, push_down, takes_of
+from ...errors import TakeMissing
+from .base import NeedsBody, NeedsTake
+
+
+class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
+    """Plays another take."""
+
+    bl_idname = "mocap.show_take"
+    bl_label = "Show Take"
+    bl_description = "Play this take"
+
+    name: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Play it."""
+        from ...animation.solved_takes import show_take
+
+        scene, settings = context.scene, context.scene.mocap
+        action = next((a for a in takes_of(settings.capture.file) if a.name == self.name), None)
+        if action is None:
+            raise TakeMissing(f"There is no take '{self.name}' for this body.")
+        show_take(settings.review.armature, action)
+        scene.frame_set(scene.frame_current)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
+    """Makes a take with few keys."""
+
+    bl_idname = "mocap.thin_take"
+    bl_label = "Keep Few Keys"
+    bl_description = (
+        "Add a take of smooth curves through a few of the solver's keys, to edit by hand, and say how far it is from "
+        "the full one; edits of the full take's curves are not taken over"
+    )
+
+    keys_per_second: bpy.props.FloatProperty(
+        name="Keys a Second", description="How many keys are left, on average", default=2.0, min=0.1, max=30.0
+    )
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Make it and play it."""
+        from ...animation.solved_takes import thinned_take
+
+        scene, review = context.scene, context.scene.mocap.review
+        action = thinned_take(scene, review.take, review.armature, self.keys_per_second)
+        self.report({"INFO"}, action["keys_deviation"])
+        return {"FINISHED"}
+
+
+class MOCAP_OT_push_down(NeedsTake, bpy.types.Operator):
+    """Lays the take aside on the NLA."""
+
+    bl_idname = "mocap.push_down"
+    bl_label = "Push Down to NLA"
+    bl_description = "Lay this take aside as a strip on a muted NLA track of its name"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Lay it aside."""
+        review = context.scene.mocap.review
+        name = review.take.name
+        push_down(review.armature)
+        self.report({"INFO"}, f"'{name}' waits on a muted track; show it again from the list of takes")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_mark_take(NeedsTake, bpy.types.Operator):
+    """Offers the take in the asset browser."""
+
+    bl_idname = "mocap.mark_take"
+    bl_label = "Mark as Asset"
+    bl_description = "Offer this take in the asset browser, with its length and frame rate"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Mark it."""
+        take = context.scene.mocap.review.take
+        mark_as_asset(take)
+        self.report({"INFO"}, f"'{take.name}' is an asset of this file")
+        return {"FINISHED"}
+
+
+CLASSES = (MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)

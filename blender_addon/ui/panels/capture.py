@@ -1,0 +1,116 @@
+"""Capture: what to read, and what was recognised."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
+from ..operators.solver_operator import current
+from ..properties import MocapCapture
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+
+_VERBS = ("convert", "demo-capture")
+
+
+class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
+    """Reading a capture."""
+
+    bl_idname = "VIEW3D_PT_mocap_capture"
+    bl_label = "Capture"
+    bl_order = 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the button, progress, and what was recognised."""
+        layout, capture = self.layout, context.scene.mocap.capture
+        if draw_progress(layout, _VERBS):
+            return
+        draw_failure(layout, context, _VERBS)
+        if not capture.file:
+            draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
+        column = layout.column(align=True)
+        column.scale_y = 1.0 if capture.file else 1.4
+        column.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
+        if capture.file:
+            _draw_recognised(layout, capture)
+        else:
+            layout.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA")
+
+
+class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
+    """How the next capture is read."""
+
+    bl_idname = "VIEW3D_PT_mocap_reading"
+    bl_parent_id = "VIEW3D_PT_mocap_capture"
+    bl_label = "Reading Options"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 2
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the options, and reading the same source again."""
+        layout, settings = self.layout, context.scene.mocap
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.enabled = not current.busy
+        for name in ("fps", "joint_set", "unit", "up_axis", "trim"):
+            layout.prop(settings.reading, name)
+        if settings.capture.source:
+            again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
+            again.filepath = settings.capture.source
+
+
+class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
+    """What is wrong with the capture."""
+
+    bl_idname = "VIEW3D_PT_mocap_problems"
+    bl_parent_id = "VIEW3D_PT_mocap_capture"
+    bl_label = "Problems"
+    bl_order = 0
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs problems."""
+        return any(message.is_problem for message in context.scene.mocap.capture.messages)
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the warning."""
+        self.layout.alert = True
+        self.layout.label(icon="ERROR")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the problems."""
+        for message in context.scene.mocap.capture.messages:
+            if message.is_problem:
+                wrapped(self.layout, context, message.text, "DOT", alert=True)
+
+
+class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
+    """What the reader assumed."""
+
+    bl_idname = "VIEW3D_PT_mocap_notes"
+    bl_parent_id = "VIEW3D_PT_mocap_capture"
+    bl_label = "Notes"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 1
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture."""
+        return bool(context.scene.mocap.capture.file)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the notes."""
+        for message in context.scene.mocap.capture.messages:
+            if not message.is_problem:
+                wrapped(self.layout, context, message.text, "DOT")
+
+
+def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
+    box = layout.box()
+    column = box.column(align=True)
+    column.label(text=capture.name, icon="CHECKMARK", translate=False)
+    column.scale_y = 0.85
+    seconds = capture.frames / capture.fps if capture.fps else 0.0
+    column.label(text=f"{capture.frames} frames, {seconds:.1f} s at {capture.fps:g} fps", icon="TIME")
+    parts = [f"{len(capture.cameras)} cameras"] if capture.cameras else []
+    parts += [capture.joint_set] if capture.joint_set else []
+    parts += [f"{capture.markers} markers"] if capture.markers else []
+    column.label(text=", ".join(parts), icon="CAMERA_DATA")

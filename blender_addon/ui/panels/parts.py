@@ -1,0 +1,66 @@
+"""Pieces the panels share: the tab, wrapped text, alerts, the progress of a run."""
+
+from __future__ import annotations
+
+import textwrap
+
+import bpy
+
+from ...errors import sentence
+from ..operators.solve import MOCAP_OT_show_log
+from ..operators.solver_operator import MOCAP_OT_cancel, current
+
+_LETTER_PX = 6.0
+_MARGIN_PX = 62
+
+
+class MocapPanel:
+    """Where the panels are."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "MoCap"
+
+
+def wrapped(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
+) -> None:
+    """Draw a text on as many lines as the sidebar's width asks for; the icon stands before the first."""
+    scale = context.preferences.system.ui_scale
+    letters = max(16, int((context.region.width / scale - _MARGIN_PX) / _LETTER_PX))
+    column = layout.column(align=True)
+    column.alert = alert
+    column.scale_y = 0.8
+    for number, line in enumerate(textwrap.wrap(text, letters) or [""]):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
+
+
+def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
+    """Draw the run under way with its Cancel button, if it does one of these verbs, and return whether it does."""
+    run = current.run
+    if run is None or run.verb not in verbs:
+        return False
+    column = layout.column(align=True)
+    column.progress(factor=run.share, text=run.headline)
+    row = column.row(align=True)
+    row.enabled = not run.process.cancelling
+    row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")
+    return True
+
+
+def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
+    """Draw what went wrong in the last run, if it did one of these verbs."""
+    run = current.last
+    if current.busy or run is None or run.verb not in verbs or run.error is None:
+        return
+    box = layout.box()
+    cancelled = run.error.get("code") == "cancelled"
+    text = "Cancelled; nothing was changed." if cancelled else sentence(run.error)
+    wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
+    if not cancelled:
+        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+
+
+def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """Draw what to do next."""
+    wrapped(layout, context, text, "FORWARD")

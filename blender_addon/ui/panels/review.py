@@ -1,0 +1,130 @@
+"""Review: where to look, and what to do about it."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...animation.takes import takes_of
+from ..operators.review import (
+    MOCAP_OT_next_bad_range,
+    MOCAP_OT_open_report,
+    MOCAP_OT_pin_pose,
+    MOCAP_OT_show_confidence,
+    MOCAP_OT_unpin,
+)
+from ..operators.solve import MOCAP_OT_resolve_range
+from ..operators.solver_operator import current
+from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
+from ..properties import MocapReview
+from .parts import MocapPanel, wrapped
+
+
+class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
+    """Looking at the current take."""
+
+    bl_idname = "VIEW3D_PT_mocap_review"
+    bl_label = "Review"
+    bl_order = 3
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved body."""
+        return context.scene.mocap.review.armature is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw takes, confidence and the report."""
+        layout, review = self.layout, context.scene.mocap.review
+        take = review.take
+        _draw_takes(layout, context.scene.mocap.capture.file, take)
+        if take is None:
+            return
+        _draw_worst(layout, review)
+        layout.operator(MOCAP_OT_show_confidence.bl_idname, icon="COLOR", depress=review.colours)
+        row = layout.row(align=True)
+        row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Previous", icon="TRIA_LEFT").backwards = True
+        row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Next Doubtful", icon="TRIA_RIGHT").backwards = False
+        layout.prop(review, "below", slider=True)
+        layout.operator(MOCAP_OT_open_report.bl_idname, icon="URL")
+
+
+class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
+    """Solving a stretch again."""
+
+    bl_idname = "VIEW3D_PT_mocap_resolve"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Fix a Range"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        return context.scene.mocap.review.take is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the range, the pins and the button."""
+        layout, review = self.layout, context.scene.mocap.review
+        layout.enabled = not current.busy
+        row = layout.row(align=True)
+        row.prop(review, "first")
+        row.prop(review, "last")
+        layout.operator(MOCAP_OT_pin_pose.bl_idname, icon="PINNED")
+        column = layout.column(align=True)
+        for index, pin in enumerate(review.pins):
+            line = column.row(align=True)
+            outside = not review.first <= pin.frame <= review.last
+            line.label(text=f"Frame {pin.frame}" + (" (outside the range)" if outside else ""), icon="PINNED")
+            line.operator(MOCAP_OT_unpin.bl_idname, text="", icon="X", emboss=False).index = index
+        button = layout.column()
+        button.scale_y = 1.3
+        button.operator(MOCAP_OT_resolve_range.bl_idname, icon="FILE_REFRESH")
+
+
+class VIEW3D_PT_mocap_take(MocapPanel, bpy.types.Panel):
+    """What else may become of a take."""
+
+    bl_idname = "VIEW3D_PT_mocap_take"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Use the Take"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 3
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        return context.scene.mocap.review.take is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the ways, and how far a thinned take is from the full one."""
+        layout, take = self.layout, context.scene.mocap.review.take
+        if "keys_deviation" in take:
+            wrapped(layout, context, take["keys_deviation"], "INFO")
+        column = layout.column(align=True)
+        column.operator(MOCAP_OT_thin_take.bl_idname, icon="KEYFRAME")
+        column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
+        column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
+
+
+def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:
+    takes = takes_of(capture_file)
+    if len(takes) < 2 and take is not None:
+        layout.label(text=take.name, icon="ACTION", translate=False)
+        return
+    column = layout.column(align=True)
+    for action in takes:
+        column.operator(
+            MOCAP_OT_show_take.bl_idname, text=action.name, icon="ACTION", depress=action == take, translate=False
+        ).name = action.name
+
+
+def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
+    from ...review.confidence import sigma_of
+    from ...review.confidence_lane import current_confidence
+
+    confidence = current_confidence(review.armature)
+    if not confidence:
+        return
+    worst = min(confidence, key=lambda name: confidence[name])
+    value = confidence[worst]
+    row = layout.row()
+    row.alert = value < review.below
+    spread = f"± {1000 * sigma_of(value):.0f} mm" if value > 0 else "bridged"
+    row.label(text=f"{worst.replace('_', ' ')} {spread}", icon="ERROR" if value < review.below else "CHECKMARK")

@@ -1,0 +1,34 @@
+"""Body shape: ten sliders that move skin and joints together."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...body.sliders import body_mesh, slider_name
+from ...conventions.skeleton import NUM_BETAS
+from .parts import MocapPanel
+
+
+class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
+    """The shape of the solved body."""
+
+    bl_idname = "VIEW3D_PT_mocap_shape"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Body Shape"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 2
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a body with sliders."""
+        armature = context.scene.mocap.review.armature
+        return armature is not None and body_mesh(armature) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw one slider a component."""
+        mesh = body_mesh(context.scene.mocap.review.armature)
+        column = self.layout.column(align=True)
+        for index in range(NUM_BETAS):
+            key = mesh.data.shape_keys.key_blocks.get(slider_name(index))
+            if key is not None:
+                column.prop(key, "value", text=key.name, slider=True)

@@ -1,0 +1,85 @@
+"""Solve: the preset, the button, the progress, and how it went."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..locations import is_beside_file
+from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
+from ..operators.solver_operator import current
+from ..properties import CHOSEN_BY_PRESETS
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+
+_VERBS = ("solve",)
+
+
+class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
+    """Solving the capture."""
+
+    bl_idname = "VIEW3D_PT_mocap_solve"
+    bl_label = "Solve"
+    bl_order = 2
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the preset, the button or the progress, and the outcome."""
+        layout, settings = self.layout, context.scene.mocap
+        if not settings.capture.file:
+            draw_next(layout, context, "Import a capture first.")
+            return
+        row = layout.row()
+        row.enabled = not current.busy
+        row.prop(settings.solve, "preset", expand=True)
+        if draw_progress(layout, _VERBS):
+            return
+        button = layout.column()
+        button.scale_y = 1.6
+        button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY")
+        if not is_beside_file(context.scene):
+            wrapped(layout, context, "Save the file first to keep its takes beside it.", "INFO")
+        draw_failure(layout, context, _VERBS)
+        _draw_outcome(layout)
+
+
+class VIEW3D_PT_mocap_solve_settings(MocapPanel, bpy.types.Panel):
+    """What the presets choose."""
+
+    bl_idname = "VIEW3D_PT_mocap_solve_settings"
+    bl_parent_id = "VIEW3D_PT_mocap_solve"
+    bl_label = "Advanced"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture."""
+        return bool(context.scene.mocap.capture.file)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings; those a preset chooses are greyed."""
+        layout, solve = self.layout, context.scene.mocap.solve
+        layout.use_property_split, layout.use_property_decorate = True, False
+        column = layout.column()
+        column.enabled = solve.preset == "CUSTOM"
+        for name in CHOSEN_BY_PRESETS:
+            column.prop(solve, name)
+        layout.separator()
+        for name in ("estimate_sync", "keep_shape", "report", "body", "backend"):
+            layout.prop(solve, name)
+        layout.prop(context.scene.mocap, "folder")
+
+
+def _draw_outcome(layout: bpy.types.UILayout) -> None:
+    run = current.last
+    if run is None or run.verb != "solve" or run.result is None or run.error is not None:
+        return
+    result = run.result
+    box = layout.box()
+    box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK")
+    column = box.column(align=True)
+    column.scale_y = 0.8
+    if result.get("reprojection_median_px") is not None:
+        column.label(text=f"{result['reprojection_median_px']:.1f} px from the detections (median)")
+    if result["unsure_frames"]:
+        column.label(text=f"Frames to look at: {result['unsure_frames']}", icon="ERROR")
+    if result["unseen_frames"]:
+        column.label(text=f"{result['unseen_frames']} frames bridged", icon="ERROR")
+    box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")

@@ -1,0 +1,182 @@
+"""Frames whose poses are Gaussian codes: equations of every frame on its own, and of frames that pull on neighbours.
+
+The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, turn of the root 3 (world),
+translation 3. The cost is the robust data term and ``w/2 |z|²``, the code's negative log density (Bogo et al. 2016;
+Pavlakos et al. 2019), plus whatever links frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.baselines.person import Prepared
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.fitters.model.codes import decode_poses, decoded_only
+from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, frame_equations
+from solver_backend.fitters.single_frame.fit import bridged_states, posed
+from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.base import PosePrior
+from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
+from solver_backend.residuals.point_term import PointTerm
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import DenseBlocks
+from solver_backend.types import JointSet
+
+DOF = 38
+"""Tangent of a frame: code 32, root 3, translation 3."""
+_FLOOR = 1e-2
+"""Added to the diagonal: parts that nothing sees stay."""
+
+
+@dataclass(frozen=True)
+class States:
+    """Unknowns of F frames."""
+
+    z: np.ndarray
+    """(F, 32) codes."""
+    root: np.ndarray
+    """(F, 3, 3) body to world."""
+    transl: np.ndarray
+    """(F, 3) metres."""
+
+    def retract(self, step: np.ndarray) -> States:
+        """Move by (F, 38) tangent steps."""
+        root = exp_so3(step[:, 32:35]) @ self.root
+        return States(self.z + step[:, :32], root, self.transl + step[:, 35:])
+
+    def select(self, frames: np.ndarray) -> States:
+        """Return the states of these frames."""
+        return States(self.z[frames], self.root[frames], self.transl[frames])
+
+    def replaced(self, frames: np.ndarray, new: States) -> States:
+        """Return the states with those of some frames replaced."""
+        parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
+        for name, values in parts.items():
+            values[frames] = getattr(new, name)
+        return States(**parts)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Gauss-Newton model of F frames; ``upper`` where neighbours meet."""
+
+    cost: np.ndarray
+    """(F,)."""
+    H: np.ndarray
+    """(F, 38, 38)."""
+    g: np.ndarray
+    """(F, 38)."""
+    upper: np.ndarray | None = None
+    """(F - 1, 38, 38)."""
+
+    def __add__(self, other: Equations) -> Equations:
+        upper = self.upper if other.upper is None else other.upper
+        return Equations(self.cost + other.cost, self.H + other.H, self.g + other.g, upper)
+
+
+Link = Callable[[States, PosedFrames, np.ndarray], Equations]
+"""(states, poses, (F, 69, 38) derivative of the pose tangents) -> what more pulls on the frames."""
+
+
+def pose_prior() -> GaussianVAE:
+    """Return RVPoser: VPoser with its decoder's last activation reproduces poses three times worse on our corpus."""
+    return load_vae("rvposer")
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """What does not change while frames are fitted."""
+
+    subject: Subject
+    prior: PosePrior
+    term: PointTerm
+    """Data of the F frames."""
+    latent_weight: float
+    """w."""
+
+    def poses(self, states: States) -> PosedFrames:
+        """Return the poses the states decode to."""
+        return PosedFrames(states.root, decoded_only(self.prior, states.z), states.transl)
+
+    def by_unknowns(self, states: States) -> tuple[PosedFrames, np.ndarray]:
+        """Return the poses, and the (F, 69, 38) derivative of their tangents by the unknowns'."""
+        decoded = decode_poses(self.prior, states.z)
+        chain = np.zeros((len(states.z), FRAME_DOF, DOF))
+        chain[:, 3:66, :32] = decoded.by_latent
+        chain[:, :3, 32:35] = chain[:, 66:, 35:] = np.eye(3)
+        return PosedFrames(states.root, decoded.local, states.transl), chain
+
+    def equations(self, states: States, scale: float, link: Link | None) -> Equations:
+        """Return the Gauss-Newton model at the states."""
+        poses, chain = self.by_unknowns(states)
+        data = frame_equations(self.subject, poses, self.term, scale)
+        turned = chain.swapaxes(-1, -2)
+        H = turned @ (data.hessian @ chain) + _FLOOR * np.eye(DOF)
+        g = (turned @ data.gradient[..., None])[..., 0]
+        H[:, :32, :32] += self.latent_weight * np.eye(32)
+        g[:, :32] += self.latent_weight * states.z
+        cost = data.cost + 0.5 * self.latent_weight * (states.z**2).sum(-1)
+        own = Equations(cost, H, g)
+        return own if link is None else own + link(states, poses, chain)
+
+    def solve(self, states: States, scale: float, iterations: int, link: Link | None = None) -> States:
+        """Minimise from these states: every frame on its own, or, where the link joins neighbours, all at once."""
+
+        def linearise(s: States) -> tuple[np.ndarray, DenseBlocks | BlockTridiagonal]:
+            found = self.equations(s, scale, link)
+            if found.upper is None:
+                return found.cost, DenseBlocks(found.H, found.g)
+            return found.cost.sum()[None], BlockTridiagonal(found.H, found.upper, found.g)
+
+        def retract(s: States, step: np.ndarray) -> States:
+            return s.retract(step.reshape(-1, DOF))
+
+        def select(mask: np.ndarray, new: States, old: States) -> States:
+            return new if mask.size == 1 and mask[0] else old.replaced(np.flatnonzero(mask), _masked(new, mask))
+
+        return levenberg_marquardt(states, linearise, retract, select, LMSettings(max_iterations=iterations)).state
+
+
+def _masked(states: States, mask: np.ndarray) -> States:
+    return states.select(np.flatnonzero(mask))
+
+
+def initial_states(prepared: Prepared, prior: PosePrior) -> States:
+    """Return the codes of poses fitted to the triangulated points; unseen frames are bridged."""
+    problem = prepared.problem
+    fitted = fit_to_points(prepared.subject, problem.prior, problem.observations, prepared.seen)
+    start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))
+    return States(prior.encode(start.local), start.root, start.transl)
+
+
+@dataclass(frozen=True)
+class JointPull:
+    """Joints of the posed body, and how they move with the unknowns."""
+
+    joints: np.ndarray
+    """(F, 72) metres."""
+    by_unknowns: np.ndarray
+    """(F, 72, 38)."""
+
+    @classmethod
+    def of(cls, subject: Subject, poses: PosedFrames, chain: np.ndarray) -> JointPull:
+        """Differentiate the 24 joints."""
+        landmarks = keypoint_landmarks(subject.body, JointSet.SMPL_24)
+        found = pose_landmarks(
+            subject.body, landmarks, subject.betas, poses.root, poses.local, poses.transl, jacobian=True
+        )
+        assert found.by_rotations is not None
+        eye = np.broadcast_to(np.eye(3), (*found.points.shape[:2], 3, 3))
+        J = np.concatenate([found.by_rotations, eye], axis=-1).reshape(len(chain), -1, FRAME_DOF)
+        return cls(found.points.reshape(len(chain), -1), J @ chain)
+
+
+def with_weight(sequence: Sequence, latent_weight: float) -> Sequence:
+    """Return the sequence with another weight of the codes' density."""
+    return replace(sequence, latent_weight=latent_weight)

@@ -1,0 +1,1 @@
+"""Body files of the SMPL family: which one is meant, read without trusting it."""

@@ -1,0 +1,76 @@
+"""SMPL, SMPL-H and SMPL-X files from the user's own disk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from solver_backend.body.body import REQUIRED_KEYS, Body, body_from_arrays
+from solver_backend.body.files.restricted_pickle import read_pickle
+from solver_backend.exchange.errors import BodyInvalid
+
+_HANDS = ("hands_meanl", "hands_meanr")
+
+
+def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
+    """Read a licensed body model that the user owns; nothing of it is copied or kept.
+
+    Args:
+        path: ``.npz``, or the older ``.pkl`` (read without running anything it holds).
+        family: 'SMPL', 'SMPL-H' or 'SMPL-X' if only that one will do.
+        flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
+
+    Raises:
+        UnsafePickle: the pickle asks for code.
+        BodyInvalid: keys are missing, shapes or joint counts are wrong, values are not finite, or it is another family.
+    """
+    path = Path(path)
+    arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
+    missing = [key for key in REQUIRED_KEYS if key not in arrays]
+    if missing:
+        raise BodyInvalid(
+            f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}.",
+            where=str(path),
+            hint=f"An SMPL-family file holds {', '.join(REQUIRED_KEYS)}.",
+        )
+    body = body_from_arrays(arrays, where=str(path), default_id=path.stem)
+    if family is not None and body.family != family:
+        raise BodyInvalid(
+            f"This is a {body.family} file ({len(body.parents)} joints); {family} is expected.",
+            where=str(path),
+            hint=f"Choose {body.family} as the body's family, or another file.",
+        )
+    return body if flat_hands else replace(body, hands_mean=_hands_mean(arrays, body, str(path)))
+
+
+def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
+    """Return the (J - 22, 3) mean axis-angles of the joints after the 22nd; jaw and eyes have none."""
+    if body.family == "SMPL":
+        return None
+    if not set(_HANDS) <= set(arrays):
+        raise BodyInvalid(
+            f"The body file lacks its relaxed hands; {', '.join(_HANDS)} are expected.",
+            where=where,
+            hint="Read the file with flat hands.",
+        )
+    means = [np.asarray(arrays[key], dtype=np.float64) for key in _HANDS]
+    for key, mean in zip(_HANDS, means, strict=True):
+        if mean.size != 45 or not np.isfinite(mean).all():
+            raise BodyInvalid(f"{key} has shape {mean.shape}; 45 finite numbers are expected.", where=where)
+    face = len(body.parents) - 22 - 30
+    return np.concatenate([np.zeros((face, 3)), *(mean.reshape(15, 3) for mean in means)])
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+            wanted = {*REQUIRED_KEYS, "posedirs", *_HANDS}
+            return {key: data[key] for key in data.files if key in wanted}
+    except (OSError, ValueError, EOFError, KeyError, BadZipFile) as error:
+        raise BodyInvalid(
+            f"The file cannot be read: {error}", where=str(path), hint="The file may be truncated."
+        ) from error

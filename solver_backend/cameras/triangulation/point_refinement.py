@@ -1,0 +1,157 @@
+"""Points fitted to their detections in all views: robust Gauss-Newton, agreeing views, covariance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from array_api_compat import array_namespace
+
+from solver_backend.cameras.projection import project_with_jacobian, undistort
+from solver_backend.cameras.triangulation.linear_candidates import Sightings, best_hypothesis
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.types import Cameras
+
+INLIER_SIGMAS = 3.5
+"""A view is rejected beyond this many standard deviations (0.2 % of good detections)."""
+ROBUST_SIGMAS = 3.0
+"""Scale of the Geman-McClure weights."""
+ROBUST_STEPS, FINAL_STEPS = 6, 3
+_LONGEST_STEP_M = 0.5
+_ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
+"""A point that moves less is finished: to tell which views agree, and for good."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Cameras as arrays of the caller's kind."""
+
+    K: Array
+    """(C, 3, 3) px."""
+    distortion: Array
+    """(C, 8)."""
+    R: Array
+    """(C, 3, 3) world to camera."""
+    t: Array
+    """(C, 3) metres."""
+    model: str
+    """Distortion model."""
+    width: float
+    """Mean image width in px."""
+
+    @classmethod
+    def of(cls, cameras: Cameras, like: Array) -> Rig:
+        """Return the cameras as arrays of the kind of ``like``."""
+        K, distortion, R, t = (constant(a, like) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
+        return cls(K, distortion, R, t, cameras.distortion_model, float(cameras.image_size[:, 0].mean()))
+
+
+def fit_points(rig: Rig, px: Array, weight: Array, spread: Array) -> tuple[Array, Array, Array]:
+    """Return points (N, 3), the views that agree (C, N) and the distance to every detection (C, N) px.
+
+    Args:
+        rig: C cameras.
+        px: (C, N, 2) detections.
+        weight: (C, N) confidence, zero where missing.
+        spread: (N,) standard deviation of the detections, px.
+    """
+    xp = array_namespace(px)
+    points = _locate(rig, px, weight, ROBUST_SIGMAS * spread)
+    inliers, _ = _agreeing(rig, px, weight, points, spread)
+    agreed = xp.where(inliers, weight, xp.zeros_like(weight))
+    points = _refine(rig, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
+    return (points, *_agreeing(rig, px, weight, points, spread))
+
+
+def _locate(rig: Rig, px: Array, weight: Array, scale_px: Array) -> Array:
+    """Return robust points (N, 3), NaN where nothing locates them."""
+    xp = array_namespace(px)
+    normalised = undistort(rig.K, rig.distortion, px, rig.model)
+    usable = (weight > 0) & xp.all(xp.isfinite(normalised), axis=-1)
+    normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
+    focal = xp.stack((rig.K[:, 0, 0], rig.K[:, 1, 1]), axis=-1)
+    views = Sightings(normalised, xp.where(usable, weight, xp.zeros_like(weight)), rig.R, rig.t, focal)
+    return _refine(rig, px, weight, best_hypothesis(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
+
+
+def _refine(
+    rig: Rig, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
+) -> Array:
+    """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
+
+    Args:
+        rig: C cameras.
+        px: (C, N, 2) detections.
+        weight: (C, N), zero where not to be used.
+        points: (N, 3) start, world metres.
+        scale_px: (N,) scale of Geman and McClure's weights ``(1 + r²/scale²)⁻²``, or None for plain least squares.
+        steps: at most so many.
+        settled_m: a point that moves less is finished.
+    """
+    xp = array_namespace(px)
+    active = xp.arange(points.shape[0])
+    points = xp.asarray(points, copy=True)
+    for _ in range(steps):
+        start, detections, wanted = points[active], px[:, active], weight[:, active]
+        error, J, seen = _errors(rig, detections, wanted, start)
+        w = xp.where(seen, wanted, xp.zeros_like(wanted))
+        if scale_px is not None:
+            w = w / (1.0 + xp.sum(error * error, axis=-1) / scale_px[active] ** 2) ** 2
+        A, gradient = _normal_equations(J, w, error)
+        step = _bounded(-xp.matmul(inverse_symmetric_3x3(A), gradient[..., None])[..., 0])
+        points[active] = start + step
+        active = active[xp.any(xp.abs(step) > settled_m, axis=-1)]
+        if active.shape[0] == 0:
+            break
+    return points
+
+
+def _bounded(step: Array) -> Array:
+    """Return steps shortened to half a metre, zero where not finite."""
+    xp = array_namespace(step)
+    step = xp.where(xp.isfinite(step), step, xp.zeros_like(step))
+    length = xp.sqrt(xp.sum(step * step, axis=-1, keepdims=True))
+    long = length > _LONGEST_STEP_M
+    return xp.where(long, step * (_LONGEST_STEP_M / xp.where(long, length, xp.ones_like(length))), step)
+
+
+def _errors(rig: Rig, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
+    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where not seen, and where seen (C, N)."""
+    xp = array_namespace(px)
+    projected, J, _ = project_with_jacobian(rig.K, rig.distortion, rig.R, rig.t, points, rig.model)
+    seen = (weight > 0) & xp.isfinite(projected[..., 0])
+    error = xp.where(seen[..., None], projected - px, xp.zeros_like(px))
+    return error, xp.where(seen[..., None, None], J, xp.zeros_like(J)), seen
+
+
+def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
+    """Return ``Σ w JᵀJ`` (N, 3, 3) and ``Σ w Jᵀe`` (N, 3) over the views."""
+    xp = array_namespace(J)
+    count, coordinates = J.shape[1], 2 * J.shape[0]
+    rows = xp.reshape(xp.permute_dims(J, (1, 0, 2, 3)), (count, coordinates, 3))
+    weights = xp.reshape(xp.permute_dims(xp.stack((w, w), axis=-1), (1, 0, 2)), (count, 1, coordinates))
+    turned = xp.matrix_transpose(rows) * weights
+    residuals = xp.reshape(xp.permute_dims(error, (1, 0, 2)), (count, coordinates, 1))
+    return xp.matmul(turned, rows), xp.matmul(turned, residuals)[..., 0]
+
+
+def _agreeing(rig: Rig, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
+    """Return the inliers (C, N) and the distance of every detection (C, N) px, NaN where there is none."""
+    xp = array_namespace(px)
+    error, _, seen = _errors(rig, px, weight, points)
+    distance = xp.sqrt(xp.sum(error * error, axis=-1))
+    return seen & (distance < INLIER_SIGMAS * spread), xp.where(seen, distance, xp.full_like(distance, math.nan))
+
+
+def covariance_of(rig: Rig, weight: Array, points: Array, spread: Array) -> Array:
+    """Return the (N, 3, 3) covariance of the weighted estimator, NaN where fewer than two views have weight."""
+    xp = array_namespace(weight)
+    zero = xp.zeros_like(weight)
+    error, J, _ = _errors(rig, xp.stack((zero, zero), axis=-1), weight, points)
+    A, _ = _normal_equations(J, weight, error)
+    B, _ = _normal_equations(J, weight * weight, error)
+    inverse = inverse_symmetric_3x3(A)
+    covariance = xp.matmul(inverse, xp.matmul(B, inverse)) * (spread * spread)[:, None, None]
+    enough = xp.sum(xp.astype(weight > 0, weight.dtype), axis=0) >= 2
+    return xp.where(enough[:, None, None], covariance, xp.full_like(covariance, math.nan))

@@ -1,0 +1,124 @@
+"""Robust triangulation of all keypoints of all frames at once: points, covariances, and which views agree."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from array_api_compat import array_namespace
+
+from solver_backend.cameras.triangulation.detector_noise import flat_views, measure_noise
+from solver_backend.cameras.triangulation.point_refinement import Rig, covariance_of, fit_points
+from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.parallel import map_blocks
+from solver_backend.types import Cameras
+
+LARGEST_SIGMA_M = 0.3
+"""A point less certain than this is no point."""
+_CHUNK = 32_000
+"""Observations worked on at once: few enough to stay in the cache."""
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """F frames of K keypoints located by C views."""
+
+    points: Array
+    """(F, K, 3) world metres, NaN where fewer than two views agree or the point is less certain than asked."""
+    covariance: Array
+    """(F, K, 3, 3) m², of the inliers' noise; NaN with the point."""
+    inliers: Array
+    """(C, F, K) bool: the views the point was computed from."""
+    residual_px: Array
+    """(C, F, K) distance from every detection to the projected point, NaN where there is none of both."""
+    sigma_px: Array
+    """(K,) standard deviation of the detections, given or measured."""
+
+
+def triangulate(
+    cameras: Cameras,
+    xy: Array,
+    confidence: Array,
+    sigma_px: float | Array | None = None,
+    largest_sigma_m: float = LARGEST_SIGMA_M,
+) -> Triangulation:
+    """Locate keypoints seen by several views, rejecting views that do not agree.
+
+    The best of many linear triangulations (see ``best_hypothesis``) is refined by Gauss-Newton on
+    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ that of Geman and McClure; views further off than
+    ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance is that of the weighted estimator,
+    ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers.
+
+    With three views and one of them wrong along an epipolar line, two pairs agree equally well and the more confident
+    one wins: geometry alone cannot tell.
+
+    Args:
+        cameras: C calibrated cameras.
+        xy: (C, F, K, 2) px, NaN where missing.
+        confidence: (C, F, K), 0 where missing.
+        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,); None measures it from how far
+            the views disagree.
+        largest_sigma_m: points whose standard deviation along the worst axis is larger become NaN (rays that are
+            nearly parallel, such as those of two cameras that face each other).
+
+    Returns:
+        The triangulation; NaN where fewer than two views are usable or agree.
+
+    Raises:
+        TooFewViews: there are fewer than two cameras.
+        CalibrationMismatch: ``xy`` has another number of views than there are cameras.
+        KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` disagree.
+    """
+    _check(cameras, xy, confidence)
+    xp = array_namespace(xy, confidence)
+    rig = Rig.of(cameras, xy)
+    frames, keypoints = int(xy.shape[1]), int(xy.shape[2])
+    if sigma_px is None:
+        sigma = measure_noise(rig, xy, confidence)
+    else:
+        sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
+    step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
+    blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
+    parts = map_blocks(
+        lambda f: _triangulate_frames(rig, xy[:, f], confidence[:, f], sigma, largest_sigma_m), blocks, xy
+    )
+    points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
+    inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
+    return Triangulation(points, covariance, inliers, residual, sigma)
+
+
+def _triangulate_frames(
+    rig: Rig, xy: Array, confidence: Array, sigma: Array, largest_sigma_m: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return points, covariance, inliers and residuals of (C, F, K) detections."""
+    xp = array_namespace(xy)
+    views, frames, keypoints = (int(n) for n in xy.shape[:3])
+    px, weight, spread = flat_views(xy, confidence, sigma)
+    points, inliers, residual = fit_points(rig, px, weight, spread)
+    covariance = covariance_of(rig, xp.where(inliers, weight, xp.zeros_like(weight)), points, spread)
+    worst = xp.max(xp.sum(xp.abs(covariance), axis=-1), axis=-1)
+    lost = ~(worst <= largest_sigma_m**2)
+    covariance = xp.where(lost[:, None, None], xp.full_like(covariance, math.nan), covariance)
+    points = xp.where(lost[:, None], xp.full_like(points, math.nan), points)
+    residual = xp.where(lost[None, :], xp.full_like(residual, math.nan), residual)
+    return (
+        xp.reshape(points, (frames, keypoints, 3)),
+        xp.reshape(covariance, (frames, keypoints, 3, 3)),
+        xp.reshape(inliers & ~lost[None, :], (views, frames, keypoints)),
+        xp.reshape(residual, (views, frames, keypoints)),
+    )
+
+
+def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
+    if len(cameras) < 2:
+        raise TooFewViews(
+            f"Triangulation needs two cameras; there is {len(cameras)}.", hint="Add the detections of another camera."
+        )
+    if xy.ndim != 4 or xy.shape[-1] != 2 or tuple(confidence.shape) != tuple(xy.shape[:-1]):
+        raise KeypointCountMismatch(
+            f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)} must be (views, frames, keypoints, 2) and "
+            "(views, frames, keypoints)."
+        )
+    if xy.shape[0] != len(cameras):
+        raise CalibrationMismatch(f"xy has {xy.shape[0]} views; there are {len(cameras)} cameras.")

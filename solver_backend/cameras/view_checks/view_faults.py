@@ -1,0 +1,150 @@
+"""Why a view contradicts the others: each possible fault is undone for a trial, and the best explanation kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.cameras.camera_rotation import turned, turned_back
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.view_checks.view_consistency import Stretch, misfit
+from solver_backend.types import Cameras, Keypoints2D
+
+EXPLAINED = 0.4
+"""Largest misfit of a view whose fault is undone; of a view of good detections it is about 0.2."""
+BETTER = 0.6
+"""Undoing the fault leaves at most this share of the misfit."""
+SMALLEST_TURN_DEG = 2.5
+"""A camera turned by less is left alone: its calibration, or that of the others, is merely not exact."""
+
+
+@dataclass(frozen=True)
+class Mirrored:
+    """The view's sides are exchanged, its image is mirrored, or both."""
+
+    labels: bool
+    """Left and right keypoints are exchanged."""
+    image: bool
+    """x runs from right to left."""
+
+    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: Stretch) -> Keypoints2D:
+        """Return the detections with this undone in the stretch."""
+        xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+        part, sure = xy[at.view, at.frames], confidence[at.view, at.frames]
+        if self.image:
+            part = np.stack([cameras.image_size[at.view, 0] - 1 - part[..., 0], part[..., 1]], axis=-1)
+        if self.labels:
+            mirrored = list(keypoints.joint_set.mirrored())
+            part, sure = part[:, mirrored], sure[:, mirrored]
+        xy[at.view, at.frames], confidence[at.view, at.frames] = part, sure
+        return replace(keypoints, xy=xy, confidence=confidence)
+
+
+@dataclass(frozen=True)
+class NamedLike:
+    """The view has the detections of another, and the other has its."""
+
+    other: int
+    """Index of the other view."""
+
+    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: Stretch) -> Keypoints2D:
+        """Return the detections with the two views exchanged in the stretch."""
+        xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+        pair, turned_round = [at.view, self.other], [self.other, at.view]
+        xy[pair, at.frames] = keypoints.xy[turned_round, at.frames]
+        confidence[pair, at.frames] = keypoints.confidence[turned_round, at.frames]
+        return replace(keypoints, xy=xy, confidence=confidence)
+
+
+@dataclass(frozen=True)
+class Turned:
+    """The camera was turned about its centre."""
+
+    rotation: tuple[float, float, float]
+    """Rotation vector in radians, camera axes."""
+
+    @property
+    def degrees(self) -> float:
+        """Return the angle."""
+        return float(np.rad2deg(np.linalg.norm(self.rotation)))
+
+    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: Stretch) -> Keypoints2D:
+        """Return the detections as the camera would have seen them before."""
+        xy = keypoints.xy.copy()
+        camera = cameras.subset([at.view])
+        xy[at.view, at.frames] = turned_back(camera, xy[at.view, at.frames], np.array(self.rotation))
+        return replace(keypoints, xy=xy)
+
+
+Explanation = Mirrored | NamedLike | Turned
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An explanation of a stretch, tried."""
+
+    stretch: Stretch
+    explanation: Explanation
+    before: float
+    """Mean misfit of the views concerned, as detected."""
+    after: float
+    """The same with the fault undone."""
+    total: float
+    """Mean misfit of all views with the fault undone."""
+
+    @property
+    def convinces(self) -> bool:
+        """Return whether the fault explains the contradiction."""
+        return self.after < EXPLAINED and self.after < BETTER * self.before
+
+
+def explain(cameras: Cameras, keypoints: Keypoints2D, suspects: list[Stretch], sigma_px: np.ndarray) -> Trial | None:
+    """Return the explanation that leaves least misfit among all views, None where none convinces.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of one person.
+        suspects: stretches of views that may be to blame.
+        sigma_px: (K,) standard deviation of the detections.
+    """
+    tried = [trial for stretch in suspects for trial in _trials(cameras, keypoints, stretch, sigma_px)]
+    convincing = [trial for trial in tried if trial.convinces]
+    return min(convincing, key=lambda trial: trial.total) if convincing else None
+
+
+def _trials(cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, sigma_px: np.ndarray) -> list[Trial]:
+    """Return every explanation of one stretch, tried on a sample of its frames."""
+    frames = stretch.sample()
+    few = replace(keypoints, xy=keypoints.xy[:, frames], confidence=keypoints.confidence[:, frames])
+    at = Stretch(stretch.view, 0, len(frames) - 1)
+    before = misfit(cameras, few.xy, few.confidence, sigma_px)
+    choices: list[Explanation] = [Mirrored(True, True), Mirrored(False, True), Mirrored(True, False)]
+    choices += [NamedLike(other) for other in range(len(cameras)) if other != stretch.view]
+    turn = _turn(cameras, few, at, sigma_px)
+    choices += [turn] if turn is not None else []
+    trials = []
+    for choice in choices:
+        undone = choice.undone(cameras, few, at)
+        after = misfit(cameras, undone.xy, undone.confidence, sigma_px)
+        concerned = [stretch.view, choice.other] if isinstance(choice, NamedLike) else [stretch.view]
+        trials.append(
+            Trial(stretch, choice, float(before[concerned].mean()), float(after[concerned].mean()), float(after.mean()))
+        )
+    return trials
+
+
+def _turn(cameras: Cameras, keypoints: Keypoints2D, at: Stretch, sigma_px: np.ndarray) -> Turned | None:
+    """Return how the view's camera was turned, judged by the points that the others locate."""
+    others = [i for i in range(len(cameras)) if i != at.view]
+    if len(others) < 2:
+        return None
+    points = triangulate(cameras.subset(others), keypoints.xy[others], keypoints.confidence[others], sigma_px).points
+    seen = np.isfinite(points).all(-1) & (keypoints.confidence[at.view] > 0)
+    if seen.sum() < 6:
+        return None
+    sigma = np.broadcast_to(sigma_px, seen.shape)[seen]
+    rotation = turned(cameras.subset([at.view]), points[seen], keypoints.xy[at.view][seen], sigma)
+    x, y, z = rotation.tolist()
+    turn = Turned((x, y, z))
+    return turn if turn.degrees >= SMALLEST_TURN_DEG else None

@@ -1,0 +1,194 @@
+"""Views that contradict the others put right or left out, one after the other, until the views agree."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.view_consistency import Stretch, contradictions, misfit
+from solver_backend.cameras.view_checks.view_faults import BETTER, Explanation, NamedLike, explain
+from solver_backend.types import Cameras, Keypoints2D
+
+LASTING_S = 1.0
+"""What is explained lasts: names, sides and cameras do not change for less. Limbs may (see ``label_swaps``)."""
+BRIEF_S = 0.25
+"""Shorter contradictions are left to the robust penalty."""
+USUAL_SIGMA_SHARE = 0.005
+"""Detectors scatter by this share of the image's longer side; views that scatter more may agree on a wrong world."""
+SUSPECT_SHARE = 0.6
+"""A view with this share of the worst view's outliers may be to blame as well."""
+MOST_PERMUTED = 4
+"""Of so many cameras every order of the names is tried, of more only pairs."""
+ORDERED_FRAMES = 8
+"""Frames on which orders are compared."""
+HOPELESS = 0.7
+"""A view is left out where its misfit is larger ..."""
+SOUND = 0.3
+"""... and that of the others without it is smaller than this."""
+
+
+@dataclass(frozen=True)
+class ViewFault:
+    """A stretch of a view that contradicted the others, and why."""
+
+    stretch: Stretch
+    """View and frames."""
+    explanation: Explanation
+    """What was undone."""
+
+
+@dataclass(frozen=True)
+class Reconciled:
+    """Detections whose views agree."""
+
+    keypoints: Keypoints2D
+    """The detections."""
+    triangulation: Triangulation
+    """Of these detections."""
+    faults: tuple[ViewFault, ...]
+    """What was undone, in this order."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Detections without the stretches of views that nothing explains."""
+
+    keypoints: Keypoints2D
+    """The detections."""
+    triangulation: Triangulation
+    """Of these detections."""
+    stretches: tuple[Stretch, ...]
+    """What was left out."""
+
+
+def reconcile(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> Reconciled:
+    """Undo the faults of whole views that are told beyond doubt.
+
+    Args:
+        cameras: C cameras; with two, nothing tells which of them is wrong.
+        keypoints: detections of one person.
+        triangulation: of these detections.
+    """
+    faults: list[ViewFault] = []
+    if 2 < len(cameras) <= MOST_PERMUTED and triangulation.sigma_px.mean() > _usual_sigma(cameras):
+        faults = _misnamed(cameras, keypoints, np.minimum(triangulation.sigma_px, _usual_sigma(cameras)))
+        for fault in faults:
+            keypoints = fault.explanation.undone(cameras, keypoints, fault.stretch)
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence) if faults else triangulation
+    while len(cameras) > 2 and len(faults) < 2 * len(cameras):
+        fault = _next(cameras, keypoints, triangulation)
+        if fault is None:
+            break
+        keypoints = fault.explanation.undone(cameras, keypoints, fault.stretch)
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+        faults.append(fault)
+    return Reconciled(keypoints, triangulation, tuple(faults))
+
+
+def leave_out(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> LeftOut:
+    """Drop the stretches of views that show something else than the sound others do, such as somebody else.
+
+    Args:
+        cameras: C cameras; with two, nothing is left out.
+        keypoints: detections of one person.
+        triangulation: of these detections.
+    """
+    found = contradictions(triangulation, keypoints.confidence, BRIEF_S * keypoints.fps) if len(cameras) > 2 else []
+    chosen = [s for s in found if _hopeless(cameras, keypoints, s, triangulation.sigma_px)]
+    if not chosen:
+        return LeftOut(keypoints, triangulation, ())
+    confidence = keypoints.confidence.copy()
+    for stretch in chosen:
+        confidence[stretch.view, stretch.frames] = 0.0
+    keypoints = replace(keypoints, confidence=confidence)
+    return LeftOut(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(chosen))
+
+
+def _usual_sigma(cameras: Cameras) -> float:
+    """Return how far detections scatter at most where the views are right, px."""
+    return USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
+
+
+def _misnamed(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) -> list[ViewFault]:
+    """Return the exchanges of names, one after the other, that make the views agree far better; none if none do.
+
+    Cameras that stand in a ring see a world that nearly fits with the names moved round by one, which no exchange of
+    two makes better: the orders are compared with each other.
+    """
+    whole = [Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))]
+    frames = whole[0].sample(ORDERED_FRAMES)
+    xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
+
+    def total(order: tuple[int, ...]) -> float:
+        return float(misfit(cameras, xy[list(order)], confidence[list(order)], sigma_px).mean())
+
+    as_named = tuple(range(len(cameras)))
+    best = min(itertools.permutations(as_named), key=total)
+    if total(best) > BETTER * total(as_named):
+        return []
+    now, faults = list(as_named), []
+    for view, wanted in enumerate(best):
+        other = now.index(wanted)
+        if other != view:
+            now[view], now[other] = now[other], now[view]
+            faults.append(ViewFault(whole[view], NamedLike(other)))
+    return faults
+
+
+def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ViewFault | None:
+    """Return the fault that is undone next, None where no explanation convinces."""
+    usual = _usual_sigma(cameras)
+    sigma = np.minimum(triangulation.sigma_px, usual)
+    stretches = contradictions(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
+    trials = [_suspects(stretch, triangulation, keypoints) for stretch in stretches]
+    if triangulation.sigma_px.mean() > usual:
+        # Views that agree on a wrong world put the blame on a right one: first, every view is tried as a whole.
+        trials.insert(0, [Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))])
+    for suspects in trials:
+        trial = explain(cameras, keypoints, suspects, sigma)
+        if trial is not None:
+            return ViewFault(_extended(cameras, keypoints, trial.stretch, trial.explanation, sigma), trial.explanation)
+    return None
+
+
+def _suspects(stretch: Stretch, triangulation: Triangulation, keypoints: Keypoints2D) -> list[Stretch]:
+    """Return the stretch in every view that may be to blame: those with about as many outliers as the worst."""
+    seen = keypoints.confidence[:, stretch.frames] > 0
+    outliers = seen & ~np.asarray(triangulation.inliers)[:, stretch.frames]
+    share = outliers.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+    return [replace(stretch, view=int(view)) for view in np.flatnonzero(share >= SUSPECT_SHARE * share.max())]
+
+
+def _extended(
+    cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, explanation: Explanation, sigma_px: np.ndarray
+) -> Stretch:
+    """Return the stretch with what comes before and after it, where the same explanation makes that better too."""
+    first, last, end = stretch.first, stretch.last, keypoints.num_frames - 1
+    if first > 0 and _helps(cameras, keypoints, replace(stretch, first=0, last=first - 1), explanation, sigma_px):
+        first = 0
+    if last < end and _helps(cameras, keypoints, replace(stretch, first=last + 1, last=end), explanation, sigma_px):
+        last = end
+    return replace(stretch, first=first, last=last)
+
+
+def _helps(
+    cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, explanation: Explanation, sigma_px: np.ndarray
+) -> bool:
+    frames, at = stretch.sample(), Stretch(stretch.view, 0, len(stretch.sample()) - 1)
+    few = replace(keypoints, xy=keypoints.xy[:, frames], confidence=keypoints.confidence[:, frames])
+    undone = explanation.undone(cameras, few, at)
+    before, after = (misfit(cameras, k.xy, k.confidence, sigma_px).mean() for k in (few, undone))
+    return bool(after < before)
+
+
+def _hopeless(cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, sigma_px: np.ndarray) -> bool:
+    """Return whether a view is all wrong in a stretch in which the others, without it, are sound."""
+    frames, others = stretch.sample(), [i for i in range(len(cameras)) if i != stretch.view]
+    xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
+    alone = misfit(cameras, xy, confidence, sigma_px)[stretch.view]
+    without = misfit(cameras.subset(others), xy[others], confidence[others], sigma_px)
+    seen = (confidence[others] > 0).any(axis=(1, 2))
+    return bool(alone > HOPELESS and seen.sum() >= 2 and without[seen].max() < SOUND)

@@ -1,0 +1,1 @@
+"""How good a motion is: against a capture's truth, beside what a plain filter reaches."""

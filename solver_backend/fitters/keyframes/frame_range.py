@@ -1,0 +1,105 @@
+"""A stretch of an earlier motion that is to be solved again, and the poses it must pass through."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.types import NUM_JOINTS
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A pose that a person set."""
+
+    frame: int
+    """Frame number of the take, from 0."""
+    global_orient: np.ndarray
+    """(3,) axis-angle."""
+    body_pose: np.ndarray
+    """(69,) axis-angle."""
+    transl: np.ndarray
+    """(3,) metres."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Frames to be solved again."""
+
+    first: int
+    """First frame; it keeps its pose unless the take begins there."""
+    last: int
+    """Last frame; it keeps its pose unless the take ends there."""
+    pins: tuple[Pin, ...] = ()
+    """Poses that the solution must pass through."""
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Stretch:
+        """Build a stretch from plain values.
+
+        Raises:
+            JobInvalid: a key is missing or unknown, a pose has another length or values that are not finite.
+        """
+        _check_keys(values, {"first", "last"}, {"pins"}, "resolve")
+        pins = []
+        for number, pin in enumerate(values.get("pins") or ()):
+            where = f"resolve, pin {number}"
+            _check_keys(pin, {"frame", "global_orient", "body_pose", "transl"}, set(), where)
+            sizes = {"global_orient": 3, "body_pose": 3 * (NUM_JOINTS - 1), "transl": 3}
+            pins.append(Pin(_whole(pin, "frame", where), **{k: _vector(pin, k, n, where) for k, n in sizes.items()}))
+        return cls(_whole(values, "first", "resolve"), _whole(values, "last", "resolve"), tuple(pins))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, which ``from_dict`` reads back."""
+        pins = [
+            {"frame": pin.frame}
+            | {name: getattr(pin, name).tolist() for name in ("global_orient", "body_pose", "transl")}
+            for pin in self.pins
+        ]
+        return {"first": self.first, "last": self.last, "pins": pins}
+
+    def check(self, num_frames: int) -> None:
+        """Make sure that the stretch lies within a take.
+
+        Raises:
+            JobInvalid: it does not, or a pin lies outside of it.
+        """
+        if not 0 <= self.first < self.last < num_frames:
+            raise JobInvalid(
+                f"Frames {self.first} to {self.last} are no stretch of a take of {num_frames} frames.",
+                where="resolve", hint=f"0 <= first < last <= {num_frames - 1}.",
+            )  # fmt: skip
+        for pin in self.pins:
+            if not self.first <= pin.frame <= self.last:
+                raise JobInvalid(
+                    f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}.",
+                    where="resolve", hint="Widen the stretch, or leave the pin out.",
+                )  # fmt: skip
+
+
+def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:
+    if not isinstance(values, Mapping) or needed - set(values) or set(values) - needed - optional:
+        known = ", ".join(sorted(needed | optional))
+        raise JobInvalid(f"{where} must hold {', '.join(sorted(needed))} and nothing unknown.", where=where,
+                         hint=f"Known keys: {known}.")  # fmt: skip
+
+
+def _whole(values: Mapping[str, Any], key: str, where: str) -> int:
+    value = values[key]
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise JobInvalid(f"{key} is {value!r}; a whole number is expected.", where=where)
+    return value
+
+
+def _vector(values: Mapping[str, Any], key: str, size: int, where: str) -> np.ndarray:
+    try:
+        vector = np.asarray(values[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(1, np.nan)
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise JobInvalid(f"{key} must be {size} finite numbers.", where=where)
+    return vector

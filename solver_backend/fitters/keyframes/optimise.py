@@ -1,0 +1,164 @@
+"""Latent keyframe bundle solving: the sliding window of the thesis (6.3.2) and all keyframes of a take at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.keyframes.normal_equations import MATRICES, Chain, data_equations
+from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
+from solver_backend.fitters.model.keyframe_curve import (
+    KEY_DOF,
+    RESIDUAL_DOF,
+    KeyframeLayout,
+    Keyframes,
+    WindowRows,
+    hemisphere_aligned,
+)
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.geometry.arrays import Array
+from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.point_term import PointTerm
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import WhenAsked
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Robust scales from wide to narrow and the linearisations spent on each."""
+
+    scales: tuple[float, ...]
+    """Geman-McClure scales in standard deviations."""
+    iterations: int
+    """Linearisations at most, per scale."""
+    stride: int = 1
+    """Every how many frames the data are looked at."""
+    tolerance: float = 1e-4
+    """A scale is done when the cost changes by less than this share."""
+    matrices: int = MATRICES
+    """Frames of a window whose matrices are formed."""
+
+
+@dataclass(frozen=True)
+class KeySolution:
+    """Keys that no step makes better."""
+
+    keys: Keyframes
+    """2N + 1 keys."""
+    cost: float
+    """Of data and priors at the last robust scale."""
+
+
+@dataclass(frozen=True)
+class BundleModel:
+    """What the keys are judged by."""
+
+    subject: Subject
+    """The person."""
+    prior: PosePrior
+    """Decoder of the codes."""
+    term: PointTerm
+    """Data of all frames."""
+    motion: MotionPrior | None
+    """What is known of motion; None for the data alone."""
+    residuals: bool = False
+    """Free the residual rotations of each key, held to zero by the prior's own statistics."""
+
+    def part(self, keys: slice) -> BundleModel:
+        """Return what some of the keys are judged by."""
+        return self if self.motion is None else replace(self, motion=self.motion.part(keys))
+
+    def equations(
+        self, rows: WindowRows, keys: Keyframes, scale: float, matrices: int = MATRICES
+    ) -> tuple[Array, Callable[[], Chain]]:
+        """Return the cost of data and priors at these keys, and what forms their equations."""
+        data = data_equations(
+            self.subject, self.prior, self.term, keys, rows, scale, matrices, residuals=self.residuals
+        )
+
+        def form() -> Chain:
+            chain = data.chain()
+            if self.motion is not None:
+                self.motion.add_to(chain, keys, residuals=self.residuals)
+            return chain
+
+        prior_cost = 0.0 if self.motion is None else self.motion.cost(keys, residuals=self.residuals)
+        return data.cost + prior_cost, form
+
+    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> Chain:
+        """Return the equations at a solution, for what they tell of it, from the frames that form matrices alone."""
+        rows = layout.rows()
+        return self.equations(rows.sampled(rows.columns(MATRICES)), keys, scale)[1]()
+
+
+def solve_sliding(
+    model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
+) -> Keyframes:
+    """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
+
+    Args:
+        model: what the keys are judged by.
+        layout: windows of the take.
+        start: 2N + 1 keys; of each window only the first key of the take is trusted, the others are guesses.
+        schedule: robust scales and iterations.
+        progress: called after each window.
+    """
+    keys = start
+    for w in range(layout.num_windows):
+        window = slice(2 * w, 2 * w + 3)
+        free = np.array([False, True, True])
+        solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, free)
+        keys = keys.replaced(window, solved.keys)
+        progress("Sliding bundle", w + 1, layout.num_windows)
+    return hemisphere_aligned(keys)
+
+
+def solve_keys(
+    model: BundleModel,
+    layout: KeyframeLayout,
+    start: Keyframes,
+    schedule: Schedule,
+    free: np.ndarray | None = None,
+    alive: Callable[[], None] = lambda: None,
+) -> KeySolution:
+    """Solve the free keyframes at once: normal equations are a chain of blocks, a step is linear in the take's length.
+
+    Args:
+        model: what the keys are judged by.
+        layout: windows of the frames.
+        start: 2N + 1 keys.
+        schedule: robust scales and iterations.
+        free: (2N + 1,) bool, the keys that move; None for all.
+        alive: called before each linearisation; it may raise to end the solve.
+    """
+    xp = array_namespace(start.z)
+    rows, dof = layout.rows(schedule.stride), KEY_DOF + (RESIDUAL_DOF if model.residuals else 0)
+    free = np.ones(layout.num_keys, dtype=bool) if free is None else free
+    keys, solution = hemisphere_aligned(start), None
+
+    def retract(state: Keyframes, step: Array) -> Keyframes:
+        return state.retract(xp.reshape(step, (-1, dof))[: layout.num_keys])
+
+    for scale in schedule.scales:
+
+        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, WhenAsked]:
+            alive()
+            cost, form = model.equations(rows, state, scale, schedule.matrices)
+            return cost[None], WhenAsked(lambda: form().held(free).equations())
+
+        settings = LMSettings(schedule.iterations, schedule.tolerance)
+        result = levenberg_marquardt(keys, linearise, retract, _take, settings)
+        keys = result.state
+        solution = KeySolution(keys, float(result.cost[0]))
+    assert solution is not None
+    return solution
+
+
+def _take(mask: Any, new: Keyframes, old: Keyframes) -> Keyframes:
+    """Return the new state of the one problem where it is better."""
+    return new if bool(mask[0]) else old

@@ -1,0 +1,116 @@
+"""How sure the solve is of each joint: the posterior of the keyframes, carried to the joints of every frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
+from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES, KeyframeLayout, Keyframes, lagrange
+from solver_backend.fitters.model.keyframe_gradient import key_tangents
+from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose, select_frames
+from solver_backend.geometry.arrays import Array, constant, index
+from solver_backend.geometry.parallel import block_size, map_blocks
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+from solver_backend.types import JointSet
+
+CONSTANT_M = 0.0065
+"""Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
+takes as known."""
+CALIBRATION = 0.5
+"""Share of the inflated posterior's variance that is found, as what is constant inflates it too. Like ``CONSTANT_M``,
+set so that the ellipsoids of six benchmark takes hold what they should."""
+
+
+def joint_covariance(
+    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
+    inflation: float,
+) -> Array:  # fmt: skip
+    """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
+
+    S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
+    pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
+    ``CONSTANT_M``.
+
+    Args:
+        model: what the keys were judged by.
+        layout: windows of the keys.
+        keys: the solution.
+        frames: the poses of all frames of the layout.
+        system: normal equations at the solution.
+        inflation: factor on the variance that the noise's correlation in time demands.
+    """
+    xp = array_namespace(keys.z)
+    diagonal, upper = system.marginals()
+    tangents = xp.astype(key_tangents(model.prior, keys, residuals=model.residuals), diagonal.dtype)
+    landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
+    rows = layout.rows()
+
+    def block(windows: slice) -> Array:
+        part = rows.select(windows)
+        poses = select_frames(frames, part.frames[part.weight > 0] - layout.bounds[0])
+        posed = pose_landmarks(
+            model.subject.body, landmarks, model.subject.betas, poses.root, poses.local, poses.transl, jacobian=True
+        )
+        of_keys = _pose_covariance(diagonal, upper, tangents, windows)
+        shares = xp.stack(lagrange(constant(part.time, tangents)), axis=-1)
+        mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
+        mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
+        mixed = xp.reshape(mixed, (-1, FRAME_DOF, FRAME_DOF))[index(np.flatnonzero(part.weight > 0), keys.z)]
+        eye = xp.eye(3, dtype=tangents.dtype, device=getattr(keys.z, "device", None))
+        by_rotations = xp.astype(posed.by_rotations, tangents.dtype)
+        J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
+        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, FRAME_DOF)), mixed), J.shape)
+        spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
+        return CALIBRATION * inflation * spread + CONSTANT_M**2 * xp.astype(eye, keys.z.dtype)
+
+    return xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
+
+
+def _pose_covariance(diagonal: Array, upper: Array, tangents: Array, windows: slice) -> Array:
+    """Return (N, 3, 3, 69, 69): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
+    xp = array_namespace(tangents)
+    dof = tangents.shape[-1]
+    start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
+    across = upper[start][:, :, :dof]
+    S = xp.concat(
+        [
+            xp.concat([diagonal[start], across], axis=2),
+            xp.concat([xp.matrix_transpose(across), diagonal[after][:, :dof, :dof]], axis=2),
+        ],
+        axis=1,
+    )
+    keys = [tangents[2 * windows.start + k : 2 * windows.stop + k : 2] for k in range(3)]
+    halves = [xp.matmul(P, S[:, k * dof : (k + 1) * dof]) for k, P in enumerate(keys)]
+    turned = [xp.matrix_transpose(P) for P in keys]
+    parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], turned[k]) for half in halves for k in range(3)]
+    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, FRAME_DOF, FRAME_DOF))
+
+
+def noise_inflation(
+    subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, num_frames: int
+) -> float:
+    """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
+
+    A detector errs alike in neighbouring frames. r, the lag-one correlation of first-order autoregressive noise, is
+    measured on the reprojection residuals of inliers; n is the number of frames that a key averages over.
+
+    Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
+    series".
+    """
+    xp, count = array_namespace(frames.transl), frames.transl.shape[0]
+    product = power = 0.0
+    for start in range(0, count, BLOCK_POSES):
+        part = np.arange(start, min(start + BLOCK_POSES + 1, count))
+        points = pose(subject, select_frames(frames, index(part, frames.transl))).points
+        error, inlier = term.select(part).residuals(points, scale)
+        pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
+        product += float(xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair))
+        power += float(xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair))
+    r = float(np.clip(product / max(power, 1e-12), 0.0, 0.95))
+    lag = np.arange(1, num_frames)
+    return float(1 + 2 * ((1 - lag / num_frames) * r**lag).sum())

@@ -1,0 +1,121 @@
+"""A capture examined before it is solved: faults of its views are found, put right where that is sure, and named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.label_swaps import undo_swaps
+from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
+from solver_backend.cameras.view_checks.view_consistency import runs
+from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
+from solver_backend.cameras.view_checks.view_repair import ViewFault, leave_out, reconcile
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.single_frame.start import Observations, observations_of
+from solver_backend.people.bystanders import leave_out_strangers
+from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
+
+STAGE = "Checking the cameras"
+STEPS = 5
+LEAST_DELAY_FRAMES = 0.5
+"""Smaller delays are not worth a word ..."""
+LEAST_DELAY_SIGMAS = 12.0
+"""... nor those that are not told surely: neighbouring frames err alike, so that the true deviation is larger."""
+LATE_FRAMES = 2.0
+"""A camera that is late by so much is moved unasked: by then fast limbs contradict the other views."""
+AWAY_S = 0.25
+"""Shorter absences are not named, only bridged and flagged."""
+
+
+@dataclass(frozen=True)
+class CheckedCapture:
+    """A capture with its faults put right or left out."""
+
+    capture: Capture
+    """What is to be solved."""
+    observations: Observations
+    """Of that capture."""
+    faults: tuple[Fault, ...]
+    """What was found, by first frame."""
+
+
+def check_capture(
+    capture: Capture, observations: Observations, progress: Progress, *, estimate_sync: bool = False
+) -> CheckedCapture:
+    """Find faults of single views and put them right.
+
+    Whole views first (names, mirrored, turned), then time, then passers-by and limbs, and what is still wrong is left
+    out.
+
+    Args:
+        capture: as it was read.
+        observations: of that capture.
+        progress: told how far the checks are.
+        estimate_sync: move each camera's detections by its estimated delay, however small.
+    """
+    cameras, keypoints = capture.require_multiview()
+    progress(STAGE, 0, STEPS)
+    views = reconcile(cameras, keypoints, observations.triangulation)
+    progress(STAGE, 1, STEPS)
+    timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
+    progress(STAGE, 2, STEPS)
+    alone = leave_out_strangers(cameras, timed, triangulation)
+    progress(STAGE, 3, STEPS)
+    sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
+    progress(STAGE, 4, STEPS)
+    rest = leave_out(cameras, sides.keypoints, sides.triangulation)
+    observations = observations_of(rest.triangulation)
+    progress(STAGE, 5, STEPS)
+    faults = [_fault_of(cameras, fault) for fault in views.faults] + late
+    for swap in sides.swaps:
+        where = cameras.names[swap.view], swap.first, swap.last
+        faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
+    for stretch in alone.stretches + rest.stretches:
+        where = cameras.names[stretch.view], stretch.first, stretch.last
+        faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
+    faults += _absences(observations.seen, keypoints.fps)
+    faults.sort(key=lambda fault: (fault.first, fault.camera, fault.kind))
+    return CheckedCapture(replace(capture, keypoints=rest.keypoints), observations, tuple(faults))
+
+
+def _in_time(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, every: bool
+) -> tuple[Keypoints2D, Triangulation, list[Fault]]:
+    """Return the detections, those of (every or very) late cameras moved, their triangulation, and what is late."""
+    delays = estimate_delays(cameras, keypoints, triangulation.sigma_px)
+    late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
+    moved = late & (every | (np.abs(delays.frames) >= LATE_FRAMES))
+    faults = [
+        Fault(
+            FaultKind.UNSYNCHRONISED, cameras.names[v], 0, keypoints.num_frames - 1,
+            round(float(delays.frames[v]), 2), Remedy.REPAIRED if moved[v] else Remedy.REPORTED,
+        )
+        for v in np.flatnonzero(late)
+    ]  # fmt: skip
+    if moved.any():
+        keypoints = synchronised(keypoints, np.where(moved | every, np.nan_to_num(delays.frames), 0.0))
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    return keypoints, triangulation, faults
+
+
+def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
+    """Return what is said about a view that was put right."""
+    where = cameras.names[fault.stretch.view], fault.stretch.first, fault.stretch.last
+    cause = fault.explanation
+    if isinstance(cause, Mirrored):
+        kind = FaultKind.IMAGE_MIRRORED if cause.image else FaultKind.SIDES_EXCHANGED
+        return Fault(kind, *where, 0.0, Remedy.REPAIRED)
+    if isinstance(cause, NamedLike):
+        return Fault(FaultKind.NAMES_EXCHANGED, *where, 0.0, Remedy.REPAIRED, cameras.names[cause.other])
+    return Fault(FaultKind.CAMERA_TURNED, *where, round(cause.degrees, 2), Remedy.REPAIRED)
+
+
+def _absences(seen: np.ndarray, fps: float) -> list[Fault]:
+    """Return the stretches in which no two cameras see the person."""
+    return [
+        Fault(FaultKind.PERSON_AWAY, "", first, last, 0.0, Remedy.BRIDGED)
+        for _, first, last in runs(~seen[None])
+        if last - first + 1 >= AWAY_S * fps
+    ]

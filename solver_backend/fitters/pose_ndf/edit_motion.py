@@ -1,0 +1,154 @@
+"""Motions in and out of the uses of Pose-NDF: poses of a motion, and the motion with other poses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend import __version__
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
+from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
+from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
+from solver_backend.geometry.interpolation import slerp
+from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Motion
+
+LAYOUT = MARKER_LAYOUTS["MANIFOLD_53"]
+"""Points of the skin that stand for the mesh."""
+_BODY = 3 * NUM_BODY_JOINTS
+_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Y up to Z up."""
+
+
+def denoised_motion(
+    motion: Motion, body: Body, prior: PoseNDF, settings: DenoiseSettings = DenoiseSettings(),
+    progress: Progress = silent,
+) -> Motion:  # fmt: skip
+    """Return the motion with smooth poses near the manifold; see ``denoise``.
+
+    Raises:
+        MotionInvalid: the motion belongs to another body.
+    """
+    frames = denoise(skin_of(motion, body), prior, frames_of(motion, body), motion.fps, settings, progress)
+    return _with_frames(motion, body, prior, frames, {"verb": "denoise"})
+
+
+def completed_motion(
+    motion: Motion, body: Body, prior: PoseNDF, missing: tuple[str, ...],
+    settings: CompleteSettings = CompleteSettings(), progress: Progress = silent,
+) -> Motion:  # fmt: skip
+    """Return the motion with the rotations of the named joints or limbs found anew; see ``complete``.
+
+    Raises:
+        MotionInvalid: the motion belongs to another body.
+        JobInvalid: an unknown joint.
+    """
+    columns = missing_joints(missing)
+    frames = frames_of(motion, body)
+    found = complete(skin_of(motion, body), prior, frames, columns, motion.fps, settings, progress)
+    edit = {"verb": "complete", "missing": list(missing), "seed": settings.seed}
+    return _with_frames(motion, body, prior, found, edit)
+
+
+def interpolated_motion(
+    motion: Motion, body: Body, prior: PoseNDF, first: int, last: int, count: int, progress: Progress = silent
+) -> Motion:
+    """Return frame ``first``, ``count`` frames along the manifold, and frame ``last``; the root moves evenly.
+
+    Raises:
+        MotionInvalid: the motion belongs to another body.
+        JobInvalid: a frame is not in the motion, or nothing is to lie between.
+    """
+    frames = frames_of(motion, body)
+    if not (0 <= first < motion.num_frames and 0 <= last < motion.num_frames) or first == last:
+        raise JobInvalid(
+            f"Frames {first} and {last} are no two frames of the motion.", where="frames",
+            hint=f"It has the frames 0 to {motion.num_frames - 1}.",
+        )  # fmt: skip
+    if count < 1:
+        raise JobInvalid(f"{count} frames are to lie between; at least 1 is expected.", where="count")
+    ends = [first, last]
+    between = interpolate_poses(prior, frames.local[ends[:1]], frames.local[ends[1:]], count, progress=progress)[0]
+    local = np.concatenate([frames.local[ends[:1]], between, frames.local[ends[1:]]])
+    share = np.linspace(0.0, 1.0, count + 2)
+    a, b = quat_from_matrix(frames.root[ends])
+    root = matrix_from_quat(slerp(np.tile(a, (count + 2, 1)), np.tile(b if a @ b >= 0 else -b, (count + 2, 1)), share))
+    transl = (1 - share)[:, None] * frames.transl[first] + share[:, None] * frames.transl[last]
+    edit = {"verb": "interpolate", "frames": ends, "count": count}
+    return _new_motion(motion, body, prior, PosedFrames(root, local, transl), edit)
+
+
+def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float = 30.0) -> Motion:
+    """Return one sampled pose a frame, upright, each with its lowest point on the floor.
+
+    Raises:
+        JobInvalid: no pose is asked for.
+    """
+    if count < 1:
+        raise JobInvalid(f"{count} samples are asked for; at least 1 is expected.", where="count")
+    local, root = prior.sample(count, seed), np.tile(_UPRIGHT, (count, 1, 1))
+    betas = np.zeros(10)
+    lowest = pose_mesh(body, betas, root, local, np.zeros((count, 3)))[..., 2].min(axis=1)
+    transl = np.stack([np.zeros(count), np.zeros(count), -lowest], axis=1)
+    empty = Motion(
+        betas, np.zeros((0, 3)), np.zeros((0, 3 * (NUM_JOINTS - 1))), np.zeros((0, 3)), fps, body.id,
+        np.zeros((0, NUM_JOINTS, 3)),
+    )  # fmt: skip
+    edit = {"verb": "sample", "count": count, "seed": seed}
+    return _new_motion(empty, body, prior, PosedFrames(root, local, transl), edit)
+
+
+def frames_of(motion: Motion, body: Body) -> PosedFrames:
+    """Return a motion's poses as rotations.
+
+    Raises:
+        MotionInvalid: the motion belongs to another body.
+    """
+    if motion.body != body.id:
+        raise MotionInvalid(
+            f"The motion belongs to the body {motion.body!r}, this one is {body.id!r}.", where="body",
+            hint="Poses alone would fit, but not where they stand; solve the take with this body.",
+        )  # fmt: skip
+    local = exp_so3(motion.body_pose[:, :_BODY].reshape(-1, NUM_BODY_JOINTS, 3).astype(np.float64))
+    return PosedFrames(exp_so3(motion.global_orient.astype(np.float64)), local, motion.transl.astype(np.float64))
+
+
+def skin_of(motion: Motion, body: Body) -> Subject:
+    """Return the person with points of the skin as landmarks."""
+    return Subject(body, marker_landmarks(body, LAYOUT), motion.betas.astype(np.float64), np.zeros((len(LAYOUT), 3)))
+
+
+def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
+    """Return the motion with other poses: what was measured frame by frame no longer holds and is left out."""
+    made = _new_motion(motion, body, prior, frames, edit)
+    hands = motion.body_pose[:, _BODY:]
+    return replace(
+        made, body_pose=np.concatenate([made.body_pose[:, :_BODY], hands], axis=1), keyframes=motion.keyframes,
+        contacts=motion.contacts, flags=motion.flags,
+    )  # fmt: skip
+
+
+def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
+    """Return a motion of these poses with the shape, rate and history of another."""
+    count = len(frames.transl)
+    pose = np.zeros((count, 3 * (NUM_JOINTS - 1)))
+    pose[:, :_BODY] = log_so3(frames.local).reshape(count, -1)
+    skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)
+    edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": __version__}
+    edits = [*motion.provenance.get("edits", []), edit]
+    return Motion(
+        betas=motion.betas, global_orient=log_so3(frames.root), body_pose=pose, transl=frames.transl, fps=motion.fps,
+        body=body.id, joints=skeleton.joints[:, list(body.smpl_joints)],
+        provenance={**motion.provenance, "edits": edits},
+    )  # fmt: skip

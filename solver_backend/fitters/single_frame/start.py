@@ -1,0 +1,163 @@
+"""Where a solve starts: triangulated points, the detector's noise, sample frames, and poses fitted to points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.single_frame.fit import FrameStates, fit_frames, posed
+from solver_backend.fitters.single_frame.fit import select as select_states
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.parallel import block_size, map_blocks
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.base import PosePrior
+from solver_backend.priors.lifter import Lifted, load_lifter
+from solver_backend.residuals.positions import PositionTerm
+from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, Cameras, Keypoints2D
+
+_START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
+    {"left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2)},
+    {"left_shoulder": (0, 0, 0.9), "right_shoulder": (0, 0, -0.9)},
+    {"left_shoulder": (0, -1.3, -0.2), "right_shoulder": (0, 1.3, 0.2)},
+    {
+        "left_hip": (-1.5, 0, 0), "right_hip": (-1.5, 0, 0), "left_knee": (1.6, 0, 0), "right_knee": (1.6, 0, 0),
+        "left_shoulder": (0, 0, -1.1), "right_shoulder": (0, 0, 1.1),
+    },
+    {
+        "left_hip": (-0.7, 0, 0), "right_hip": (0.3, 0, 0), "left_knee": (0.4, 0, 0), "right_knee": (0.6, 0, 0),
+        "left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2), "left_elbow": (0, -0.8, 0),
+        "right_elbow": (0, 0.8, 0),
+    },
+    {
+        "left_hip": (0.3, 0, 0), "right_hip": (-0.7, 0, 0), "left_knee": (0.6, 0, 0), "right_knee": (0.4, 0, 0),
+        "left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2), "left_elbow": (0, -0.8, 0),
+        "right_elbow": (0, 0.8, 0),
+    },
+)  # fmt: skip
+"""Axis-angles in radians that a fit starts from: standing, arms up, arms forward, squatting, two steps."""
+
+POSE_SIGMA_M = 0.03
+"""How far points may lie from a body whose shape is still unknown, beside their own error."""
+BLOCK_FRAMES = 64
+"""Frames fitted at a time."""
+NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)
+"""Robust scales and linearisations of a fit that starts where the lifter says, or from a start pose."""
+TOLERANCE = 1e-2
+"""A start is good enough when no frame's cost falls by more than this share."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What was measured, before any body is involved."""
+
+    triangulation: Triangulation
+    """Robust points per frame and keypoint."""
+    sigma_px: np.ndarray
+    """(L,) standard deviation of each keypoint's noise, pixels."""
+    seen: np.ndarray
+    """(F,) bool: enough points were triangulated to place a body."""
+
+
+def observe(cameras: Cameras, keypoints: Keypoints2D) -> Observations:
+    """Triangulate all keypoints and measure the detector's noise from what the views disagree on."""
+    return observations_of(triangulate(cameras, keypoints.xy, keypoints.confidence))
+
+
+def observations_of(triangulation: Triangulation) -> Observations:
+    """Return what was measured, told from the triangulated keypoints."""
+    points = np.isfinite(triangulation.points).all(-1)
+    return Observations(triangulation, triangulation.sigma_px, points.sum(-1) >= min(6, points.shape[1] // 2))
+
+
+def sample_frames(observations: Observations, count: int) -> np.ndarray:
+    """Return up to ``count`` frames spread over the take, in each stretch the one that shows most."""
+    points = np.isfinite(observations.triangulation.points).all(-1).sum(-1)
+    stretches = np.array_split(np.arange(len(points)), min(count, len(points)))
+    best = np.array([s[np.argmax(points[s])] for s in stretches if len(s)])
+    return best[points[best] >= max(4, 0.6 * points.max())]
+
+
+def points_term(observations: Observations, frames: np.ndarray, like: Array) -> PositionTerm:
+    """Return the distance to the triangulated points of these frames."""
+    points = observations.triangulation.points[frames]
+    valid = np.isfinite(points).all(-1)
+    variance = np.trace(observations.triangulation.covariance[frames], axis1=-2, axis2=-1) / 3
+    weight = np.where(valid, 1.0 / (POSE_SIGMA_M**2 + np.nan_to_num(variance)), 0.0)
+    return PositionTerm(constant(np.where(valid[..., None], points, 0.0), like), constant(weight, like))
+
+
+def fit_to_points(subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray) -> FrameStates:
+    """Fit poses to the triangulated points of these frames, from where the lifter says or from the best start pose."""
+    xp = array_namespace(subject.betas)
+    size = block_size(BLOCK_FRAMES, subject.betas)
+    blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
+    parts = map_blocks(lambda f: _fit_block(subject, prior, observations, f), blocks, subject.betas)
+    return FrameStates(*(xp.concat([getattr(part, name) for part in parts]) for name in ("z", "root", "transl")))
+
+
+def _fit_block(subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray) -> FrameStates:
+    term = points_term(observations, frames, subject.betas)
+    lifted = _lifted(subject, term)
+    states, (scales, iterations) = _placed(subject, lifted), NEAR
+    if not bool(array_namespace(lifted.usable).all(lifted.usable)):
+        states, (scales, iterations) = select_states(lifted.usable, states, _from_poses(subject, prior, term)), FAR
+    return fit_frames(subject, prior, term, states, scales, iterations, tolerance=TOLERANCE)[0]
+
+
+def lifted_betas(subject: Subject, observations: Observations, frames: np.ndarray) -> Array:
+    """Return the (10,) shape that the lifter sees in these frames: their mean, or the subject's where it sees none."""
+    lifted = _lifted(subject, points_term(observations, frames, subject.betas))
+    xp = array_namespace(lifted.betas)
+    count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))
+    told = xp.where(lifted.usable[:, None], lifted.betas, xp.zeros_like(lifted.betas))
+    return subject.betas if count == 0 else xp.sum(told, axis=0) / count
+
+
+def _lifted(subject: Subject, term: PositionTerm) -> Lifted:
+    return load_lifter()(term.positions, term.weight > 0, subject.landmarks.names)
+
+
+def _placed(subject: Subject, lifted: Lifted) -> FrameStates:
+    """Return the lifted states of this subject, whose pelvis rests elsewhere than at the origin."""
+    rest = constant(subject.body.rest_joints(to_numpy(subject.betas))[0], lifted.z)
+    return FrameStates(lifted.z, lifted.root, lifted.pelvis - rest)
+
+
+def _from_poses(subject: Subject, prior: PosePrior, term: PositionTerm) -> FrameStates:
+    """Return each frame's best of the start poses."""
+    xp = array_namespace(term.positions)
+    starts = [_start(subject, prior, term, values) for values in _START_POSES]
+    misfit = xp.stack([term(pose(subject, posed(prior, s)).points, 20.0).cost for s in starts])
+    return _pick(starts, xp.argmin(misfit, axis=0))
+
+
+def _pick(choices: list[FrameStates], index: Array) -> FrameStates:
+    """Return for each frame the state of the choice at its index."""
+    xp = array_namespace(index)
+    frame = xp.arange(index.shape[0])
+    stacked = [xp.stack([getattr(c, name) for c in choices])[index, frame] for name in ("z", "root", "transl")]
+    return FrameStates(*stacked)
+
+
+def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[str, Any]) -> FrameStates:
+    """Return a start pose placed on each frame's points by rigid alignment (Umeyama 1991)."""
+    xp = array_namespace(term.positions)
+    rotvec = np.zeros((NUM_BODY_JOINTS, 3))
+    for joint, vector in values.items():
+        rotvec[SMPL_JOINTS.index(joint) - 1] = vector
+    z = prior.encode(exp_so3(constant(rotvec, term.positions))[None])
+    eye = xp.eye(3, dtype=z.dtype, device=getattr(z, "device", None))[None]
+    origin = PosedFrames(eye, prior.decode(z), xp.zeros_like(term.positions[:1, 0]))
+    placed = pose(subject, origin)
+    count = term.positions.shape[0]
+    source = xp.broadcast_to(placed.points, term.positions.shape)
+    _, R, t = umeyama(source, term.positions, term.weight)
+    pelvis = placed.skeleton.joints[:, 0]
+    transl = t + xp.matmul(R, pelvis[..., None])[..., 0] - pelvis
+    return FrameStates(xp.broadcast_to(z, (count, z.shape[-1])), R, transl)

@@ -1,0 +1,1 @@
+"""What stays the same over a take: shape, keypoint variances, where feet stand."""

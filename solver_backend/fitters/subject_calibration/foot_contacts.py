@@ -1,0 +1,101 @@
+"""Which feet stand, read from a first solution, and where they stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.geometry.arrays import constant
+from solver_backend.residuals.foot_contact import StandingTerm
+from solver_backend.residuals.point_term import PointTerm
+
+SPEED_M_S = 0.25
+"""A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
+HEIGHT_M = 0.04
+"""A planted point is at most this far above its own lowest stand."""
+SHORTEST_S = 0.12
+"""A foot that touches the floor for less does not stand."""
+BREAK_S = 0.1
+"""A foot that leaves its place for less did not: no step is so short."""
+SIGMA_M = 0.006
+"""How far a planted point's skin and shoe give."""
+_FOOT_POINTS = ("big_toe", "small_toe", "heel")
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Planted points of the feet."""
+
+    planted: np.ndarray
+    """(F, L) bool."""
+    anchors: np.ndarray
+    """(F, L, 3) metres: the mean position of each stand, 0 elsewhere."""
+
+    def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
+        """Return (F, 2) bool: any point of the left, of the right foot is planted; None where no point is a foot's."""
+        if not _foot_columns(names):
+            return None
+        sides = [[k for k, name in enumerate(names) if name.startswith(side)] for side in ("left", "right")]
+        return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
+
+    def held(self, data: PointTerm, like: object) -> StandingTerm:
+        """Return a data term with the planted points held to their anchors."""
+        weight = np.where(self.planted, 1.0 / SIGMA_M**2, 0.0)
+        return StandingTerm(data, constant(self.anchors, like), constant(weight, like))
+
+
+def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float, fixed: np.ndarray | None = None) -> Contacts:
+    """Find the stretches in which points of the feet are slow and low.
+
+    Args:
+        points: (F, L, 3) solved positions, metres, Z up.
+        names: of the L points.
+        fps: frames per second.
+        fixed: (F,) bool, frames that will not move: a stand that includes some is where they are.
+    """
+    fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
+    frames, count = points.shape[:2]
+    columns = _foot_columns(names)
+    planted, anchors = np.zeros((frames, count), dtype=bool), np.zeros((frames, count, 3))
+    if frames < 3 or not columns:
+        return Contacts(planted, anchors)
+    half, shortest = max(1, round(0.03 * fps)), max(2, round(SHORTEST_S * fps))
+    index = np.arange(frames)
+    before, after = np.maximum(index - half, 0), np.minimum(index + half, frames - 1)
+    feet = points[:, columns]
+    speed = np.linalg.norm(feet[after] - feet[before], axis=-1) * (fps / (after - before))[:, None]
+    slow = speed < SPEED_M_S
+    height = np.where(slow, feet[..., 2], np.nan)
+    for place, column in enumerate(columns):
+        if not slow[:, place].any():
+            continue
+        lowest = np.nanpercentile(height[:, place], 20)
+        low = slow[:, place] & (feet[:, place, 2] < lowest + HEIGHT_M)
+        for first, stop in _joined(_runs(low), round(BREAK_S * fps)):
+            if stop - first >= shortest:
+                planted[first:stop, column] = True
+                sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
+                anchors[first:stop, column] = feet[first:stop, place][sure].mean(axis=0)
+    return Contacts(planted, anchors)
+
+
+def _foot_columns(names: tuple[str, ...]) -> list[int]:
+    return [k for k, name in enumerate(names) if name.split("_", 1)[-1] in _FOOT_POINTS]
+
+
+def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
+    """Return runs with those that are fewer frames than that apart made one."""
+    joined: list[tuple[int, int]] = []
+    for first, stop in runs:
+        if joined and first - joined[-1][1] < frames:
+            joined[-1] = joined[-1][0], stop
+        else:
+            joined.append((first, stop))
+    return joined
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Return first and one past the last of each run of True."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

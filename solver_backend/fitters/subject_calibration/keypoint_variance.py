@@ -1,0 +1,50 @@
+"""How reliable each keypoint is in each view, learned from what the body leaves unexplained there."""
+
+from __future__ import annotations
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.arrays import constant
+from solver_backend.residuals.reprojection import ReprojectionTerm
+
+PRIOR_FRAMES = 60.0
+"""How many frames' worth of evidence says that all views are alike; errors of neighbouring frames are."""
+RANGE = (0.2, 5.0)
+"""Least and largest variance of one view's keypoint, as a share of the keypoint's mean over the views."""
+
+
+def reweighted(
+    subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, sample: np.ndarray
+) -> ReprojectionTerm:
+    """Return the term with the variance of every view's keypoints learned from the residuals of a solution.
+
+    ``v_cl = (Σ_f |r|²/2 + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
+    restricted maximum of the log-variance's likelihood (thesis ch. 5) under an inverse-gamma prior. h is the share of a
+    view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are told relative to
+    the median keypoint's: how much all err together is known from what the views disagree on, and residuals of a body
+    that does not follow a fast limb yet would pass for more of it.
+
+    Args:
+        subject: the person.
+        frames: poses of the sample.
+        term: data of all frames.
+        scale: detections beyond this many standard deviations are left out.
+        sample: frame numbers of the sample.
+    """
+    part = term.select(sample)
+    points = pose(subject, frames).points
+    xp = array_namespace(points)
+    error, inlier = part.residuals(points, scale)
+    used = xp.astype(inlier, error.dtype)
+    per_sigma = part.weight / xp.where(part.confidence > 0, part.confidence, xp.ones_like(part.weight))
+    square = 0.5 * used * per_sigma * xp.sum(error * error, axis=-1)
+    free = used * (1.0 - part.leverage(points, inlier))
+    sums, freedoms = xp.sum(square, axis=1), xp.sum(free, axis=1)
+    mean = xp.sum(sums, axis=0) / xp.clip(xp.sum(freedoms, axis=0), 1.0, None)
+    mean = xp.clip(mean, 0.05, None)
+    variance = (sums + PRIOR_FRAMES * mean) / (freedoms + PRIOR_FRAMES)
+    low, high = (constant(limit, mean) * mean for limit in RANGE)
+    variance = xp.minimum(xp.maximum(variance, low), high)
+    return term.rescaled((variance / xp.sort(mean)[mean.shape[0] // 2])[:, None])

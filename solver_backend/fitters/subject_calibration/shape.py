@@ -1,0 +1,185 @@
+"""Shape and detector bias from a sample of frames, together with the poses of those frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.single_frame import fit as single
+from solver_backend.fitters.single_frame.fit import FrameStates
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.point_term import PointTerm
+from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
+
+
+@dataclass(frozen=True)
+class ShapePrior:
+    """What is known of a person before the take; noise in neighbouring frames is shared, so evidence is discounted."""
+
+    betas_sigma: float = 1.0
+    """The shape space has unit variance."""
+    offset_sigma_m: float = 0.02
+    """How far a detector's idea of a point may lie from ours."""
+    evidence: float = 0.2
+    """Share of each frame's information that is new: detector noise is correlated in time."""
+
+
+@dataclass(frozen=True)
+class _State:
+    subject: Subject
+    frames: FrameStates
+
+
+def fit_shape(
+    subject: Subject,
+    prior: PosePrior,
+    term: PointTerm,
+    start: FrameStates,
+    scales: tuple[float, ...],
+    iterations: int,
+    shape_prior: ShapePrior = ShapePrior(),
+    *,
+    free_betas: bool = True,
+    free_offsets: bool = True,
+) -> tuple[Subject, FrameStates]:
+    """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
+
+    Args:
+        start: poses of the sample.
+        free_betas: False keeps a known shape.
+        free_offsets: False keeps the landmarks where they are.
+    """
+    state = _State(subject, start)
+    precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
+    mean = _prior_mean(subject, free_betas, free_offsets)
+
+    def retract(s: _State, step: Array) -> _State:
+        m = precision.shape[0]
+        xp = array_namespace(step)
+        return _State(
+            moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1)))
+        )
+
+    for scale in scales:
+
+        def linearise(s: _State, scale: float = scale) -> tuple[Array, Arrowhead]:
+            return _arrowhead(prior, s, term, scale, precision, mean)
+
+        settings = LMSettings(max_iterations=iterations)
+        state = levenberg_marquardt(state, linearise, retract, _take, settings).state
+    return state.subject, state.frames
+
+
+def _take(mask: Array, new: _State, old: _State) -> _State:
+    return new if bool(mask[0]) else old
+
+
+def _arrowhead(
+    prior: PosePrior, state: _State, term: PointTerm, scale: float, precision: Array, mean: Array
+) -> tuple[Array, Arrowhead]:
+    """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
+    xp = array_namespace(state.frames.z)
+    frames, chain = single.by_unknowns(prior, state.frames)
+    J, gradient, information, cost = _point_jacobian(state.subject, frames, term, scale)
+    like = {"dtype": J.dtype, "device": getattr(J, "device", None)}
+    count = J.shape[0]
+
+    def flat(matrices: Array) -> Array:
+        return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
+
+    by_pose, by_shape = xp.matmul(J[..., :69], chain[:, None]), J[..., 69:]
+    turned_pose = xp.permute_dims(flat(by_pose), (0, 2, 1))
+    turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
+    weighted_shape = flat(xp.matmul(information, by_shape))
+    pull = xp.reshape(gradient, (count, -1, 1))
+    energy, usual_pull, shares = usual_pose_term(frames.local)
+    by_joints = chain[:, 3:66]
+    turned_joints = xp.permute_dims(by_joints, (0, 2, 1))
+    value = _parameters(state.subject) - mean
+    system = Arrowhead(
+        blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
+        + xp.matmul(turned_joints, xp.matmul(usual_pose_curvature(shares), by_joints))
+        + 1e-2 * xp.eye(chain.shape[-1], **like),
+        coupling=xp.matmul(turned_pose, weighted_shape),
+        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0)
+        + precision[:, None] * xp.eye(len(value), **like),
+        g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, usual_pull[..., None]))[..., 0],
+        g_shared=xp.sum(xp.matmul(turned_shape, pull)[..., 0], axis=0) + precision * value,
+    )
+    return (xp.sum(cost + energy) + 0.5 * xp.sum(precision * value * value))[None], system
+
+
+def refit_shape(
+    subject: Subject,
+    frames: PosedFrames,
+    term: PointTerm,
+    scale: float,
+    shape_prior: ShapePrior,
+    *,
+    free_betas: bool = True,
+    free_offsets: bool = True,
+) -> Subject:
+    """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
+    J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)
+    xp = array_namespace(J)
+    precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
+    by_shape = J[..., 69:]
+    flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
+    H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
+    deviation = _parameters(subject) - _prior_mean(subject, free_betas, free_offsets)
+    g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
+    eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
+    step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
+    return moved(subject, step[0])
+
+
+def moved(subject: Subject, step: Array) -> Subject:
+    """Return the subject with shape and offsets moved by a (10 + 3 L,) step."""
+    xp = array_namespace(step)
+    return replace(
+        subject, betas=subject.betas + step[:10], offsets=subject.offsets + xp.reshape(step[10:], subject.offsets.shape)
+    )
+
+
+def _parameters(subject: Subject) -> Array:
+    xp = array_namespace(subject.betas)
+    return xp.concat([subject.betas, xp.reshape(subject.offsets, (-1,))])
+
+
+def _prior_mean(subject: Subject, free_betas: bool, free_offsets: bool) -> Array:
+    """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or what is kept."""
+    xp = array_namespace(subject.betas)
+    betas = xp.zeros_like(subject.betas) if free_betas else subject.betas
+    offsets = xp.zeros_like(subject.offsets) if free_offsets else subject.offsets
+    return xp.concat([betas, xp.reshape(offsets, (-1,))])
+
+
+def _prior_precision(subject: Subject, shape_prior: ShapePrior, free_betas: bool, free_offsets: bool) -> Array:
+    """Return the (10 + 3 L,) precision of the shared unknowns; what is kept is held by a very high one."""
+    betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if free_betas else 1e12)
+    offsets = np.full(3 * len(subject.landmarks), 1.0 / shape_prior.offset_sigma_m**2 if free_offsets else 1e12)
+    return constant(np.concatenate([betas, offsets]), subject.betas)
+
+
+def _point_jacobian(
+    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return (F, L, 3, 69 + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
+    posed = pose(subject, frames, jacobian=True)
+    xp = array_namespace(posed.points)
+    count, num = posed.points.shape[:2]
+    like = {"dtype": posed.points.dtype, "device": getattr(posed.points, "device", None)}
+    eye = xp.broadcast_to(xp.eye(3, **like), (count, num, 3, 3))
+    assert posed.by_offsets is not None
+    by_offsets = xp.zeros((count, num, 3, 3 * num), **like)
+    for i in range(num):
+        by_offsets[:, i, :, 3 * i : 3 * i + 3] = posed.by_offsets[:, i]
+    evidence = term(posed.points, scale)
+    J = xp.concat([posed.by_rotations, eye, posed.by_betas, by_offsets], axis=-1)
+    return J, evidence.gradient, evidence.information, evidence.cost

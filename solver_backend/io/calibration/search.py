@@ -1,0 +1,109 @@
+"""Find the calibration of a recording: in its folder, beside it, or in the folders above."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMismatch, CalibrationMissing, MocapError
+from solver_backend.io.calibration import Calibration, calibrations_in
+from solver_backend.io.calibration.read import FORMATS
+from solver_backend.io.recognition.camera_names import listing, match_names
+
+CONFIG = "Config.toml"
+MOST_LEVELS = 5
+_CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
+_SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
+
+
+def levels_above(root: Path) -> list[Path]:
+    """Return the folder, its parent, and those above as far as they belong to the recording.
+
+    A folder above belongs to it while the one below holds a Config.toml or is named like Pose2Sim's ``S00_P00_...``.
+    """
+    levels = [root, root.parent]
+    while len(levels) < MOST_LEVELS:
+        below = levels[-1]
+        if not ((below / CONFIG).is_file() or _SESSION.match(below.name)) or below.parent == below:
+            break
+        levels.append(below.parent)
+    return levels
+
+
+def is_calibration_folder(path: Path) -> bool:
+    """Whether a folder is named like one that holds a calibration."""
+    return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
+
+
+def find_calibration(
+    root: Path, recorded: Sequence[str], *, unit: str | None = None, up_axis: str | None = None
+) -> Calibration:
+    """Return the nearest calibration that knows the recorded cameras, with its cameras in the recorded order.
+
+    Args:
+        root: folder of the recording.
+        recorded: names of the recorded cameras.
+        unit: length unit of the calibration, see ``read_calibration``.
+        up_axis: axis of its world that points up.
+
+    Raises:
+        CalibrationMissing: there is none.
+        CalibrationMismatch: there are some, all for other cameras; names both.
+        CalibrationInvalid, FileDamaged: a nearer one is bad, or the only files that could be one are damaged.
+    """
+    others: list[Calibration] = []
+    damaged: list[MocapError] = []
+    for folder in _folders(root):
+        found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis)
+        for calibration in found:
+            order = match_names(recorded, calibration.cameras.names)
+            if order is not None:
+                return _ordered(calibration, order)
+        others += found
+        # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
+        serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
+        if serious:
+            raise serious[0]
+        damaged += errors
+    if not others and damaged:
+        raise damaged[0]
+    if not others:
+        raise CalibrationMissing(
+            "The recording has no camera calibration.",
+            where=str(root),
+            hint=f"Put one into its 'calibration' folder. Formats that are read: {FORMATS}.",
+        )
+    raise CalibrationMismatch(
+        f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
+        f"{listing(others[0].cameras.names)}.",
+        where=str(others[0].source),
+        hint="Name the cameras alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
+    )
+
+
+def _folders(root: Path) -> Iterator[Path]:
+    """Yield the folders that may hold a calibration, nearest first."""
+    for i, level in enumerate(levels_above(root)):
+        yield from sorted(path for path in _subfolders(level) if is_calibration_folder(path))
+        if i < 2:
+            yield level
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    try:
+        return [path for path in folder.iterdir() if path.is_dir()]
+    except OSError:
+        return []
+
+
+def _ordered(found: Calibration, order: list[int]) -> Calibration:
+    left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
+    notes = (f"Calibrated but not recorded: {listing(left_out)}.",) if left_out else ()
+    return replace(
+        found,
+        cameras=found.cameras.subset(order),
+        size_known=tuple(found.size_known[i] for i in order),
+        notes=(*found.notes, *notes),
+    )

@@ -1,0 +1,106 @@
+"""What a Pose2Sim trial says about itself: its folders of detections, and the values in its Config.toml files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from solver_backend.io.calibration.search import CONFIG, is_calibration_folder
+from solver_backend.io.captures.openpose_json import json_files
+from solver_backend.io.files import read_toml
+from solver_backend.io.recognition.camera_names import natural_key
+from solver_backend.types import JointSet
+
+POSE_FOLDERS = ("pose-sync", "pose", "pose-2d", "pose_sync")
+"""Folders of a trial that hold one folder a camera; the synchronised detections come first."""
+
+_POSE_MODELS = {
+    "BODY_25": JointSet.BODY_25, "BODY_25B": JointSet.BODY_25B, "COCO_17": JointSet.COCO_17, "BODY": JointSet.COCO_17,
+    "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26, "COCO_133": JointSet.COCO_WHOLEBODY_133,
+    "WHOLE_BODY": JointSet.COCO_WHOLEBODY_133, "BLAZEPOSE": JointSet.MEDIAPIPE_33,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """Values of Config.toml that concern reading; the nearest file that states a value wins."""
+
+    fps: float | None = None
+    """Frames per second, None where no file states a number."""
+    joint_set: JointSet | None = None
+    """Joint set of ``pose_model``, None where unknown."""
+    frame_range: tuple[int, ...] = ()
+    """Frames Pose2Sim is asked to work on; empty = all."""
+    sources: tuple[str, ...] = ()
+    """Files that were read."""
+
+
+def camera_folders(root: Path) -> dict[str, Path]:
+    """Return the folder of JSON detections of each camera, by the camera's name, in natural order.
+
+    They lie in ``pose-sync``, ``pose`` or ``pose-2d``, or in the folder itself; ``cam01_json`` is camera ``cam01``.
+    """
+    for parent in (*(root / name for name in POSE_FOLDERS), root):
+        if not parent.is_dir():
+            continue
+        folders = [p for p in parent.iterdir() if p.is_dir() and not is_calibration_folder(p) and _has_json(p)]
+        if folders:
+            ordered = sorted(folders, key=lambda p: natural_key(p.name))
+            return {_camera_name(p.name): p for p in ordered}
+    return {}
+
+
+def trials_below(root: Path) -> list[str]:
+    """Return the names of the folders directly below that are recordings of their own."""
+    below = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name))
+    return [p.name for p in below if any((p / name).is_dir() for name in POSE_FOLDERS)]
+
+
+def read_config(levels: Sequence[Path]) -> TrialConfig:
+    """Return what the Config.toml files of a trial and the folders above say; all their lines may be comments.
+
+    Raises:
+        FileDamaged: a Config.toml is not TOML.
+    """
+    fps: float | None = None
+    joint_set: JointSet | None = None
+    frame_range: tuple[int, ...] = ()
+    sources: list[str] = []
+    for level in levels:
+        path = level / CONFIG
+        if not path.is_file():
+            continue
+        tables = read_toml(path)
+        sources.append(str(path))
+        project, pose = _table(tables, "project"), _table(tables, "pose")
+        fps = fps if fps is not None else _number(project.get("frame_rate"))
+        frame_range = frame_range or _range(project.get("frame_range"))
+        model = pose.get("pose_model")
+        joint_set = joint_set or (_POSE_MODELS.get(model.upper()) if isinstance(model, str) else None)
+    return TrialConfig(fps, joint_set, frame_range, tuple(sources))
+
+
+def _has_json(folder: Path) -> bool:
+    return bool(json_files(folder))
+
+
+def _camera_name(folder: str) -> str:
+    return folder[: -len("_json")] if folder.lower().endswith("_json") and len(folder) > 5 else folder
+
+
+def _table(tables: dict[str, Any], key: str) -> dict[str, Any]:
+    value = tables.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _number(value: Any) -> float | None:
+    """Return a positive number; 'auto' and the like give None."""
+    good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
+    return float(value) if good else None
+
+
+def _range(value: Any) -> tuple[int, ...]:
+    good = isinstance(value, list) and len(value) == 2 and all(isinstance(v, int) for v in value)
+    return tuple(value) if good else ()

@@ -1,0 +1,131 @@
+"""Motion in from AMASS npz, of the first release (SMPL-H) and the later one (SMPL-X)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, NonFiniteData
+from solver_backend.io.fields import Fields, read_fields
+from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
+
+_RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
+_WIDTHS = {72: "smpl", 156: "smplh", 165: "smplx"}
+_BODY = 3 * NUM_BODY_JOINTS
+
+JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""betas (10,), global_orient (F, 3), body_pose (F, 69), transl (F, 3) -> joints (F, 24, 3)."""
+
+
+@dataclass(frozen=True)
+class AmassClip:
+    """One AMASS sequence in SMPL's parameters; metres, radians, Z up."""
+
+    betas: np.ndarray
+    """(B,) shape coefficients of the body that ``gender`` and ``model`` name; often 10 or 16."""
+    global_orient: np.ndarray
+    """(F, 3) axis-angle, body frame to world."""
+    body_pose: np.ndarray
+    """(F, 69) axis-angle of joints 1..23; joints 22 and 23 are zero unless the file is SMPL's."""
+    transl: np.ndarray
+    """(F, 3) metres."""
+    fps: float
+    """Frames per second."""
+    gender: str
+    """'male', 'female', 'neutral' or 'unknown'."""
+    model: str
+    """'smpl', 'smplh' or 'smplx'."""
+    hand_pose: np.ndarray | None = None
+    """(F, 90) axis-angle of the fingers, left then right, where the file has them."""
+
+
+def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
+    """Read an AMASS file: ``poses`` (F, 72, 156 or 165), or ``root_orient`` and ``pose_body``; and ``trans``.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file says.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
+        NonFiniteData: a value is NaN or infinite.
+    """
+    fields = read_fields(path)
+    transl = fields.numbers("trans", (None, 3))
+    root, body, hands, model = _poses(fields, len(transl))
+    betas = fields.numbers("betas", (None,)) if "betas" in fields else np.zeros(NUM_BETAS)
+    for name, value in {"poses": np.hstack([root, body]), "trans": transl, "betas": betas}.items():
+        if not np.isfinite(value).all():
+            raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
+    return AmassClip(betas, root, body, transl, _frame_rate(fields, fps), _gender(fields), model, hands)
+
+
+def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
+    """Return the clip as a motion of a body whose joints the caller computes.
+
+    Shape coefficients belong to the body they were fitted to: pass zeros on by another clip if it is not the same.
+
+    Args:
+        clip: as read.
+        body: id of the body.
+        joints_of: forward kinematics of that body.
+    """
+    betas = np.zeros(NUM_BETAS)
+    count = min(NUM_BETAS, len(clip.betas))
+    betas[:count] = clip.betas[:count]
+    return Motion(
+        betas=betas,
+        global_orient=clip.global_orient,
+        body_pose=clip.body_pose,
+        transl=clip.transl,
+        fps=clip.fps,
+        body=body,
+        joints=joints_of(betas, clip.global_orient, clip.body_pose, clip.transl),
+        provenance={"source": "AMASS", "model": clip.model, "gender": clip.gender},
+    )
+
+
+def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, str]:
+    """Return root (F, 3), body (F, 69), fingers (F, 90) or None, and the model."""
+    body = np.zeros((frames, 3 * (NUM_JOINTS - 1)))
+    if "poses" in fields:
+        poses = fields.numbers("poses", (frames, None))
+        if poses.shape[1] not in _WIDTHS:
+            raise FileDamaged(
+                f"'poses' has {poses.shape[1]} columns; {', '.join(map(str, _WIDTHS))} are known.",
+                where=str(fields.path),
+            )
+        model = _WIDTHS[poses.shape[1]]
+        used = poses[:, 3:72] if model == "smpl" else poses[:, 3 : 3 + _BODY]
+        body[:, : used.shape[1]] = used
+        return poses[:, :3].copy(), body, None if model == "smpl" else poses[:, -90:].copy(), model
+    if "pose_body" not in fields or "root_orient" not in fields:
+        raise FileDamaged(
+            "The file is not AMASS: it has neither 'poses' nor 'root_orient' and 'pose_body'.", where=str(fields.path)
+        )
+    body[:, :_BODY] = fields.numbers("pose_body", (frames, _BODY))
+    hands = fields.numbers("pose_hand", (frames, 90)) if "pose_hand" in fields else None
+    return fields.numbers("root_orient", (frames, 3)), body, hands, fields.text("surface_model_type", "smplh").lower()
+
+
+def _frame_rate(fields: Fields, fps: float | None) -> float:
+    key = next((key for key in _RATES if key in fields), None)
+    if fps is None and key is None:
+        raise FileDamaged(
+            f"The file states no frame rate ({', '.join(_RATES)}).", where=str(fields.path), hint="Pass fps."
+        )
+    rate = fps if fps is not None else fields.number(str(key))
+    if not (np.isfinite(rate) and rate > 0):
+        raise NonFiniteData(f"The frame rate must be a positive number, not {rate}.", where=str(fields.path))
+    return rate
+
+
+def _gender(fields: Fields) -> str:
+    """Return the gender; files hold it as text, as bytes, or pickled, which is not read."""
+    if "gender" not in fields or fields.array("gender").dtype.kind not in "US":
+        return "unknown"
+    gender = fields.text("gender").strip().lower()
+    return gender if gender in ("male", "female", "neutral") else "unknown"

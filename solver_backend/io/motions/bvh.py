@@ -1,0 +1,210 @@
+"""Motion in from BVH: a skeleton with offsets, and rotations of every joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, NonFiniteData
+from solver_backend.io.files import read_text
+from solver_backend.io.recognition.up_axis import turn_to_z_up
+
+METRES_PER_UNIT = 0.01
+"""BVH states no unit; centimetres are the most common."""
+
+_AXES = {"X": 0, "Y": 1, "Z": 2}
+
+
+@dataclass(frozen=True)
+class BvhClip:
+    """A moving skeleton: ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``; metres, Z up.
+
+    Offsets stay in the skeleton's own rest axes (usually Y up); the turn to Z up is part of the root's rotation.
+    """
+
+    names: tuple[str, ...]
+    """J joints, parents before children."""
+    parents: np.ndarray
+    """(J,) index of each joint's parent; -1 at the root."""
+    offsets: np.ndarray
+    """(J, 3) metres from the parent in the rest pose."""
+    rotations: np.ndarray
+    """(F, J, 3, 3) from the joint's to its parent's axes; of the root to the world's."""
+    root_positions: np.ndarray
+    """(F, 3) metres in the world."""
+    fps: float
+    """Frames per second."""
+    translations: np.ndarray | None = None
+    """(F, J, 3) metres from the parent, where joints other than the root have position channels."""
+    end_offsets: dict[str, np.ndarray] = field(default_factory=dict)
+    """(3,) metres from each joint that ends in an End Site to that site."""
+
+    def positions(self) -> np.ndarray:
+        """Return (F, J, 3) the joints in world metres."""
+        frames, joints = self.rotations.shape[:2]
+        local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
+        p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
+        for j, parent in enumerate(self.parents):
+            if parent < 0:
+                p[:, j], G[:, j] = self.root_positions, self.rotations[:, j]
+            else:
+                p[:, j] = p[:, parent] + (G[:, parent] @ local[:, j, :, None])[..., 0]
+                G[:, j] = G[:, parent] @ self.rotations[:, j]
+        return p
+
+
+@dataclass
+class _Skeleton:
+    names: list[str] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    offsets: list[list[float]] = field(default_factory=list)
+    channels: list[list[str]] = field(default_factory=list)
+    ends: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_axis: str = "y") -> BvhClip:
+    """Read a BVH file with any order of channels.
+
+    ``R_j = R_first R_second R_third`` in the order of the channels. The root's position channels replace its offset.
+    Those of other joints do so too in files of most programs, and are added to it in files of some: what keeps the
+    bones nearer to their rest lengths is taken.
+
+    Args:
+        path: the file.
+        metres_per_unit: length of the file's unit.
+        up_axis: the file's axis that points up.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated or is not BVH.
+        NonFiniteData: a value is NaN or infinite.
+        JobInvalid: the axis is unknown.
+    """
+    turn = turn_to_z_up(up_axis)
+    head, found, motion = read_text(path).partition("MOTION")
+    if not found or "HIERARCHY" not in head:
+        raise FileDamaged("The file is truncated or is not BVH: HIERARCHY and MOTION are expected.", where=str(path))
+    skeleton = _read_skeleton(head, path)
+    values, fps = _read_motion(motion, sum(len(c) for c in skeleton.channels), path)
+    rotations, translations = _apply_channels(skeleton, values)
+    moving = any("position" in name for channels in skeleton.channels[1:] for name in channels)
+    rotations[:, 0] = turn @ rotations[:, 0]
+    return BvhClip(
+        names=tuple(skeleton.names),
+        parents=np.array(skeleton.parents),
+        offsets=np.array(skeleton.offsets) * metres_per_unit,
+        rotations=rotations,
+        root_positions=translations[:, 0] @ turn.T * metres_per_unit,
+        fps=fps,
+        translations=translations * metres_per_unit if moving else None,
+        end_offsets={name: offset * metres_per_unit for name, offset in skeleton.ends.items()},
+    )
+
+
+def _read_skeleton(text: str, path: Path | str) -> _Skeleton:
+    skeleton, stack, depth_of_end = _Skeleton(), [], 0
+    for line in text.replace("{", "\n{\n").replace("}", "\n}\n").splitlines():
+        words = line.split()
+        kind = words[0].upper() if words else ""
+        try:
+            if kind in ("ROOT", "JOINT"):
+                skeleton.names.append(" ".join(words[1:]))
+                skeleton.parents.append(stack[-1] if stack else -1)
+                stack.append(len(skeleton.names) - 1)
+                skeleton.offsets.append([0.0, 0.0, 0.0])
+                skeleton.channels.append([])
+            elif kind == "END":
+                depth_of_end = 1
+            elif kind == "OFFSET":
+                offset = [float(word) for word in words[1:4]]
+                if len(offset) < 3:
+                    raise ValueError("three numbers are expected")
+                if depth_of_end:
+                    skeleton.ends[skeleton.names[stack[-1]]] = np.array(offset)
+                else:
+                    skeleton.offsets[stack[-1]] = offset
+            elif kind == "CHANNELS":
+                skeleton.channels[stack[-1]] = _channels(words)
+            elif kind == "}" and depth_of_end:
+                depth_of_end = 0
+            elif kind == "}":
+                stack.pop()
+        except (ValueError, IndexError) as error:
+            raise FileDamaged(
+                f"'{line.strip()[:60]}' in HIERARCHY is not understood: {error}.", where=str(path)
+            ) from error
+    if stack or not skeleton.names or skeleton.parents.count(-1) != 1:
+        raise FileDamaged("HIERARCHY is not one tree of joints with closed brackets.", where=str(path))
+    return skeleton
+
+
+def _channels(words: list[str]) -> list[str]:
+    names = [word[0].upper() + word[1:].lower() for word in words[2:]]
+    known = {f"{axis}{kind}" for axis in _AXES for kind in ("position", "rotation")}
+    if len(names) != int(words[1]) or not set(names) <= known:
+        raise ValueError(f"channels are {', '.join(sorted(known))}")
+    return names
+
+
+def _read_motion(text: str, channels: int, path: Path | str) -> tuple[np.ndarray, float]:
+    """Return values (F, channels) and frames per second."""
+    words = text.split()
+    try:
+        frames = int(words[words.index("Frames:") + 1])
+        at = words.index("Time:") + 1
+        frame_time = float(words[at])
+        values = np.array(words[at + 1 :], dtype=np.float64)
+    except (ValueError, IndexError) as error:
+        raise FileDamaged(
+            f"MOTION is truncated or holds something else than numbers ({error}).", where=str(path)
+        ) from error
+    if not frame_time > 0 or frames < 1:
+        raise FileDamaged(f"MOTION states {frames} frames of {frame_time:g} s.", where=str(path))
+    if values.size != frames * channels:
+        raise FileDamaged(
+            f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}.",
+            where=str(path),
+            hint="Copy or export it again.",
+        )
+    if not np.isfinite(values).all():
+        raise NonFiniteData("MOTION holds NaN or infinite values.", where=str(path))
+    return values.reshape(frames, channels), 1.0 / frame_time
+
+
+def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations (F, J, 3, 3) and local translations (F, J, 3) in the file's unit."""
+    frames, joints = len(values), len(skeleton.names)
+    rotations = np.tile(np.eye(3), (frames, joints, 1, 1))
+    translations = np.tile(np.array(skeleton.offsets), (frames, 1, 1))
+    column = 0
+    for j, channels in enumerate(skeleton.channels):
+        for name in channels:
+            axis, value = _AXES[name[0]], values[:, column]
+            if name.endswith("position"):
+                translations[:, j, axis] = value
+            else:
+                rotations[:, j] = rotations[:, j] @ _about(axis, np.radians(value))
+            column += 1
+    if _are_added(translations[:, 1:], np.array(skeleton.offsets[1:])):
+        moved = [j for j, channels in enumerate(skeleton.channels) if j and any("position" in n for n in channels)]
+        translations[:, moved] += np.array(skeleton.offsets)[moved]
+    return rotations, translations
+
+
+def _are_added(translations: np.ndarray, offsets: np.ndarray) -> bool:
+    """Return whether position channels (F, J, 3) are meant to be added to the offsets (J, 3)."""
+    replacing = np.linalg.norm(translations - offsets, axis=-1)
+    adding = np.where(replacing > 0, np.linalg.norm(translations, axis=-1), 0.0)
+    return bool(adding.sum() < replacing.sum())
+
+
+def _about(axis: int, angle: np.ndarray) -> np.ndarray:
+    """Return rotations (F, 3, 3) about a coordinate axis by angles in radians."""
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    R = np.tile(np.eye(3), (len(angle), 1, 1))
+    R[:, a, a] = R[:, b, b] = np.cos(angle)
+    R[:, b, a] = np.sin(angle)
+    R[:, a, b] = -R[:, b, a]
+    return R

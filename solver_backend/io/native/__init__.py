@@ -1,0 +1,1 @@
+"""Our own two files: captures and motions."""

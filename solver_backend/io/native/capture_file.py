@@ -1,0 +1,146 @@
+"""Our own capture file: one ``.npz`` with cameras, detections, markers, notes and truth."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import CalibrationMismatch
+from solver_backend.io.fields import Fields, read_fields
+from solver_backend.io.files import write_npz
+from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud
+
+FORMAT = "manifold_mocap_capture"
+VERSION = 1
+_TRUTH = "truth_"
+
+
+def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
+    """Write a capture; parts it lacks are left out of the file.
+
+    Footage below the file's folder is stored relative to it, so the folder can be moved as a whole.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    arrays: dict[str, np.ndarray] = {
+        "format": np.array(FORMAT),
+        "version": np.array(VERSION),
+        "name": np.array(capture.name),
+        "notes": _strings(capture.notes),
+        "problems": _strings(capture.problems),
+        "sources": _strings(capture.sources),
+    }
+    if capture.cameras is not None:
+        cameras = capture.cameras
+        arrays |= {
+            "camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion,
+            "distortion_model": np.array(cameras.distortion_model), "R": cameras.R, "t": cameras.t,
+            "image_size": cameras.image_size,
+        }  # fmt: skip
+    if capture.footage:
+        arrays["footage"] = _strings(tuple(_portable(item, Path(path).parent) for item in capture.footage))
+    if capture.keypoints is not None:
+        keypoints = capture.keypoints
+        arrays |= {
+            "fps": np.array(float(keypoints.fps)),
+            "xy": keypoints.xy.astype(np.float32),
+            "confidence": keypoints.confidence.astype(np.float32),
+            "joint_set": np.array(keypoints.joint_set.value),
+        }
+    if capture.markers is not None:
+        arrays |= _marker_arrays(capture.markers)
+    arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
+    return write_npz(path, arrays, overwrite=overwrite)
+
+
+def read_capture(path: Path | str) -> Capture:
+    """Read a capture file.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
+        CalibrationInvalid, CalibrationMismatch, KeypointCountMismatch, NonFiniteData: its values are impossible.
+    """
+    fields = read_fields(path)
+    fields.require_format(FORMAT, VERSION)
+    cameras = _cameras(fields) if "K" in fields else None
+    keypoints = _keypoints(fields) if "xy" in fields else None
+    if cameras is not None and keypoints is not None and len(cameras) != keypoints.num_views:
+        raise CalibrationMismatch(
+            f"The file holds {len(cameras)} cameras ({', '.join(cameras.names)}) and {keypoints.num_views} views.",
+            where=str(path),
+        )
+    folder = Path(path).absolute().parent
+    footage = tuple(_resolved(item, folder) for item in fields.texts("footage"))
+    return Capture(
+        name=fields.text("name", Path(path).stem),
+        cameras=cameras,
+        keypoints=keypoints,
+        markers=_markers(fields) if "marker_positions" in fields else None,
+        footage=footage,
+        sources=fields.texts("sources"),
+        notes=fields.texts("notes"),
+        problems=fields.texts("problems"),
+        truth={key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)},
+    )
+
+
+def _strings(items: tuple[str, ...]) -> np.ndarray:
+    return np.array(items, dtype=np.str_) if items else np.zeros(0, dtype="U1")
+
+
+def _portable(item: Path | None, folder: Path) -> str:
+    if item is None:
+        return ""
+    full, base = os.path.abspath(item), os.path.abspath(folder)
+    inside = os.path.splitdrive(full)[0] == os.path.splitdrive(base)[0] and os.path.commonpath([full, base]) == base
+    return Path(os.path.relpath(full, base)).as_posix() if inside else full
+
+
+def _resolved(item: str, folder: Path) -> Path | None:
+    return folder / item if item else None
+
+
+def _marker_arrays(markers: MarkerCloud) -> dict[str, np.ndarray]:
+    arrays = {"marker_positions": np.asarray(markers.positions, np.float32), "marker_fps": np.array(float(markers.fps))}
+    if markers.labels is not None:
+        arrays["marker_labels"] = _strings(tuple(markers.labels))
+    if markers.residual is not None:
+        arrays["marker_residual"] = np.asarray(markers.residual, np.float32)
+    return arrays
+
+
+def _cameras(fields: Fields) -> Cameras:
+    names = fields.texts("camera_names")
+    count = len(names)
+    return Cameras(
+        names=names,
+        K=fields.numbers("K", (count, 3, 3)),
+        distortion=fields.numbers("distortion", (count, None)),
+        R=fields.numbers("R", (count, 3, 3)),
+        t=fields.numbers("t", (count, 3)),
+        image_size=fields.numbers("image_size", (count, 2)),
+        distortion_model=fields.text("distortion_model", "opencv"),
+    )
+
+
+def _keypoints(fields: Fields) -> Keypoints2D:
+    xy = fields.numbers("xy", (None, None, None, 2))
+    return Keypoints2D(
+        xy=xy,
+        confidence=fields.numbers("confidence", xy.shape[:3]),
+        joint_set=fields.joint_set(),
+        fps=fields.number("fps"),
+    )
+
+
+def _markers(fields: Fields) -> MarkerCloud:
+    positions = fields.numbers("marker_positions", (None, None, 3))
+    return MarkerCloud(
+        positions=positions,
+        fps=fields.number("marker_fps"),
+        labels=fields.texts("marker_labels") if "marker_labels" in fields else None,
+        residual=fields.numbers("marker_residual", positions.shape[:2]) if "marker_residual" in fields else None,
+    )

@@ -1,0 +1,1 @@
+"""What files leave unsaid: joint sets, frame numbers, camera names, which way is up."""

@@ -1,0 +1,77 @@
+"""Frame numbers from file names, and the range of frames that several cameras share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, FrameCountMismatch
+
+_DIGITS = re.compile(r"\d+")
+
+
+def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
+    """Return the frame number of each file of one camera.
+
+    Names may hold other numbers (``cam01.0012``, ``take2_cam1_000012_keypoints``): the last group of digits that
+    differs between all files is the frame number.
+
+    Args:
+        stems: file names without extension.
+        where: the folder, for errors.
+
+    Raises:
+        FileDamaged: a name has no number, or two files have the same one.
+    """
+    groups = [_DIGITS.findall(stem) for stem in stems]
+    for stem, found in zip(stems, groups, strict=True):
+        if not found:
+            raise FileDamaged(
+                f"'{stem}' holds no frame number.",
+                where=where,
+                hint="Name the files like camera_000012_keypoints.json.",
+            )
+    width = min(len(found) for found in groups)
+    for group in range(1, width + 1):
+        numbers = np.array([int(found[-group]) for found in groups], dtype=np.int64)
+        if len(np.unique(numbers)) == len(numbers):
+            return numbers
+    numbers = np.array([int(found[-1]) for found in groups])
+    values, counts = np.unique(numbers, return_counts=True)
+    raise FileDamaged(
+        f"{counts.max()} files have the frame number {values[counts.argmax()]}.",
+        where=where,
+        hint="Keep one camera and one take in each folder.",
+    )
+
+
+def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[int, int]:
+    """Return the first and last frame number (inclusive) that all cameras use.
+
+    Args:
+        spans: first and last frame number of each camera.
+        trim: cut to the frames every camera has, instead of refusing.
+
+    Raises:
+        FrameCountMismatch: the cameras' ranges differ and ``trim`` is off, or they have no frame in common.
+    """
+    firsts, lasts = zip(*spans.values(), strict=True)
+    if len(set(spans.values())) == 1:
+        return firsts[0], lasts[0]
+    listing = "; ".join(
+        f"{name}: {last - first + 1} (numbers {first} to {last})" for name, (first, last) in spans.items()
+    )
+    first, last = max(firsts), min(lasts)
+    if first > last:
+        raise FrameCountMismatch(
+            f"The cameras have no frame number in common. {listing}.",
+            hint="Number the frames of all cameras from the same moment.",
+        )
+    if not trim:
+        raise FrameCountMismatch(
+            f"The cameras recorded different numbers of frames. {listing}.",
+            hint=f"Synchronise them, or pass --trim to keep the {last - first + 1} frames that all have.",
+        )
+    return first, last

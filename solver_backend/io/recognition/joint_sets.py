@@ -1,0 +1,141 @@
+"""Which joint set a detector wrote: by the number of keypoints, then by anatomy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.exchange.errors import KeypointCountMismatch
+from solver_backend.types import JointSet
+
+_BONES: tuple[tuple[str, str], ...] = (
+    ("{s}_shoulder", "{s}_elbow"), ("{s}_elbow", "{s}_wrist"), ("{s}_hip", "{s}_knee"), ("{s}_knee", "{s}_ankle"),
+    ("{s}_ankle", "{s}_heel"), ("{s}_ankle", "{s}_big_toe"), ("{s}_big_toe", "{s}_small_toe"), ("nose", "{s}_eye"),
+    ("{s}_eye", "{s}_ear"), ("neck", "{s}_shoulder"), ("mid_hip", "{s}_hip"), ("upper_neck", "{s}_shoulder"),
+    ("head_top", "nose"), ("thorax", "{s}_shoulder"), ("thorax", "spine"), ("spine", "mid_hip"),
+    ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"),
+)  # fmt: skip
+"""Pairs that lie close together in every pose; a wrong vocabulary pairs far-apart points instead."""
+
+SAMPLED_PEOPLE = 2000
+"""Detections that are looked at."""
+CLEAR_RATIO = 1.15
+"""The best set is clear when the next one's bones are this many times longer."""
+
+
+def num_written(joint_set: JointSet) -> int:
+    """Return how many keypoints a detector writes for the set (we use the first ``num_keypoints`` of them)."""
+    return 133 if joint_set is JointSet.COCO_WHOLEBODY_133 else joint_set.num_keypoints
+
+
+def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:
+    """Return the set after checking that files with this many keypoints can hold it.
+
+    Raises:
+        KeypointCountMismatch: they cannot; names the sets that fit.
+    """
+    if num_written(joint_set) != num_keypoints:
+        raise KeypointCountMismatch(
+            f"The files hold {num_keypoints} keypoints a person, and {joint_set.value} has {num_written(joint_set)}.",
+            where=where,
+            hint=_fitting_hint(num_keypoints),
+        )
+    return joint_set
+
+
+def choose_joint_set(
+    xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
+) -> tuple[JointSet, tuple[str, ...], tuple[str, ...]]:
+    """Return the joint set of a recording, how it was told, and what is doubtful about it.
+
+    What the user gives is final. What the recording's settings say is believed unless it cannot be or anatomy clearly
+    says otherwise. Without either, the set is recognised.
+
+    Args:
+        xy: (..., K, 2) pixels, NaN where missing.
+        confidence: (..., K).
+        given: the user's choice.
+        configured: the recording's own settings.
+        where: the recording, for errors.
+
+    Raises:
+        KeypointCountMismatch: the given set does not fit, or none does.
+    """
+    count = xy.shape[-2]
+    if given is not None:
+        return require_fit(given, count, where=where), (f"Joint set {given.value}, as given.",), ()
+    flat = np.flatnonzero((confidence > 0).any(-1))
+    sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
+    best, sentence, certain = recognise_joint_set(
+        xy.reshape(-1, count, 2)[sample], confidence.reshape(-1, count)[sample], where=where
+    )
+    if configured is None:
+        doubt = () if certain else (f"The joint set is not certain; it is taken as {best.value}.",)
+        return best, (sentence,), doubt
+    if configured is best or (num_written(configured) == count and not certain):
+        return configured, (f"Joint set {configured.value}, from Config.toml.",), ()
+    return best, (sentence,), (f"Config.toml names {configured.value}, but the keypoints are {best.value}'s.",)
+
+
+def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = "") -> tuple[JointSet, str, bool]:
+    """Return the joint set that fits the detections best, a sentence on how that was found, and whether it is certain.
+
+    Several sets may share a number of keypoints (25: BODY_25, BODY_25B; 17: COCO_17, H36M_17). Each is scored by the
+    rms length of its bones relative to the person's height in the image; the right one has the shortest.
+
+    Args:
+        xy: (N, K, 2) pixels, NaN where missing; N people of any frames and views.
+        confidence: (N, K).
+
+    Raises:
+        KeypointCountMismatch: no known set has K keypoints.
+    """
+    fitting = JointSet.fitting(xy.shape[1])
+    if not fitting:
+        raise KeypointCountMismatch(
+            f"No joint set we know has {xy.shape[1]} keypoints.", where=where, hint=_fitting_hint(xy.shape[1])
+        )
+    if len(fitting) == 1:
+        return fitting[0], f"Joint set {fitting[0].value}: the only one with {xy.shape[1]} keypoints.", True
+    (shortest, best), (longer, second), *_ = sorted(
+        ((bone_score(s, xy, confidence), s) for s in fitting), key=lambda scored: scored[0]
+    )
+    if not np.isfinite(shortest):
+        return fitting[0], f"Joint set {fitting[0].value} is assumed: nobody is seen well enough to tell it.", False
+    ratio = longer / max(shortest, 1e-9)
+    sentence = (
+        f"Joint set {best.value}, told by anatomy: read as {second.value} the bones would be {ratio:.1f} times as long."
+    )
+    return best, sentence, ratio > CLEAR_RATIO
+
+
+def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
+    """Return the median over people of the rms bone length over the height in the image; inf where nobody is seen.
+
+    Args:
+        joint_set: the vocabulary to try.
+        xy: (N, K, 2) pixels, NaN where missing.
+        confidence: (N, K).
+    """
+    names = joint_set.keypoints
+    pairs = {(a.format(s=side), b.format(s=side)) for a, b in _BONES for side in ("left", "right")}
+    known_pairs = [(names.index(a), names.index(b)) for a, b in sorted(pairs) if a in names and b in names]
+    start, end = np.array(known_pairs).T
+    points = np.where((confidence > 0)[..., None], xy, np.nan)
+    seen = np.isfinite(points).all(-1)
+    points = points[seen.sum(1) >= len(names) // 2]
+    if not len(points):
+        return float("inf")
+    height = (np.nanmax(points, axis=1) - np.nanmin(points, axis=1)).max(-1)
+    lengths = np.linalg.norm(points[:, start] - points[:, end], axis=-1)
+    known = np.isfinite(lengths)
+    square = np.where(known, lengths**2, 0).sum(1) / np.maximum(known.sum(1), 1)
+    usable = (height > 0) & known.any(1)
+    return float(np.median(np.sqrt(square[usable]) / height[usable])) if usable.any() else float("inf")
+
+
+def _fitting_hint(num_keypoints: int) -> str:
+    fits = JointSet.fitting(num_keypoints)
+    if fits:
+        return f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
+    known = ", ".join(f"{s.value} ({num_written(s)})" for s in JointSet)
+    return f"Known sets and their numbers of keypoints: {known}."

@@ -1,0 +1,149 @@
+"""Does the person make sense in the calibration's world: size, upright along Z, feet on the floor, small residuals?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.cameras.projection import project
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.types import Cameras, Keypoints2D
+
+SAMPLED_FRAMES = 100
+LEG_SHARE = 0.491
+"""Thigh and shank together over the stature (Drillis and Contini 1966)."""
+PLAUSIBLE_STATURE_M = (1.0, 2.3)
+FLOOR_TOLERANCE_M = 0.25
+LARGEST_RESIDUAL_PX = 40.0
+LARGEST_BIAS_PX = 15.0
+BIAS_FRAMES = 40
+_UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
+
+
+@dataclass(frozen=True)
+class WorldCheck:
+    """Figures of the triangulated person; NaN where they cannot be told."""
+
+    stature_m: float
+    """From the lengths of thigh and shank."""
+    height_m: float
+    """95th percentile of the height of the highest over the lowest keypoint."""
+    lowest_m: float
+    """5th percentile over the frames of the height of the lowest keypoint."""
+    upright: tuple[float, float, float]
+    """Median direction from ankles to shoulders, in world axes."""
+    residual_px: float
+    """Median reprojection error."""
+    off_px: dict[str, float]
+    """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
+
+    def notes(self) -> tuple[str, ...]:
+        """Return one sentence with the figures."""
+        if not np.isfinite(self.stature_m):
+            return ()
+        return (
+            f"Triangulated, the person is about {self.stature_m:.2f} m tall by the legs; keypoints span "
+            f"{self.height_m:.2f} m upwards from z = {self.lowest_m:.2f} m; median residual {self.residual_px:.1f} px.",
+        )
+
+    def problems(self) -> tuple[str, ...]:
+        """Return a sentence for each figure that is implausible."""
+        found: list[str] = []
+        low, high = PLAUSIBLE_STATURE_M
+        if np.isfinite(self.stature_m) and not low < self.stature_m < high:
+            units = [words for factor, words in _UNITS.items() if 1.3 < self.stature_m * factor < 2.1]
+            reason = (
+                f"the calibration may have been read as {units[0]}" if units else "the calibration's unit may be wrong"
+            )
+            found.append(f"The person would be {self.stature_m:.3g} m tall: {reason}.")
+        else:
+            found += self._placement()
+        if self.residual_px > LARGEST_RESIDUAL_PX:
+            found.append(
+                f"The views disagree by {self.residual_px:.0f} px (median): is this the recording's calibration, "
+                "are the cameras synchronised?"
+            )
+        wrong = [f"{name} by {off:.0f} px" for name, off in self.off_px.items() if off > LARGEST_BIAS_PX]
+        if wrong and self.residual_px <= LARGEST_RESIDUAL_PX:
+            found.append(
+                f"Against the other cameras some see everything shifted: {', '.join(wrong)}. "
+                "Their calibration is a little off."
+            )
+        return tuple(found)
+
+    def _placement(self) -> list[str]:
+        axis = int(np.argmax(np.abs(self.upright)))
+        value = self.upright[axis]
+        if np.isfinite(value) and abs(value) > 0.9 and (axis != 2 or value < 0):
+            name = ("-" if value < 0 else "") + "XYZ"[axis]
+            return [f"The person stands along {name}: the calibration's world may have {name} up instead of Z."]
+        if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and value > 0.9 and axis == 2:
+            return [f"The lowest foot is at z = {self.lowest_m:.2f} m: the calibration's floor is not at z = 0."]
+        return []
+
+
+def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
+    """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of one person.
+    """
+    frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
+    xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
+    few = slice(None, None, len(frames) // BIAS_FRAMES + 1)
+    found = triangulate(cameras, xy, confidence)
+    points = np.asarray(found.points)
+    named = {name: points[:, k] for k, name in enumerate(keypoints.joint_set.keypoints)}
+    residual = np.asarray(found.residual_px)
+    z = points[..., 2]
+    some = np.isfinite(z).sum(axis=1) >= 8
+    lowest = np.min(np.where(np.isfinite(z[some]), z[some], np.inf), axis=1)
+    highest = np.max(np.where(np.isfinite(z[some]), z[some], -np.inf), axis=1)
+    return WorldCheck(
+        stature_m=_legs(named) / LEG_SHARE,
+        height_m=_quantile(highest - lowest, 0.95),
+        lowest_m=_quantile(lowest, 0.05),
+        upright=_upright(named),
+        residual_px=_quantile(residual[np.isfinite(residual)], 0.5),
+        off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
+    )
+
+
+def _biases(
+    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray
+) -> Iterator[tuple[str, float]]:
+    """Yield name and shift in pixels of each of three or more cameras against the others."""
+    everyone = list(range(len(cameras)))
+    for c in everyone if len(cameras) > 2 else []:
+        others = [i for i in everyone if i != c]
+        points = np.asarray(triangulate(cameras.subset(others), xy[others], confidence[others], sigma_px).points)
+        own = cameras.subset([c])
+        expected = project(own.K, own.distortion, own.R, own.t, points, own.distortion_model)[0]
+        shift = (xy[c] - expected)[np.isfinite(xy[c] - expected).all(-1)]
+        if len(shift):
+            yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))
+
+
+def _legs(named: dict[str, np.ndarray]) -> float:
+    """Return the median length of thigh and shank of both sides in metres."""
+    total = 0.0
+    for upper, lower in (("hip", "knee"), ("knee", "ankle")):
+        lengths = [np.linalg.norm(named[f"{s}_{upper}"] - named[f"{s}_{lower}"], axis=-1) for s in ("left", "right")]
+        both = np.concatenate(lengths)
+        total += _quantile(both[np.isfinite(both)], 0.5)
+    return total
+
+
+def _upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
+    up = sum(named[f"{s}_shoulder"] - named[f"{s}_ankle"] for s in ("left", "right"))
+    direction = np.asarray(up) / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9)
+    known = direction[np.isfinite(direction).all(-1)]
+    x, y, z = np.median(known, axis=0).tolist() if len(known) else (np.nan, np.nan, np.nan)
+    return x, y, z
+
+
+def _quantile(values: np.ndarray, q: float) -> float:
+    return float(np.quantile(values, q)) if values.size else float("nan")

@@ -1,0 +1,1 @@
+"""Dense networks in NumPy or torch arrays, forward and with derivatives."""

@@ -1,0 +1,226 @@
+"""Pose-NDF: the distance to the manifold of plausible poses as a neural field over quaternions (Tiwari et al. 2022)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent
+from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.joint_spread import JointSpread
+from solver_backend.priors.networks.softplus_stack import SoftplusStack
+from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS
+from solver_backend.priors.pose_ndf.pose_field import PoseField
+from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
+
+_DIM = 4 * NUM_BODY_JOINTS
+_UNIT_WITHIN = 1e-3
+"""Largest error of a quaternion's length that still counts as a unit quaternion."""
+
+
+RECORDED_RAD = 0.4
+"""How far the recorded poses of one person lie from those of all others (median)."""
+_ARRIVED = 1e-3
+"""rad; no distance, and no way worth going."""
+
+
+@dataclass(frozen=True)
+class ProjectionSettings:
+    """Gradient descent to the manifold (eq. 6)."""
+
+    steps: int = 60
+    """At most."""
+    step_size: float = 0.3
+    """The factor α at first: one would leave a field that is a distance in one step."""
+    reach: float = 0.9
+    """How far a pose may be moved in all, by the distance it begins at: farther on lies the middle of all poses."""
+    level: float = 0.0
+    """Distance, rad, at which a pose counts as on the manifold; at ``RECORDED_RAD`` recorded poses stay as they are."""
+
+
+class PoseNDF(PosePrior):
+    """The distance of a pose to the manifold of plausible ones, rad: zero on it, in the metric of ``pose_distance``.
+
+    Quaternions enter with ``w >= 0``, so that q and -q are the same pose by construction.
+    """
+
+    def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
+        self._field, self._spread, self.metadata = field, spread, metadata
+
+    @property
+    def name(self) -> str:
+        """``"pose_ndf"``."""
+        return "pose_ndf"
+
+    @property
+    def latent_dim(self) -> int:
+        """84: the code is the 21 unit quaternions."""
+        return _DIM
+
+    def encode(self, rotations: Array) -> Array:
+        """Return the unit quaternions, wxyz with ``w >= 0``, (N, 84).
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        check_rotations(rotations)
+        xp = array_namespace(rotations)
+        return xp.reshape(_upper(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
+
+    def decode(self, z: Array) -> Array:
+        """Return (N, 21, 3, 3) rotations of (N, 84) quaternions of any length but zero."""
+        check_codes(z, _DIM)
+        return matrix_from_quat(_unit(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))))
+
+    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Return ``decode(z)`` and its left tangents (N, 21, 3, 84), ``dω = 2 (dq q⁻¹)`` at unit quaternions."""
+        xp = array_namespace(z)
+        rotations = self.decode(z)
+        quats = xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))
+        square = xp.sum(quats * quats, axis=-1)[..., None, None]
+        blocks = 4.0 * xp.permute_dims(quat_left_tangent(quats), (0, 1, 3, 2)) / square
+        own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], z)
+        return rotations, xp.reshape(own * blocks[:, :, :, None, :], (z.shape[0], NUM_BODY_JOINTS, 3, _DIM))
+
+    def energy(self, rotations: Array) -> Array:
+        """Return the predicted distance of (N, 21, 3, 3) poses to the manifold, rad: (N,)."""
+        return self.distance_with_gradient(self.encode(rotations))[0]
+
+    def distance_with_gradient(self, z: Array) -> tuple[Array, Array]:
+        """Return ``f`` (N,) and ``df/dz`` (N, 84) of (N, 84) unit quaternions.
+
+        Raises:
+            PoseInvalid: NaN, another length, or quaternions that are not of unit length.
+        """
+        check_codes(z, _DIM)
+        xp = array_namespace(z)
+        quats = xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))
+        if bool(xp.any(xp.abs(xp.sum(quats * quats, axis=-1) - 1.0) > 2.0 * _UNIT_WITHIN)):
+            raise PoseInvalid("A code has quaternions that are not of unit length.", hint="Divide each by its length.")
+        distance, gradient = self._signed(quats)
+        return distance, xp.reshape(gradient, (z.shape[0], _DIM))
+
+    def distance_with_tangents(self, rotations: Array) -> tuple[Array, Array]:
+        """Return ``f`` (N,) of (N, 21, 3, 3) poses and its derivative by the joints' left tangents, (N, 21, 3).
+
+        ``f(exp([ω_k]x) R_k) ≈ f + Σ_k g_k · ω_k``.
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        check_rotations(rotations)
+        xp = array_namespace(rotations)
+        quats = quat_from_matrix(rotations)
+        distance, gradient = self._signed(quats)
+        return distance, xp.matmul(xp.matrix_transpose(quat_left_tangent(quats)), gradient[..., None])[..., 0]
+
+    def _signed(self, quats: Array) -> tuple[Array, Array]:
+        """Return the distance and the gradient (N, 21, 4) of quaternions of either sign."""
+        xp = array_namespace(quats)
+        sign = xp.where(quats[..., :1] < 0, -xp.ones_like(quats[..., :1]), xp.ones_like(quats[..., :1]))
+        distance, gradient = self._field.like(quats).with_gradient(sign * quats)
+        return distance, sign * gradient
+
+    def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
+        """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length (eq. 6).
+
+        The gradient is that of the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 a field
+        that is a distance is left in one step. A step that would raise a pose's distance is halved; α then grows again.
+        No pose goes farther than ``reach`` times the distance it began at.
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        xp = array_namespace(rotations)
+        check_rotations(rotations)
+        quats = quat_from_matrix(rotations)
+        distance, gradient = self._signed(quats)
+        alpha, left = settings.step_size * xp.ones_like(distance), settings.reach * distance
+        for _ in range(settings.steps):
+            excess = distance - settings.level
+            if bool(xp.all((excess < _ARRIVED) | (left < _ARRIVED) | (alpha < 1e-6))):
+                break
+            steepest = in_metric(quats, gradient)
+            slope = metric_length(steepest)
+            way = xp.minimum(alpha * xp.clip(excess, 0.0, None) * slope, left)
+            trial = _unit(quats - (way / xp.clip(slope, 1e-9, None))[:, None, None] * steepest)
+            trial_distance, trial_gradient = self._signed(trial)
+            better = trial_distance < distance
+            quats = xp.where(better[:, None, None], trial, quats)
+            gradient = xp.where(better[:, None, None], trial_gradient, gradient)
+            distance = xp.where(better, trial_distance, distance)
+            left = xp.where(better, left - way, left)
+            alpha = xp.where(better, xp.clip(1.5 * alpha, None, settings.step_size), 0.5 * alpha)
+        return matrix_from_quat(quats)
+
+    def sample(self, count: int, seed: int) -> np.ndarray:
+        """Return ``count`` projected poses whose joints were drawn one by one as they turn in recordings, but wider."""
+        return self.project(self._spread.draw(count, seed))
+
+
+def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
+    """Load Pose-NDF's weights.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: wrong prior, body, version or shapes, or a damaged file.
+    """
+    stored = read_weights(Path(path), "pose_ndf")
+    size = stored.metadata.get("field_size", {})
+    try:
+        features, hidden = int(size["features"]), int(size["encoder_hidden"])
+        widths = (NUM_BODY_JOINTS * features, *(int(n) for n in size["field_hidden"]), 1)
+    except (KeyError, TypeError, ValueError) as error:
+        raise WeightsInvalid("The weights of pose_ndf do not say how large the network is.") from error
+    shapes = {
+        "w0": (NUM_BODY_JOINTS, hidden, 4 + features), "b0": (NUM_BODY_JOINTS, hidden),
+        "w1": (NUM_BODY_JOINTS, features, hidden), "b1": (NUM_BODY_JOINTS, features),
+    }  # fmt: skip
+    encoders = {name: stored.array(f"encoder_{name}", shape) for name, shape in shapes.items()}
+    field = PoseField(**encoders, distance=_stack(stored, "field", widths))
+    spread = JointSpread(
+        stored.array("joint_mean", (NUM_BODY_JOINTS, 3)), stored.array("joint_factor", (NUM_BODY_JOINTS, 3, 3))
+    )  # fmt: skip
+    return PoseNDF(field, spread, {**stored.metadata, "sha256": stored.sha256})
+
+
+def in_metric(quats: Array, gradient: Array) -> Array:
+    """Return the gradient in the metric of ``pose_distance``: the tangent part, times ``2/w_k``; (N, 21, 4).
+
+    Its length in that metric is 1 where the field is a distance.
+    """
+    xp = array_namespace(quats)
+    tangent = gradient - xp.sum(gradient * quats, axis=-1, keepdims=True) * quats
+    return constant(2.0 / JOINT_WEIGHTS[:, None], quats) * tangent
+
+
+def metric_length(tangents: Array) -> Array:
+    """Return the length ``sqrt(Σ_k (w_k/2) |·|²)`` (N,) of (N, 21, 4) tangents in the metric of ``pose_distance``."""
+    xp = array_namespace(tangents)
+    weights = constant(0.5 * JOINT_WEIGHTS[:, None], tangents)
+    return xp.sqrt(xp.sum(weights * tangents * tangents, axis=(1, 2)) + 1e-24)
+
+
+def _stack(stored: PriorWeights, part: str, widths: tuple[int, ...]) -> SoftplusStack:
+    pairs = list(pairwise(widths))
+    matrices = tuple(stored.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairs))
+    biases = tuple(stored.array(f"{part}_b{i}", (b,)) for i, (_, b) in enumerate(pairs))
+    return SoftplusStack(matrices, biases, last_is_positive=True)
+
+
+def _upper(quats: Array) -> Array:
+    xp = array_namespace(quats)
+    return xp.where(quats[..., :1] < 0, -quats, quats)
+
+
+def _unit(quats: Array) -> Array:
+    xp = array_namespace(quats)
+    return quats / xp.sqrt(xp.sum(quats * quats, axis=-1, keepdims=True))

@@ -1,0 +1,1 @@
+"""Benchmark captures: recorded motion filmed by simulated cameras and detectors that err; not part of the extension."""

@@ -1,0 +1,221 @@
+"""What a real detector does wrong, measured on a recording: the detections against the take's own smooth 3D points.
+
+The reference is robust triangulation of all views, low-passed; a detection that is wrong alike in all views stays
+unseen, and with C views the residuals hold ``sqrt((2C - 3) / 2C)`` of a constant error. What a small turn of the
+cameras explains is the calibration's fault, so the cameras are refined before anything is called the detector's.
+Lengths are in millimetres at the person's distance (``px · depth / focal``): figures of different lenses compare.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.cameras.projection import project
+from solver_backend.cameras.refinement import refined_cameras
+from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.types import Cameras, Capture, Keypoints2D
+
+REFERENCE_CUTOFF_HZ = 12.0
+"""Low-pass of the reference: above people's movement, below the jitter."""
+OUTLIER_MM = 100.0
+"""A detection this far from the reference is elsewhere."""
+CLIP_MM = 60.0
+"""Errors count no more than this where their correlation in time is measured."""
+LONGEST_LAG_S = 1.0
+"""Lags the correlation is measured at."""
+
+
+@dataclass(frozen=True)
+class NoiseFigures:
+    """A detector's errors; K keypoints, pooled over views and frames unless said otherwise."""
+
+    keypoints: tuple[str, ...]
+    """Names of the K keypoints."""
+    as_calibrated_mm: np.ndarray
+    """(K,) what ``bias_mm`` is with the cameras as they were given."""
+    bias_mm: np.ndarray
+    """(K,) root mean square over the views of the length of each view's median error; constant over the take."""
+    jitter_mm: np.ndarray
+    """(K,) robust standard deviation per axis around that."""
+    error_mm: float
+    """Root mean square error per axis, each at most ``CLIP_MM``."""
+    constant_share: float
+    """Share of the error's variance that stays over a second."""
+    drift_share: float
+    """Share that fades exponentially; the rest is new in every frame."""
+    drift_s: float
+    """Time constant of that."""
+    unevenness: float
+    """Standard deviation of the logarithm of the jitter over views and keypoints."""
+    missing: np.ndarray
+    """(K,) share of detections that are missing."""
+    burst_frames: float
+    """Mean length of a run of misses; NaN without any."""
+    outliers: float
+    """Share of detections further than ``OUTLIER_MM`` from the reference."""
+    outlier_mm: float
+    """Median distance of those; NaN without any."""
+    outlier_frames: float
+    """Mean length of their runs."""
+    swaps: float
+    """Share of left/right pairs that fit better exchanged."""
+    delay_frames: np.ndarray
+    """(C,) how far each view lags behind all of them."""
+    confidence_rank_correlation: float
+    """Spearman's correlation of confidence and error."""
+    error_by_confidence_mm: np.ndarray
+    """(5,) median error within each fifth of the detections, least confident first."""
+
+    def lines(self) -> list[str]:
+        """Return the figures as rows for a person."""
+        rows = [f"{'keypoint':<16} {'as given mm':>12} {'bias mm':>8} {'jitter mm':>10} {'missing %':>10}"]
+        columns = (self.keypoints, self.as_calibrated_mm, self.bias_mm, self.jitter_mm, 100 * self.missing)
+        rows += [f"{k:<16} {g:12.1f} {b:8.1f} {j:10.1f} {m:10.1f}" for k, g, b, j, m in zip(*columns, strict=True)]
+        fifths = ", ".join(f"{value:.1f}" for value in self.error_by_confidence_mm)
+        white = 1.0 - self.constant_share - self.drift_share
+        return rows + [
+            f"median bias {np.nanmedian(self.as_calibrated_mm):.1f} mm as calibrated, "
+            f"{np.nanmedian(self.bias_mm):.1f} mm with refined cameras",
+            f"median jitter {np.nanmedian(self.jitter_mm):.1f} mm per axis, uneven by {self.unevenness:.2f}",
+            f"error {self.error_mm:.1f} mm per axis: {100 * self.constant_share:.0f} % constant, "
+            f"{100 * self.drift_share:.0f} % drifts with {self.drift_s:.2f} s, {100 * white:.0f} % new in every frame",
+            f"missing {100 * self.missing.mean():.2f} %, runs of {self.burst_frames:.1f} frames",
+            f"outliers {100 * self.outliers:.2f} %, {self.outlier_mm:.0f} mm away, runs of {self.outlier_frames:.1f} "
+            f"frames; swapped {100 * self.swaps:.2f} %",
+            f"delay of the views {np.round(self.delay_frames, 2).tolist()} frames",
+            f"confidence against error: rank correlation {self.confidence_rank_correlation:.2f}; "
+            f"median error by fifths of confidence, lowest first: {fifths} mm",
+        ]
+
+
+def measure_noise(capture: Capture) -> NoiseFigures:
+    """Measure the detector of a multi-view recording.
+
+    Raises:
+        TooFewViews, NoDetections: nothing can be triangulated.
+    """
+    given, keypoints = capture.require_multiview()
+    cameras = refined_cameras(given, keypoints.xy, keypoints.confidence)
+    points, px, error = _errors(cameras, keypoints)
+    scale = millimetres_per_px(cameras, points)[..., None]
+    length = np.linalg.norm(error, axis=-1)
+    seen, wrong = np.isfinite(length), length > OUTLIER_MM
+    inlier = _inliers(error)
+    jitter = inlier - _median(inlier, axis=1)[:, None]
+    missing = ~(keypoints.confidence > 0)
+    clipped = np.clip(inlier, -CLIP_MM, CLIP_MM)
+    constant, drift, lasting = _shares(clipped, keypoints.fps)
+    return NoiseFigures(
+        keypoints=keypoints.joint_set.keypoints,
+        as_calibrated_mm=_bias(_inliers(_errors(given, keypoints)[2])),
+        bias_mm=_bias(inlier),
+        jitter_mm=1.4826 * _median(np.abs(jitter), axis=(0, 1, 3)),
+        error_mm=float(np.sqrt(np.nanmean(clipped**2))),
+        constant_share=constant,
+        drift_share=drift,
+        drift_s=lasting,
+        unevenness=float(np.nanstd(np.log(1.4826 * _median(np.abs(jitter), axis=(1, 3))))),
+        missing=missing.mean(axis=(0, 1)),
+        burst_frames=_run_length(missing),
+        outliers=float(wrong[seen].mean()),
+        outlier_mm=float(np.median(length[wrong])) if wrong.any() else float("nan"),
+        outlier_frames=_run_length(wrong),
+        swaps=_swapped(keypoints.xy, px, scale, list(keypoints.joint_set.mirrored())),
+        delay_frames=_delays(jitter, px * scale),
+        confidence_rank_correlation=_rank_correlation(keypoints.confidence[seen], length[seen]),
+        error_by_confidence_mm=_by_fifths(keypoints.confidence[seen], length[seen]),
+    )
+
+
+def _errors(cameras: Cameras, keypoints: Keypoints2D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the reference points (F, K, 3), their pixels, and the detections' errors (C, F, K, 2) in millimetres."""
+    points = triangulate_and_filter(cameras, keypoints, REFERENCE_CUTOFF_HZ)
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    return points, px, (keypoints.xy - px) * millimetres_per_px(cameras, points)[..., None]
+
+
+def _inliers(error: np.ndarray) -> np.ndarray:
+    near = np.linalg.norm(error, axis=-1, keepdims=True) <= OUTLIER_MM
+    return np.where(near, error, np.nan)
+
+
+def _bias(inlier: np.ndarray) -> np.ndarray:
+    return np.sqrt(_mean((_median(inlier, axis=1) ** 2).sum(-1), axis=0))
+
+
+def millimetres_per_px(cameras: Cameras, points: np.ndarray) -> np.ndarray:
+    """Return (C, F, K) millimetres that a pixel spans at the distance of (F, K, 3) points."""
+    depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
+    return 1000.0 * depth / cameras.K[:, 0, 0, None, None]
+
+
+def _shares(error: np.ndarray, fps: float) -> tuple[float, float, float]:
+    """Return (constant share, drifting share, seconds) of ``ρ(l) = c + a exp(-l / τ)``: least squares, τ by a grid."""
+    lags = np.arange(1, max(3, min(round(LONGEST_LAG_S * fps), error.shape[1] - 1)))
+    measured = np.array([_correlation(error, int(lag)) for lag in lags])
+    fits = []
+    for lasting in np.geomspace(0.02, 0.6, 40):
+        basis = np.stack([np.ones(len(lags)), np.exp(-lags / (lasting * fps))], axis=1)
+        shares = np.linalg.lstsq(basis, measured, rcond=None)[0]
+        fits.append((float(((basis @ shares - measured) ** 2).sum()), float(lasting), shares))
+    _, lasting, (constant, drift) = min(fits, key=lambda fit: fit[0])
+    return float(np.clip(constant, 0.0, 1.0)), float(np.clip(drift, 0.0, 1.0)), lasting
+
+
+def _correlation(values: np.ndarray, lag: int) -> float:
+    """Return the pooled correlation, about zero, of (C, F, K, 2) with itself some frames later."""
+    before, after = values[:, :-lag], values[:, lag:]
+    both = np.isfinite(before) & np.isfinite(after)
+    power = 0.5 * (before[both] ** 2 + after[both] ** 2).sum()
+    return float((before[both] * after[both]).sum() / power) if power > 0 else float("nan")
+
+
+def _delays(jitter: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return (C,) the least-squares d of ``error = -d · velocity``, all in millimetres."""
+    velocity = np.gradient(place, axis=1)
+    product = np.nansum(jitter * velocity, axis=(1, 2, 3))
+    power = np.nansum(np.where(np.isfinite(jitter), velocity, 0.0) ** 2, axis=(1, 2, 3))
+    return -product / np.maximum(power, 1e-9)
+
+
+def _run_length(missing: np.ndarray) -> float:
+    """Return the mean length of runs along axis 1 of a (C, F, K) mask."""
+    starts = missing[:, 0].sum() + (missing[:, 1:] & ~missing[:, :-1]).sum()
+    return float(missing.sum() / starts) if starts else float("nan")
+
+
+def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[int]) -> float:
+    """Return the share of pairs at least ``OUTLIER_MM`` apart whose detections fit half as badly when exchanged."""
+    first = [k for k, other in enumerate(mirrored) if k < other]
+    second = [mirrored[k] for k in first]
+
+    def misfit(a: list[int], b: list[int]) -> np.ndarray:
+        return np.linalg.norm((xy[:, :, a] - px[:, :, b]) * scale[:, :, b], axis=-1)
+
+    own, crossed = misfit(first, first) + misfit(second, second), misfit(first, second) + misfit(second, first)
+    apart = np.linalg.norm((px[:, :, first] - px[:, :, second]) * scale[:, :, first], axis=-1) > OUTLIER_MM
+    judged = apart & np.isfinite(own)
+    return float((crossed[judged] < 0.5 * own[judged]).mean()) if judged.any() else float("nan")
+
+
+def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    ranks = [np.argsort(np.argsort(values)).astype(np.float64) for values in (a, b)]
+    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+
+
+def _by_fifths(confidence: np.ndarray, error: np.ndarray) -> np.ndarray:
+    return np.array([np.median(part) for part in np.array_split(error[np.argsort(confidence, kind="stable")], 5)])
+
+
+def _median(values: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
+    """Return the median of the finite values; NaN, without a warning, where there is none."""
+    empty = ~np.isfinite(values).any(axis=axis, keepdims=True)
+    median = np.nanmedian(np.where(empty, 0.0, values), axis=axis)
+    return np.where(empty.reshape(median.shape), np.nan, median)
+
+
+def _mean(values: np.ndarray, axis: int) -> np.ndarray:
+    count = np.isfinite(values).sum(axis=axis)
+    return np.where(count > 0, np.nansum(values, axis=axis) / np.maximum(count, 1), np.nan)

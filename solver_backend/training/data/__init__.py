@@ -1,0 +1,1 @@
+"""The corpus: recordings as body rotations, augmented and cut into windows."""

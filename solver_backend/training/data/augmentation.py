@@ -1,0 +1,113 @@
+"""Poses the corpus lacks: mirrored, with limbs exchanged between poses, varied joints, joints near their limits."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.training.data.rest_skeleton import MIRROR
+
+_MIRRORED = torch.tensor([MIRROR[j] - 1 for j in range(1, 22)])
+_FLIP = torch.tensor([[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+LIMBS: tuple[tuple[int, ...], ...] = (
+    (13, 16, 18, 20),
+    (14, 17, 19, 21),
+    (1, 2, 4, 5, 7, 8, 10, 11),
+    (12, 15),
+    (3, 6, 9),
+)
+"""Joints that travel together: left arm, right arm, both legs, head, spine."""
+EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.3, 0.15)
+CLEARANCE_M = 0.07
+"""Arm joints of an exchanged pose closer than this to trunk or legs are taken for penetration."""
+LIMIT_SHARE = (0.6, 1.0)
+"""How much of a joint's range a joint is moved to."""
+MOVED_JOINTS = 2
+"""Joints of a window that are moved towards their limits."""
+_ALLOWED_DEG = 10.0
+_REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
+_ARM_POINTS = (18, 19, 20, 21, 22, 23)
+_BODY_BONES = ((0, 6), (6, 12), (1, 4), (2, 5), (4, 7), (5, 8), (12, 15))
+
+
+def mirrored(rotations: torch.Tensor) -> torch.Tensor:
+    """Return (..., 21, 3, 3) poses reflected left to right, ``R' = S R S`` with ``S = diag(-1, 1, 1)``."""
+    return rotations[..., _MIRRORED, :, :] * _FLIP.to(rotations.dtype)
+
+
+def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Mirror half of the (B, K, 21, 3, 3) windows."""
+    chosen = torch.rand(len(windows), 1, 1, 1, 1, generator=generator) < 0.5
+    return torch.where(chosen, mirrored(windows), windows)
+
+
+def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: float) -> torch.Tensor:
+    """Give a share of the (B, K, 21, 3, 3) windows limbs of other windows."""
+    count = len(windows)
+    any_chance = torch.rand(count, generator=generator) < chance
+    out = windows.clone()
+    for limb, likely in zip(LIMBS, EXCHANGE_CHANCE, strict=True):
+        donor = torch.randperm(count, generator=generator)
+        take = (torch.rand(count, generator=generator) < likely) & any_chance
+        columns = torch.tensor([j - 1 for j in limb])
+        taken = torch.where(take[:, None, None, None, None], windows[donor][:, :, columns], out[:, :, columns])
+        out[:, :, columns] = taken
+    return out
+
+
+def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Turn collars (5 degrees), wrists (12), neck, head and spine (3) and all others (1.5) by one draw a window."""
+    sigma = torch.full((21, 1), math.radians(1.5))
+    sigma[[12, 13]] = math.radians(5.0)
+    sigma[[19, 20]] = math.radians(12.0)
+    sigma[[2, 5, 8, 11, 14]] = math.radians(3.0)
+    strength = torch.rand(len(windows), 1, 1, generator=generator) * 1.4
+    turn = exp_so3(torch.randn(len(windows), 21, 3, generator=generator) * sigma * strength)
+    return torch.matmul(windows, turn[:, None])
+
+
+def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Move two joints of every (B, K, 21, 3, 3) window towards the end of one of their ranges.
+
+    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
+    side in the window's second frame; what moves in the window goes on moving.
+    """
+    count, frames = windows.shape[:2]
+    if count == 0:
+        return windows
+    joint = torch.stack([torch.randperm(21, generator=generator)[:MOVED_JOINTS] for _ in range(count)])
+    angle = torch.randint(3, (count, MOVED_JOINTS), generator=generator)
+    side = torch.randint(2, (count, MOVED_JOINTS), generator=generator)
+    low, high = LIMIT_SHARE
+    share = low + (high - low) * torch.rand(count, MOVED_JOINTS, generator=generator)
+    target = share * torch.as_tensor(JOINT_LIMITS)[joint, angle, side].to(share.dtype)
+    angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames))
+    row = torch.arange(count)[:, None]
+    moving = angles[row, :, joint, angle]
+    angles[row, :, joint, angle] = moving + (target - moving[..., 1])[..., None]
+    length = torch.linalg.vector_norm(angles, dim=-1)
+    reach = _REACH.to(angles.dtype)
+    moved = from_swing_and_twist((angles * (reach / torch.maximum(length, reach))[..., None]).flatten(0, 1))
+    out = windows.clone()
+    out[row, :, joint] = moved.unflatten(0, (count, frames))[row, :, joint]
+    return out
+
+
+def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
+    """Return (N,) whether a joint of (N, 21, 3, 3) poses is 10 degrees beyond its range."""
+    return (excess_deg(poses) > _ALLOWED_DEG).any(dim=1)
+
+
+def penetrating(joints: torch.Tensor) -> torch.Tensor:
+    """Return (N,) whether an elbow, wrist or hand of (N, 24, 3) joints lies inside trunk, head or legs."""
+    points = joints[:, list(_ARM_POINTS)]
+    inside = torch.zeros(len(joints), dtype=torch.bool)
+    for a, b in _BODY_BONES:
+        start, bone = joints[:, None, a], joints[:, None, b] - joints[:, None, a]
+        share = ((points - start) * bone).sum(-1, keepdim=True) / (bone * bone).sum(-1, keepdim=True)
+        distance = torch.linalg.vector_norm(points - start - share.clamp(0.0, 1.0) * bone, dim=-1)
+        inside |= (distance < CLEARANCE_M).any(dim=1)
+    return inside

@@ -1,0 +1,136 @@
+"""The training corpus: recorded clips as body rotations at 30 Hz, split by subject, without near-repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.training.data.points import rotation_points
+from solver_backend.training.data.sources.clips import KEYED, UNKNOWN, Clip
+
+HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})
+"""Subjects nothing is trained on."""
+NEAR_REPEAT_M = 0.012
+"""Poses closer than this to a kept one (root mean square over the joints) are repeats."""
+KEYED_REPEATS = 4
+"""How often each pose of a hand-keyed animation counts, as they are few and hold what recordings lack."""
+_SAME_TAKE_M = 0.004
+
+
+@dataclass(frozen=True)
+class Corpus:
+    """Clips of one side of the split, laid end to end."""
+
+    rotations: np.ndarray
+    """(N, 21, 3, 3) float32."""
+    clip_start: np.ndarray
+    """(N,) first frame of the clip each frame belongs to."""
+    clip_end: np.ndarray
+    """(N,) one past its last frame."""
+    distinct: np.ndarray
+    """(D,) frames that are no near-repeats of one another; hand-keyed ones several times."""
+    names: tuple[str, ...]
+    subjects: tuple[str, ...]
+    """Of the same clips."""
+
+    @property
+    def num_frames(self) -> int:
+        """Frames with repeats."""
+        return len(self.rotations)
+
+    @property
+    def sources(self) -> np.ndarray:
+        """(N,) source of each frame: what stands before the slash of its clip's name."""
+        return np.array([name.split("/")[0] for name in self.names])[self._clip]
+
+    @property
+    def people(self) -> np.ndarray:
+        """(N,) who moves in each frame, numbered; every hand-keyed clip is somebody else, all unknown of a source one.
+
+        What was keyed has no subject that would repeat itself from clip to clip.
+        """
+        named = zip(self.names, self.subjects, strict=True)
+        who = [
+            name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named
+        ]  # fmt: skip
+        return np.unique(who, return_inverse=True)[1][self._clip]
+
+    @property
+    def _clip(self) -> np.ndarray:
+        """(N,) number of each frame's clip."""
+        starts, clip = np.unique(self.clip_start, return_inverse=True)
+        assert len(starts) == len(self.names)
+        return clip
+
+
+def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:
+    """Return (training, validation); takes of the held-out subjects under another name are in neither."""
+    held = [clip for clip in clips if clip.subject in HELD_OUT]
+    rest = [clip for clip in clips if clip.subject not in HELD_OUT]
+    known = _features(np.concatenate([clip.rotations for clip in held]))
+    kept = [clip for clip in rest if clip.subject != UNKNOWN or not _repeats(clip, known)]
+    return build_corpus(kept), build_corpus(held)
+
+
+def build_corpus(clips: list[Clip]) -> Corpus:
+    """Lay clips end to end and find the distinct poses."""
+    rotations = np.concatenate([clip.rotations for clip in clips])
+    ends = np.cumsum([len(clip.rotations) for clip in clips])
+    lengths = [len(clip.rotations) for clip in clips]
+    starts = np.repeat(ends - lengths, lengths)
+    distinct = distinct_poses(_features(rotations), NEAR_REPEAT_M)
+    keyed = np.repeat([clip.subject == KEYED for clip in clips], lengths)
+    distinct = np.repeat(distinct, np.where(keyed[distinct], KEYED_REPEATS, 1))
+    return Corpus(
+        rotations,
+        starts,
+        np.repeat(ends, lengths),
+        distinct,
+        *zip(*((clip.name, clip.subject) for clip in clips), strict=True),
+    )
+
+
+def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:
+    """Return indices of poses that cover all others within ``radius`` (leader clustering, in order of time).
+
+    Args:
+        features: (N, d), Euclidean.
+        radius: largest distance of any pose to a kept one.
+        block: poses compared at a time.
+    """
+    kept: list[np.ndarray] = []
+    leaders = np.zeros((0, features.shape[1]), dtype=features.dtype)
+    for first in range(0, len(features), block):
+        part = np.arange(first, min(first + block, len(features)))
+        for chunk in range(0, len(leaders), 16384):
+            part = part[_nearest(features[part], leaders[chunk : chunk + 16384]) > radius]
+        near = _squared(features[part], features[part]) <= radius**2
+        alive = np.ones(len(part), dtype=bool)
+        for i in range(len(part)):
+            if alive[i]:
+                alive[i + 1 :] &= ~near[i, i + 1 :]
+        kept.append(part[alive])
+        leaders = np.concatenate((leaders, features[part[alive]]))
+    return np.concatenate(kept)
+
+
+def _features(rotations: np.ndarray) -> np.ndarray:
+    """Return (N, 69) joint positions whose Euclidean distance is the root mean square over 23 joints, m."""
+    joints = rotation_points(rotations.astype(np.float32))[:, 1:24]
+    return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
+
+
+def _repeats(clip: Clip, known: np.ndarray) -> bool:
+    """Whether most of a clip's frames are frames of ``known``."""
+    return bool(np.mean(_nearest(_features(clip.rotations[::5]), known) < _SAME_TAKE_M) > 0.5)
+
+
+def _nearest(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    if not len(a) or not len(b):
+        return np.full(len(a), np.inf)
+    return np.sqrt(np.maximum(_squared(a, b).min(axis=1), 0.0))
+
+
+def _squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * a).sum(1)[:, None] - 2.0 * a @ b.T + (b * b).sum(1)[None, :]

@@ -1,0 +1,139 @@
+"""Recorded clips as rotations of SMPL's joints relative to the T-pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.motions.bvh import BvhClip
+from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.training.data.skeleton_maps import SkeletonMap, skeleton_map
+from solver_backend.types.joint_sets import SMPL_PARENTS
+
+_FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
+_FOREARMS = ((18, 20), (19, 21))
+"""(elbow, wrist); in the T-pose forearms lie along the x axis."""
+
+
+@dataclass(frozen=True)
+class RecordedClip:
+    """A clip as it was recorded; F frames, J joints."""
+
+    name: str
+    joint_names: list[str]
+    parents: np.ndarray
+    """(J,) index of each joint's parent, -1 at the root."""
+    rotvec: np.ndarray
+    """(F, J, 3) local rotations, rad."""
+    tpose_rotvec: np.ndarray
+    """(J, 3) local rotations of the T-pose, rad."""
+    fps: float
+
+
+def read_clip(path: Path) -> RecordedClip:
+    """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec``).
+
+    A clip with a T-pose begins with it; that frame is left out.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is not such a file, or lacks fields.
+        NonFiniteData: a rotation is NaN or infinite.
+    """
+    if not path.is_file():
+        raise FileMissing("The clip is missing.", where=path.name)
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+            fields = {key: data[key] for key in data.files}
+    except (OSError, ValueError) as error:
+        raise FileDamaged("The clip cannot be read.", where=path.name, hint=str(error)) from error
+    missing = [key for key in _FIELDS if key not in fields]
+    if missing:
+        raise FileDamaged(f"The clip lacks {', '.join(missing)}.", where=path.name)
+    rotvec = np.asarray(fields["rotvec"], dtype=np.float64)
+    if not np.isfinite(rotvec).all():
+        raise NonFiniteData("A rotation of the clip is not a number.", where=path.name)
+    names = [str(name) for name in fields["names"]]
+    if "tpose_rotvec" not in fields:
+        return RecordedClip(
+            path.stem, names, fields["parents"], rotvec, np.zeros((len(names), 3)), float(fields["fps"])
+        )
+    tpose = np.asarray(fields["tpose_rotvec"], dtype=np.float64)
+    return RecordedClip(path.stem, names, fields["parents"], rotvec[1:], tpose, float(fields["fps"]))
+
+
+def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
+    """Return a BVH clip, Y up, whose first frame is its T-pose; that frame is left out."""
+    rotations = clip.rotations.copy()
+    rotations[:, 0] = turn_to_z_up("y").T @ rotations[:, 0]
+    rotvec = log_so3(rotations)
+    return RecordedClip(name, list(clip.names), clip.parents, rotvec[1:], rotvec[0], clip.fps)
+
+
+def body_rotations(clip: RecordedClip) -> np.ndarray:
+    """Return the local rotations of SMPL's pelvis and 21 body joints, relative to the T-pose.
+
+    Each bone's rotation since the T-pose, ``D = G G_tpose^T`` in the world's axes (Y up, facing +Z, left +X, as SMPL's
+    rest pose), carries over whole; local rotations are ``D_parent^T D``. Half of the hand's twist about the forearm is
+    given to the elbow, as the radius turns along its whole length.
+
+    Returns:
+        (F, 22, 3, 3).
+
+    Raises:
+        MotionInvalid: the joints belong to no known skeleton.
+    """
+    mapping = skeleton_map(clip.joint_names, clip.name)
+    since = _rotations_since_tpose(clip, mapping)
+    for joint, parent, child in mapping.halfway:
+        since[:, joint] = since[:, parent] @ exp_so3(0.5 * log_so3(_relative(since[:, parent], since[:, child])))
+    for elbow, wrist in _FOREARMS:
+        since[:, elbow] = since[:, elbow] @ _half_twist(_relative(since[:, elbow], since[:, wrist]))
+    parents = list(SMPL_PARENTS[1:22])
+    return np.concatenate((since[:, :1], _relative(since[:, parents], since[:, 1:])), axis=1)
+
+
+def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray:
+    """Return (F, ..., 3, 3) rotations at another rate, by geodesics between neighbours in time."""
+    count = int(np.floor((len(rotations) - 1) * target_fps / fps + 1e-6)) + 1
+    position = np.minimum(np.arange(count) * (fps / target_fps), len(rotations) - 1.0)
+    first = np.minimum(np.floor(position + 1e-3).astype(int), len(rotations) - 1)
+    share = np.clip(position - first, 0.0, 1.0)
+    before, after = rotations[first], rotations[np.minimum(first + 1, len(rotations) - 1)]
+    if share.max() < 1e-2:
+        return before
+    step = log_so3(_relative(before, after))
+    return before @ exp_so3(share.reshape(-1, *([1] * (step.ndim - 1))) * step)
+
+
+def _rotations_since_tpose(clip: RecordedClip, mapping: SkeletonMap) -> np.ndarray:
+    tpose = clip.tpose_rotvec.copy()
+    for joint, rotvec in mapping.tpose_overrides:
+        tpose[clip.joint_names.index(joint)] = rotvec
+    index = mapping.indices(clip.joint_names)
+    now = _global_rotations(clip.rotvec, clip.parents)[:, index]
+    then = _global_rotations(tpose[None], clip.parents)[:, index]
+    return now @ np.swapaxes(then, -1, -2)
+
+
+def _global_rotations(rotvec: np.ndarray, parents: np.ndarray) -> np.ndarray:
+    local = exp_so3(rotvec)
+    turned: list[np.ndarray] = []
+    for joint, parent in enumerate(parents):
+        turned.append(local[:, joint] if parent < 0 else turned[int(parent)] @ local[:, joint])
+    return np.stack(turned, axis=1)
+
+
+def _relative(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
+    return np.swapaxes(parent, -1, -2) @ child
+
+
+def _half_twist(hand: np.ndarray) -> np.ndarray:
+    """Return half of the twist of (F, 3, 3) about the x axis (swing-twist decomposition)."""
+    trace = 1.0 + np.trace(hand, axis1=-2, axis2=-1)
+    twist = 2.0 * np.arctan2(hand[:, 2, 1] - hand[:, 1, 2], np.maximum(trace, 1e-9))
+    return exp_so3(0.5 * twist[:, None] * np.array([1.0, 0.0, 0.0]))

@@ -1,0 +1,189 @@
+"""The training loop every prior shares: AdamW, cosine schedule, averaged weights, checkpoints that resume exactly."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Protocol
+
+import torch
+from torch import nn
+
+from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.training.engine.devices import check_device, dropout_state, set_dropout_state
+from solver_backend.training.engine.event_log import EventLog
+
+_CURVE_EVERY = 20
+"""Steps between the points of the loss's curve."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How long and how fast to train."""
+
+    steps: int = 6000
+    """Gradient steps in all."""
+    batch: int = 256
+    """Windows a step."""
+    learning_rate: float = 2e-3
+    """At its height, after the warm-up."""
+    weight_decay: float = 1e-4
+    """Of AdamW."""
+    averaging: float = 0.998
+    """Decay of the exponential average of the weights, which is what is kept."""
+    seed: int = 0
+    """Of the initial weights and every draw."""
+    checkpoint_s: float = 60.0
+    """Seconds between checkpoints."""
+    evaluate_every: int = 500
+    """Steps between validations."""
+    device: str = "cpu"
+    """``cpu`` or ``cuda``; every draw but dropout's is made on the CPU, alike for both."""
+
+
+class Task(Protocol):
+    """What is trained: a model with a loss and a validation."""
+
+    @property
+    def model(self) -> nn.Module:
+        """The network whose parameters are trained."""
+        ...
+
+    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+        """Return the loss of a fresh batch, drawn on the CPU, on the device of the model."""
+        ...
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return validation figures of a model on the CPU."""
+        ...
+
+
+def run_training(task: Task, settings: TrainingSettings, folder: Path, progress: Progress = silent) -> nn.Module:
+    """Train, or go on from the last checkpoint in ``folder``, and return the averaged model, on the CPU.
+
+    Raises:
+        JobInvalid, BackendMissing: the device is unknown or not here.
+        TrainingMismatch: the checkpoint was made with other settings or for another network.
+        FileDamaged: the checkpoint cannot be read.
+    """
+    check_device(settings.device)
+    folder.mkdir(parents=True, exist_ok=True)
+    run = _Run(task, settings, folder)
+    run.resume()
+    log = EventLog(folder, run.step)
+    while run.step < settings.steps:
+        run.advance()
+        if run.step % _CURVE_EVERY == 0:
+            log.scalars(run.step, {"training/loss": run.recent, "training/learning_rate": run.learning_rate})
+        if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
+            log.figures(run.step, {"loss": run.recent, **task.evaluate(run.kept)})
+        if run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s:
+            run.save()
+        progress("Training", run.step, settings.steps)
+    log.close()
+    return run.kept
+
+
+class _Run:
+    """The state of a run."""
+
+    def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:
+        self.task, self.settings, self.folder, self.step = task, settings, folder, 0
+        self.generator = torch.Generator().manual_seed(settings.seed)
+        task.model.to(settings.device)
+        self.optimizer = torch.optim.AdamW(
+            task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        )
+        self.averaged = copy.deepcopy(task.model).requires_grad_(False)
+        self.saved_at = time.monotonic()
+        self.recent = 0.0
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.folder / "checkpoint.pt"
+
+    @property
+    def learning_rate(self) -> float:
+        """The rate of the step that comes."""
+        return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
+
+    @property
+    def kept(self) -> nn.Module:
+        """The averaged model on the CPU."""
+        return self.averaged if self.settings.device == "cpu" else copy.deepcopy(self.averaged).cpu()
+
+    def advance(self) -> None:
+        """Take one step."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate
+        loss = self.task.loss(self.step, self.generator)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.task.model.parameters(), 1.0)
+        self.optimizer.step()
+        self.step += 1
+        decay = min(self.settings.averaging, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for kept, fresh in zip(self.averaged.parameters(), self.task.model.parameters(), strict=True):
+                kept.lerp_(fresh, 1.0 - decay)
+            for kept, fresh in zip(self.averaged.buffers(), self.task.model.buffers(), strict=True):
+                kept.copy_(fresh)
+        self.recent += 0.02 * (float(loss.detach()) - self.recent) if self.recent else float(loss.detach())
+
+    def save(self) -> None:
+        """Write the checkpoint under a temporary name and rename it."""
+        state = {
+            "settings": asdict(self.settings),
+            "step": self.step,
+            "model": self.task.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "generator": self.generator.get_state(),
+            "global_generator": dropout_state(self.settings.device),
+            "recent": self.recent,
+        }
+        temporary = self.checkpoint.with_suffix(".part")
+        torch.save(state, temporary)
+        temporary.replace(self.checkpoint)
+        self.saved_at = time.monotonic()
+
+    def resume(self) -> None:
+        """Take over the last checkpoint, if there is one."""
+        if not self.checkpoint.is_file():
+            return
+        try:
+            state = torch.load(self.checkpoint, map_location="cpu", weights_only=True)
+        except Exception as error:
+            raise FileDamaged(
+                "The checkpoint cannot be read.", where=self.checkpoint.name, hint="Train into another folder."
+            ) from error
+        changed = [k for k, v in asdict(self.settings).items() if k != "checkpoint_s" and state["settings"].get(k) != v]
+        if changed:
+            raise TrainingMismatch(
+                f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
+                hint="Go on with the same settings, or train into another folder.",
+            )  # fmt: skip
+        try:
+            self.task.model.load_state_dict(state["model"])
+        except RuntimeError as error:
+            raise TrainingMismatch(
+                "The checkpoint holds another network.", where=self.checkpoint.name,
+                hint="Go on with the same prior and widths, or train into another folder.",
+            ) from error  # fmt: skip
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.generator.set_state(state["generator"])
+        set_dropout_state(self.settings.device, state["global_generator"])
+        self.step, self.recent = state["step"], state["recent"]
+
+
+def _schedule(step: int, steps: int) -> float:
+    """Return the share of the learning rate: linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
+    warm = max(1, steps // 50)
+    if step < warm:
+        return (step + 1) / warm
+    return 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))

@@ -1,0 +1,1 @@
+"""Fitting the Gaussian mixture of poses."""

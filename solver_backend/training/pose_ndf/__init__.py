@@ -1,0 +1,1 @@
+"""Training Pose-NDF (Tiwari et al. 2022)."""

@@ -1,0 +1,118 @@
+"""Pose-NDF trained in stages: from poses far from the manifold to those near it and those that projections meet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import torch
+
+from solver_backend.body.joint_limits import excess_deg
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.training.data.augmentation import mirrored
+from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.engine.loop import run_training
+from solver_backend.training.engine.recipe import Job
+from solver_backend.training.pose_ndf.nearest_poses import unit_quats
+from solver_backend.training.pose_ndf.negatives import (
+    NOBODY,
+    Labelled,
+    Manifold,
+    Poses,
+    blended,
+    joined,
+    labelled,
+    projected,
+    spread,
+    turned,
+)
+from solver_backend.training.pose_ndf.network import PoseFieldNet, PoseNdfSettings, PoseNdfTask, as_prior
+
+FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (0.5, 40.0), (1.0, 60.0)
+"""Spread of the turns about each axis: of the first stage, the second, and the validation."""
+
+
+def manifold_of(training: Corpus) -> Manifold:
+    """Return the distinct poses of a corpus that lie within the joints' limits, and their mirror images.
+
+    Raises:
+        JobInvalid: all are of one person, so that there is nobody else to measure a distance to.
+    """
+    frames = possible_frames(training)
+    rotations, people = torch.as_tensor(training.rotations[frames]), torch.as_tensor(training.people[frames])
+    if len(people.unique()) < 2:
+        raise JobInvalid("Pose-NDF learns from the recordings of several people, and these are of one.", where="data")
+    quats = torch.cat((unit_quats(rotations), unit_quats(mirrored(rotations))))
+    return Manifold.of(quats, people.repeat(2))
+
+
+def possible_frames(corpus: Corpus) -> np.ndarray:
+    """Return the distinct frames without those that no body can take: there a limb or the head was tracked wrongly."""
+    distinct = np.unique(corpus.distinct)
+    return distinct[(excess_deg(corpus.rotations[distinct].astype(np.float64)) == 0).all(axis=1)]
+
+
+def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, even: bool = True) -> Labelled:
+    """Return poses of unseen subjects with their distance to the training poses, turned by 1 to 60 degrees.
+
+    The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
+    8 degrees, and what tells them apart is mostly how the subjects differ.
+    """
+    poses = unit_quats(torch.as_tensor(validation.rotations[possible_frames(validation)]))
+    generator = torch.Generator().manual_seed(1)
+    chosen = poses[torch.randint(len(poses), (count,), generator=generator)]
+    unseen = Poses(chosen, torch.full((count,), NOBODY))
+    return labelled(turned(unseen, spread(count, ALL_DEG, generator, even=even), generator), manifold)
+
+
+class Stages:
+    """The poses of every stage; those of a finished stage are made again only if a later one mixes them in."""
+
+    def __init__(self, manifold: Manifold, settings: PoseNdfSettings, seed: int) -> None:
+        self._manifold, self._settings, self._seed = manifold, settings, seed
+        self._pools: dict[int, Labelled] = {}
+
+    def poses(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
+        """Return the poses of a stage: its own and all earlier ones, so that near ones join far ones.
+
+        Args:
+            stage: number from 0.
+            before: networks that the earlier stages ended with.
+        """
+        for number in range(stage + 1):
+            if number not in self._pools:
+                self._pools[number] = self._own(number, before)
+        return joined([self._pools[number] for number in range(stage + 1)])
+
+    def _own(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
+        generator = torch.Generator().manual_seed(1000 * self._seed + stage)
+        manifold, count = self._manifold, self._settings.pool
+        if stage == 0:
+            far = turned(manifold.drawn(count, generator), spread(count, FAR_DEG, generator), generator)
+            parts = [far, manifold.drawn(count // 2, generator)]
+        elif stage == 1:
+            near = turned(manifold.drawn(2 * count, generator), spread(2 * count, NEAR_DEG, generator), generator)
+            parts = [near, blended(manifold, count // 4, generator)]
+        else:
+            parts = [projected(as_prior(before[stage - 1], manifold.spread), manifold, count, generator)]
+        return joined([labelled(part, manifold) for part in parts])
+
+
+def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> PoseFieldNet:
+    """Train stage after stage, each from where the last one ended, each with checkpoints in a folder of its own."""
+    torch.manual_seed(job.settings.seed)
+    model = PoseFieldNet(settings)
+    validation = perturbed_validation(job.validation, manifold, settings.validation)
+    stages, ended = Stages(manifold, settings, job.settings.seed), []
+    for number, share in enumerate(settings.stages):
+        task = PoseNdfTask(
+            model, lambda n=number: stages.poses(n, ended), validation, settings, job.settings.batch
+        )  # fmt: skip
+        rate = job.settings.learning_rate * (1.0 if number < 2 else 0.5)
+        chosen = replace(job.settings, steps=max(1, round(share * job.settings.steps)), learning_rate=rate)
+        trained = run_training(task, chosen, job.work / f"stage{number + 1}", job.progress)
+        ended.append(cast(PoseFieldNet, trained))
+        model = PoseFieldNet(settings)
+        model.load_state_dict(trained.state_dict())
+    return ended[-1]

@@ -1,0 +1,1 @@
+"""Training SPoser (thesis 6.1-6.4)."""

@@ -1,0 +1,88 @@
+"""SPoser from corpus to shipped weights."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any, cast
+
+import numpy as np
+
+from solver_backend.geometry.interpolation import sider2
+from solver_backend.priors.sposer import SPoser, load_sposer
+from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.data.sources.clips import FPS
+from solver_backend.training.engine.export_weights import export_prior, stack_arrays
+from solver_backend.training.engine.loop import run_training
+from solver_backend.training.engine.model_card import write_model_card
+from solver_backend.training.engine.recipe import Finished, Job
+from solver_backend.training.sposer.accuracy import (
+    accuracy_by_source,
+    joint_distances,
+    reconstruction_accuracy,
+    reconstruction_statistics,
+)
+from solver_backend.training.sposer.network import SphericalAutoencoder
+from solver_backend.training.sposer.task import SPoserSettings, SPoserTask, decode_all
+
+SUMMARY = """SPoser (thesis 6.2.2): an autoencoder of the 21 body joints' rotations whose codes are unit vectors of zero
+mean in R^32. It is trained to reproduce poses (6.3, 6.4; points are joints and axis tips of every joint's frame), and
+to reproduce the frame between keys up to 0.3 s apart from SIDER2 of the keys' codes, as the solver interpolates."""
+
+
+def train_sposer(job: Job, settings: SPoserSettings | None = None) -> Finished:
+    """Train, export, measure the exported weights and write the model card."""
+    settings = settings or SPoserSettings(decoder_hidden=(job.hidden, job.hidden))
+    task = SPoserTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
+    model = cast(SphericalAutoencoder, run_training(task, job.settings, job.work, job.progress))
+    return export_sposer(model, job, settings)
+
+
+def export_sposer(model: SphericalAutoencoder, job: Job, settings: SPoserSettings) -> Finished:
+    """Write weights and model card of a trained network."""
+    path = job.out / "sposer.npz"
+    truth = job.validation.rotations[job.validation.distinct].astype(np.float64)
+    arrays: dict[str, Any] = stack_arrays(model.encoder, "encoder") | stack_arrays(model.decoder, "decoder")
+    arrays["residual_sigma"] = reconstruction_statistics(truth, decode_all(model, truth)).astype(np.float32)
+    metadata: dict[str, Any] = {
+        "encoder_hidden": settings.encoder_hidden,
+        "decoder_hidden": settings.decoder_hidden,
+        "activation": settings.activation,
+        "command": job.command,
+        "settings": asdict(settings) | asdict(job.settings),
+        "data": job.data,
+    }
+    export_prior(path, "sposer", arrays, metadata)
+    shipped = load_sposer(path)
+    metadata["metrics"] = measure(shipped, truth, job.validation)
+    metadata["by_source"] = accuracy_by_source(job.validation, lambda R: shipped.decode(shipped.encode(R)))
+    metadata["sha256"] = export_prior(path, "sposer", arrays, metadata)
+    write_model_card(path.with_suffix(".md"), "SPoser", SUMMARY, metadata)
+    return Finished(path, metadata["metrics"])
+
+
+def measure(prior: SPoser, truth: np.ndarray, validation: Corpus) -> dict[str, float]:
+    """Return reconstruction figures, and the error of frames between keys at 0.1, 0.2 and 0.3 s."""
+    figures = reconstruction_accuracy(truth, prior.decode(prior.encode(truth))).as_dict()
+    for spacing in (3, 6, 9):
+        error = between_error_mm(prior, validation, spacing)
+        figures[f"between_keys_{spacing / FPS:.1f}s_mpjpe_mm"] = error
+    return figures
+
+
+def between_error_mm(prior: SPoser, corpus: Corpus, spacing: int, most: int = 4000) -> float:
+    """Return the mean joint error of frames halfway between keys, from SIDER2 of three keys' codes.
+
+    Args:
+        prior: what encodes the keys and decodes the frame.
+        corpus: motions.
+        spacing: frames between neighbouring keys.
+        most: windows looked at.
+    """
+    middle = np.arange(corpus.num_frames)
+    fits = (middle - spacing >= corpus.clip_start) & (middle + spacing < corpus.clip_end)
+    middle = middle[fits][:: max(1, int(fits.sum()) // most)]
+    early = spacing // 2
+    a, b, c = (prior.encode(corpus.rotations[middle + k].astype(np.float64)) for k in (-spacing, 0, spacing))
+    decoded = prior.decode(sider2(a, b, c, 0.5 * (spacing - early) / spacing))
+    truth = corpus.rotations[middle - early].astype(np.float64)
+    return 1000 * float(joint_distances(truth, decoded).mean())

@@ -1,0 +1,101 @@
+"""Networks and losses of the variational autoencoders (Pavlakos et al. 2019; thesis 4.2.4, table 6.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import torch
+from torch import nn
+
+from solver_backend.geometry.rotations import log_so3, matrix_from_6d
+from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.data.windows import WindowSampler
+from solver_backend.training.engine.devices import device_of
+from solver_backend.training.sposer.accuracy import reconstruction_accuracy
+from solver_backend.training.sposer.task import pose_loss
+from solver_backend.training.vae.latents import LATENTS, Kind
+
+HIDDEN = 512
+_DROPOUT = 0.1
+
+
+@dataclass(frozen=True)
+class VaeSettings:
+    """Which autoencoder, and the losses' weights."""
+
+    kind: Kind
+    divergence: float = 1e-3
+    """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (4.17)."""
+    orthogonality: float = 0.5
+    """Weight of (4.19)."""
+
+
+class VariationalAutoencoder(nn.Module):
+    """63 -> 512 -> 512 -> posterior; code -> 512 -> 512 -> 126.
+
+    VPoser has batch normalisation before its first layer, dropout in encoder and decoder and an activation after the
+    decoder's last layer; the others have only the encoder's dropout.
+    """
+
+    def __init__(self, kind: Kind) -> None:
+        super().__init__()
+        published = kind == "vposer"
+        self.latent = LATENTS[kind]()
+        self.norm = nn.BatchNorm1d(63) if published else nn.Identity()
+        self.encoder = nn.Sequential(
+            nn.Linear(63, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
+            nn.Linear(HIDDEN, self.latent.outputs),
+        )  # fmt: skip
+        self.decoder = nn.Sequential(
+            nn.Linear(self.latent.width, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT if published else 0.0),
+            nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, 126),
+            nn.LeakyReLU() if published else nn.Identity(),
+        )  # fmt: skip
+
+    def posterior(self, rotations: torch.Tensor) -> torch.Tensor:
+        """Return the encoder's outputs for (N, 21, 3, 3) poses."""
+        return self.encoder(self.norm(log_so3(rotations).flatten(-2)))
+
+    def encode(self, rotations: torch.Tensor) -> torch.Tensor:
+        """Return the codes of (N, 21, 3, 3) poses without noise."""
+        return self.latent.mean(self.posterior(rotations))
+
+    def decode(self, z: torch.Tensor) -> torch.Tensor:
+        """(N, width) -> (N, 21, 3, 3)."""
+        return matrix_from_6d(self.decoder(z).unflatten(-1, (21, 6)))
+
+
+class VaeTask:
+    """Losses (4.16)-(4.19) and validation."""
+
+    def __init__(self, train: Corpus, validation: Corpus, settings: VaeSettings, batch: int, seed: int) -> None:
+        torch.manual_seed(seed)
+        self.model = VariationalAutoencoder(settings.kind)
+        self._sampler, self._settings, self._batch = WindowSampler.of(train), settings, batch
+        step = max(1, len(validation.distinct) // 4000)
+        self._validation = validation.rotations[validation.distinct[::step]].astype(np.float64)
+
+    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+        """Reconstruct the middle and the in-between frame of every window."""
+        s = self._settings
+        truth = self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1).to(device_of(self.model))
+        self.model.train()
+        z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
+        decoded = self.model.decode(z)
+        penalty = torch.sqrt(1.0 + nats.square()) - 1.0 if s.kind == "rvposer" else nats
+        evenly = torch.ones(len(truth), device=truth.device)
+        return pose_loss(truth, decoded, evenly, s.orthogonality) + s.divergence * penalty.mean()
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return reconstruction figures on the validation poses, from codes without noise."""
+        decoded = decode_all(cast(VariationalAutoencoder, model), self._validation)
+        return reconstruction_accuracy(self._validation, decoded).as_dict()
+
+
+def decode_all(model: VariationalAutoencoder, rotations: np.ndarray) -> np.ndarray:
+    """Return reconstructions of (N, 21, 3, 3) poses."""
+    model.eval()
+    with torch.no_grad():
+        return model.decode(model.encode(torch.as_tensor(rotations, dtype=torch.float32))).numpy().astype(np.float64)

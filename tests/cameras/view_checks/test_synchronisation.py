@@ -1,0 +1,70 @@
+"""Delays of single cameras are told to a quarter of a frame; cameras in step stay in step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.projection import project
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
+from solver_backend.simulation.filming import delayed
+from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthetic.detector import DetectorNoise, detect
+from solver_backend.types import Capture
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return demo_capture(num_frames=300)
+
+
+def late(capture: Capture, frames: np.ndarray, seed: int = 3) -> Capture:
+    """Return the capture filmed by cameras that run late by so many frames."""
+    cameras = capture.cameras
+    px = project(
+        cameras.K, cameras.distortion, cameras.R, cameras.t, capture.truth["keypoints3d"], cameras.distortion_model
+    )
+    px = np.stack([delayed(track, delay) for track, delay in zip(px, frames, strict=True)])
+    xy, confidence = detect(px, cameras.image_size, DetectorNoise(), np.random.default_rng(seed))
+    return replace(capture, keypoints=replace(capture.keypoints, xy=xy, confidence=confidence))
+
+
+def estimated(capture: Capture):
+    keypoints = capture.keypoints
+    sigma = triangulate(capture.cameras, keypoints.xy, keypoints.confidence).sigma_px
+    return estimate_delays(capture.cameras, keypoints, sigma)
+
+
+@pytest.mark.parametrize("frames", [-5.0, -2.3, 0.0, 0.5, 1.0, 5.0])
+def test_one_late_camera(capture, frames):
+    true = np.array([0.0, 0.0, frames, 0.0])
+    found = estimated(late(capture, true))
+    np.testing.assert_allclose(found.frames, true, atol=0.25)
+    assert (found.sigma < 0.1).all()
+
+
+def test_three_views(capture):
+    true = np.array([0.0, 2.0, 0.0, 0.0])
+    np.testing.assert_allclose(estimated(late(capture, true).views([0, 1, 2])).frames, true[:3], atol=0.35)
+
+
+def test_all_cameras_late(capture):
+    true = np.array([0.0, 1.3, -2.0, 0.6])
+    found = estimated(late(capture, true)).frames
+    np.testing.assert_allclose(found - found.mean(), true - true.mean(), atol=0.3)
+
+
+def test_two_views_and_people_who_stand_still_tell_nothing(capture):
+    assert np.isnan(estimated(capture.views([0, 1])).frames).all()
+    still = replace(capture, truth={"keypoints3d": np.repeat(capture.truth["keypoints3d"][:1], 300, axis=0)})
+    assert np.isnan(estimated(late(still, np.zeros(4))).frames).all()
+
+
+def test_moved_detections_are_those_in_step(capture):
+    keypoints = capture.keypoints
+    moved = synchronised(keypoints, np.array([0.0, 2.0, 0.0, -0.5]))
+    np.testing.assert_array_equal(moved.xy[[0, 2]], keypoints.xy[[0, 2]])
+    np.testing.assert_array_equal(moved.xy[1, :-2], keypoints.xy[1, 2:])
+    assert (moved.confidence[1, -2:] == 0).all() and (moved.confidence[3, 0] == 0).all()
+    np.testing.assert_allclose(moved.xy[3, 1:], 0.5 * (keypoints.xy[3, 1:] + keypoints.xy[3, :-1]))

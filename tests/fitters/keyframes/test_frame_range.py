@@ -1,0 +1,136 @@
+"""A stretch solved again: what lies outside stays, pins are met, and what was wrong gets better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.fitters.keyframes.frame_range import Pin, Stretch
+from solver_backend.fitters.keyframes.posterior import CONSTANT_M
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solve import resolve, solve
+from solver_backend.synthetic.demo import demo_capture
+from solver_backend.types import Capture, JointSet, Motion
+from tests.fitters.test_solve import QUICK, cut
+
+FIRST, LAST = 30, 70
+BODY = JointSet.BODY_25.keypoints
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return cut(demo_capture(), 200, 300)
+
+
+@pytest.fixture(scope="module")
+def solved(capture) -> Motion:
+    return solve(capture, QUICK)
+
+
+def error_mm(motion: Motion, capture: Capture, frames: slice) -> float:
+    return 1000 * float(np.linalg.norm(motion.joints - capture.truth["joints"], axis=-1)[frames].mean())
+
+
+def spoiled(motion: Motion) -> Motion:
+    """Return the motion with both arms thrown up within the stretch."""
+    pose = motion.body_pose.copy()
+    pose[FIRST + 1 : LAST, 45:51] += 1.0
+    return replace(motion, body_pose=pose)
+
+
+def test_a_spoiled_stretch_is_mended_and_the_rest_stays_bit_for_bit(capture, solved):
+    mended = resolve(capture, spoiled(solved), Stretch(FIRST, LAST), QUICK)
+    outside = np.r_[0 : FIRST + 1, LAST : solved.num_frames]
+    for name in (
+        "global_orient",
+        "body_pose",
+        "transl",
+        "joints",
+        "joint_sigma",
+        "joint_covariance",
+        "keypoints3d",
+        "contacts",
+    ):
+        np.testing.assert_array_equal(getattr(mended, name)[outside], getattr(solved, name)[outside])
+    np.testing.assert_array_equal(mended.betas, solved.betas)
+    inside = slice(FIRST + 1, LAST)
+    assert error_mm(mended, capture, inside) < 1.15 * error_mm(solved, capture, inside)
+    step = np.linalg.norm(np.diff(mended.joints, axis=0), axis=-1).max(axis=1)
+    assert step[[FIRST, LAST - 1]].max() < 1.5 * np.delete(step, [FIRST, LAST - 1]).max()
+    assert mended.provenance["resolved"] == [{"first": FIRST, "last": LAST, "pins": []}]
+
+
+def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
+    frame = 50
+    pose = solved.body_pose[frame].copy()
+    pose[45:48] += [0.0, 0.0, 0.4]
+    pin = Pin(frame, solved.global_orient[frame], pose, solved.transl[frame])
+    moved = resolve(capture, solved, Stretch(FIRST, LAST, (pin,)), QUICK)
+    np.testing.assert_allclose(moved.body_pose[frame, :63], pose[:63], atol=1e-6)
+    assert moved.joint_sigma[FIRST : LAST + 1].max() < 2 * solved.joint_sigma.max()
+    assert moved.joint_sigma[frame].max() < 1.05 * CONSTANT_M, "a pinned pose is as certain as the shape"
+    change = np.linalg.norm(moved.joints - solved.joints, axis=-1).max(axis=1)
+    assert change[frame] > 0.05
+    assert change[frame - 1] > 0.5 * change[frame] and change[frame + 1] > 0.5 * change[frame]
+
+
+def test_the_whole_take_can_be_the_stretch(capture, solved):
+    again = resolve(capture, solved, Stretch(0, solved.num_frames - 1), QUICK)
+    assert error_mm(again, capture, slice(None)) < 1.1 * error_mm(solved, capture, slice(None))
+
+
+@pytest.mark.parametrize(
+    ("stretch", "message"),
+    [
+        (Stretch(50, 50), "no stretch of a take of 100 frames"),
+        (Stretch(-1, 20), "no stretch"),
+        (Stretch(20, 100), r"0 <= first < last <= 99"),
+        (Stretch(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside"),
+    ],
+)
+def test_a_stretch_outside_the_take_is_named(capture, solved, stretch, message):
+    with pytest.raises(JobInvalid, match=message):
+        resolve(capture, solved, stretch, QUICK)
+
+
+def test_a_motion_of_another_take_or_body_is_named(capture, solved):
+    with pytest.raises(MotionInvalid, match="has 100 frames at 60 fps, the capture 50"):
+        resolve(cut(capture, 0, 50), solved, Stretch(10, 20), QUICK)
+    with pytest.raises(MotionInvalid, match="of the body smpl_male"):
+        resolve(capture, replace(solved, body="smpl_male"), Stretch(10, 20), QUICK)
+
+
+def test_plain_values_are_checked_and_read_back():
+    pin = {"frame": 5, "global_orient": [0.0] * 3, "body_pose": [0.1] * 69, "transl": [0.0, 0.0, 1.0]}
+    values = {"first": 2, "last": 9, "pins": [pin]}
+    assert Stretch.from_dict(values).as_dict() == values
+    for change, message in (
+        ({"first": 2.5}, "first is 2.5; a whole number"),
+        ({"frames": 3}, "nothing unknown"),
+        ({"pins": [{**pin, "transl": [0.0, float("nan"), 1.0]}]}, "transl must be 3 finite numbers"),
+        ({"pins": [{**pin, "body_pose": [0.0] * 63}]}, "body_pose must be 69"),
+    ):
+        with pytest.raises(JobInvalid, match=message):
+            Stretch.from_dict({**values, **change})
+
+
+def test_settings_without_residual_rotations_also_work(capture, solved):
+    again = resolve(capture, solved, Stretch(FIRST, LAST), SolveSettings(residual_rotations=False))
+    assert np.isfinite(again.joints).all()
+
+
+def test_feet_that_stand_beyond_the_stretch_do_not_slip_at_its_ends():
+    """The left foot stands throughout, the right one at the start; hips and knees were bent by hand in the stretch."""
+    capture, stretch = cut(demo_capture(), 0, 120), Stretch(65, 105)
+    solved = solve(capture, QUICK)
+    pose = solved.body_pose.copy()
+    pose[66:105, [0, 3, 9, 12]] += 0.3
+    spoiled = replace(solved, body_pose=pose)
+
+    def slip_mm(contacts: bool) -> float:
+        points = resolve(capture, spoiled, stretch, replace(QUICK, contacts=contacts)).keypoints3d
+        stands = [points[3:117, BODY.index("left_big_toe")], points[43:86, BODY.index("right_big_toe")]]
+        return 1000 * max(float(np.linalg.norm(stand - stand.mean(axis=0), axis=-1).max()) for stand in stands)
+
+    assert slip_mm(True) < 8.0 < 15.0 < slip_mm(False)

@@ -1,0 +1,198 @@
+"""Recover known keyframes of a stick figure from noisy detections, window by window and all at once."""
+
+import numpy as np
+import pytest
+
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.cameras.projection import project
+from solver_backend.fitters.keyframes.normal_equations import data_equations
+from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_keys, solve_sliding
+from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
+from solver_backend.fitters.model.codes import CODES
+from solver_backend.fitters.model.keyframe_curve import (
+    KeyframeLayout,
+    Keyframes,
+    bundle_frames,
+    hemisphere_aligned,
+    key_poses,
+)
+from solver_backend.fitters.model.subject import PosedFrames, Subject, frame_equations, pose
+from solver_backend.geometry.arrays import constant
+from solver_backend.residuals import pose_mixture as usual_poses
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.synthetic.demo import tripods
+from solver_backend.types import JointSet, Keypoints2D
+from tests.support.stick_body import stick_body
+from tests.support.toy_prior import ToyPrior
+
+FRAMES, WINDOW, NOISE_PX = 61, 20, 2.0
+SCHEDULE = Schedule((12.0, 3.0), 8)
+
+
+@pytest.fixture(autouse=True)
+def _a_figure_that_is_no_person(monkeypatch):
+    """The made-up decoder's poses are no people's: what people's poses are like has no say."""
+    monkeypatch.setattr(usual_poses, "STRENGTH", 0.0)
+
+
+class Scene:
+    """Truth, detections and a start a little off."""
+
+    def __init__(self, like=np.zeros(1)) -> None:
+        rng = np.random.default_rng(11)
+        self.body, self.prior = stick_body(), ToyPrior()
+        self.layout = KeyframeLayout.even(FRAMES, WINDOW)
+        count = self.layout.num_keys
+        walk = np.cumsum(rng.normal(size=(count, 32)), axis=0)
+        z = CODES.nearest(rng.normal(size=32) * 3 + walk * 0.5)
+        turn = np.cumsum(0.1 * rng.normal(size=count))
+        half = (np.pi / 2 * np.ones(count)) / 2
+        quat = np.stack([np.cos(half), np.sin(half), 0 * half, turn * 0.3], 1)
+        quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+        transl = np.array([0, 0, 0.95]) + np.cumsum(0.04 * rng.normal(size=(count, 3)), 0)
+        self.truth = hemisphere_aligned(Keyframes(z, quat, transl, np.zeros((count, 21, 3))))
+        landmarks = keypoint_landmarks(self.body, JointSet.SMPL_24)
+        self.subject = Subject(self.body, landmarks, constant(np.zeros(10), like), constant(np.zeros((24, 3)), like))
+        exact = Subject(self.body, landmarks, np.zeros(10), np.zeros((24, 3)))
+        self.points = pose(exact, key_poses(self.prior, self.truth, self.layout, residuals=False)).points
+        cameras = tripods(np.array([0.0, 0.0, 0.95]))
+        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, self.points, cameras.distortion_model)
+        px = px + NOISE_PX * rng.normal(size=px.shape)
+        wrong = rng.random(px.shape[:-1]) < 0.03
+        px[wrong] += 80 * rng.choice([-1, 1], (wrong.sum(), 2))
+        self.keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
+        self.cameras = cameras
+        self.term = ReprojectionTerm.of(cameras, self.keypoints, np.full(24, NOISE_PX), like)
+        off = 0.03 * rng.normal(size=(count, 36))
+        off[0] = 0
+        start = self.truth.retract(off)
+        self.start = Keyframes(*(constant(getattr(start, n), like) for n in ("z", "quat", "transl", "residual")))
+
+    def model(self, motion: MotionPrior | None = None, *, residuals: bool = False) -> BundleModel:
+        return BundleModel(self.subject, self.prior, self.term, motion, residuals)
+
+    def poses(self, keys: Keyframes) -> PosedFrames:
+        return key_poses(self.prior, keys, self.layout, residuals=True)
+
+    def error_mm(self, keys) -> float:
+        solved = np.asarray(pose(self.subject, self.poses(keys)).points)
+        return 1000 * float(np.linalg.norm(solved - self.points, axis=-1).mean())
+
+
+def prior_of_motion() -> MotionPrior:
+    return MotionPrior(10 / 60, np.full((21, 3), 0.05), accel_sigma=20.0, angular_sigma=90.0, latent_sigma=60.0)
+
+
+def test_sliding_recovers_the_keys():
+    scene = Scene()
+    before = scene.error_mm(scene.start)
+    solved = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
+    assert before > 25
+    assert scene.error_mm(solved) < 3.0
+
+
+def test_global_is_no_worse_than_sliding():
+    scene = Scene()
+    sliding = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
+    together = solve_keys(scene.model(prior_of_motion(), residuals=False), scene.layout, sliding, SCHEDULE).keys
+    assert scene.error_mm(together) < 1.05 * scene.error_mm(sliding)
+
+
+def test_residual_rotations_reach_poses_off_the_manifold():
+    scene = Scene()
+    rng = np.random.default_rng(0)
+    bent = Keyframes(
+        scene.truth.z, scene.truth.quat, scene.truth.transl, 0.15 * rng.normal(size=(21, 3)) * np.ones((7, 1, 1))
+    )
+    scene.points = pose(scene.subject, scene.poses(bent)).points
+    px = project(*(getattr(scene.cameras, n) for n in ("K", "distortion", "R", "t")), scene.points)
+    keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
+    scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), px)
+    errors, keys = [], scene.start
+    for residuals in (False, True):
+        keys = solve_keys(scene.model(prior_of_motion(), residuals=residuals), scene.layout, keys, SCHEDULE).keys
+        errors.append(scene.error_mm(keys))
+    assert errors[1] < 0.4 * errors[0]
+
+
+def test_a_second_without_any_view_is_bridged():
+    scene = Scene()
+    blind = scene.keypoints.confidence.copy()
+    blind[:, 21:40] = 0
+    keypoints = Keypoints2D(scene.keypoints.xy, blind, JointSet.SMPL_24, 60.0)
+    scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
+    keys = solve_keys(scene.model(prior_of_motion()), scene.layout, scene.start, SCHEDULE).keys
+    keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
+    points = pose(scene.subject, scene.poses(keys)).points
+    assert np.isfinite(points).all()
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=-1) * 60
+    assert speed.max() < 6.0
+    assert np.linalg.norm(points - scene.points, axis=-1)[:15].mean() < 0.003
+
+
+def test_torch_equals_numpy():
+    torch = pytest.importorskip("torch")
+    results = []
+    for like in (np.zeros(1), torch.zeros(1, dtype=torch.float64)):
+        scene = Scene(like)
+        keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
+        keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
+        results.append(np.asarray(pose(scene.subject, scene.poses(keys)).points))
+    # Matrices in single precision steer the steps: what is left is how near to the minimum they stop.
+    np.testing.assert_allclose(results[1], results[0], atol=1e-4)
+
+
+def test_held_keys_stay_and_the_others_move():
+    scene = Scene()
+    free = np.ones(scene.layout.num_keys, dtype=bool)
+    free[[0, 3]] = False
+    keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, scene.start, SCHEDULE, free).keys
+    for name in ("z", "quat", "transl", "residual"):
+        before, after = getattr(hemisphere_aligned(scene.start), name), getattr(keys, name)
+        np.testing.assert_allclose(after[~free], before[~free], atol=1e-12)
+    assert (np.linalg.norm(keys.transl - scene.start.transl, axis=1)[free] > 1e-4).all()
+
+
+@pytest.mark.parametrize("residuals", [False, True])
+def test_gradient_by_keys_equals_central_differences(residuals):
+    scene = Scene()
+    rng = np.random.default_rng(5)
+    bend = 0.1 * rng.normal(size=(7, 21, 3)) if residuals else np.zeros((7, 21, 3))
+    keys = Keyframes(scene.start.z, scene.start.quat, scene.start.transl, bend)
+    rows, step = scene.layout.rows(), 1e-6
+
+    def cost(state):
+        return data_equations(scene.subject, scene.prior, scene.term, state, rows, 3.0, residuals=residuals)
+
+    gradient = cost(keys).gradient
+    for _ in range(4):
+        direction = rng.normal(size=gradient.shape)
+        numeric = (cost(keys.retract(step * direction)).cost - cost(keys.retract(-step * direction)).cost) / (2 * step)
+        np.testing.assert_allclose((gradient * direction).sum(), numeric, rtol=1e-5)
+
+
+def test_the_matrix_by_keys_is_close_to_the_exact_gauss_newton_matrix():
+    scene = Scene()
+    layout = scene.layout
+    rows = layout.rows()
+    data = data_equations(scene.subject, scene.prior, scene.term, scene.truth, rows, 3.0, residuals=False)
+    window, time = layout.positions(layout.frames)
+    between = bundle_frames(scene.prior, scene.truth, window, time, residuals=False)
+    equations = frame_equations(scene.subject, between.poses, scene.term, 3.0)
+    first = window == 0
+    B = between.by_keys[first]
+    exact = np.einsum("fia,fij,fjb->ab", B, equations.hessian[first], B)[36:72, 36:72]
+    found = data.chain().diagonal[0][36:72, 36:72] - 1e-2 * np.eye(36)
+    assert np.linalg.norm(found - exact) < 0.1 * np.linalg.norm(exact)
+
+
+def test_a_solve_can_be_ended_before_every_linearisation():
+    scene, calls = Scene(), []
+
+    def alive() -> None:
+        calls.append(None)
+        if len(calls) == 2:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        solve_keys(scene.model(), scene.layout, scene.start, SCHEDULE, alive=alive)

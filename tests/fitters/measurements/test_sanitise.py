@@ -1,0 +1,187 @@
+"""Faults of a view are named, with the camera and the frame, and cost the solve little."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.progress import silent
+from solver_backend.fitters.measurements.sanitise import CheckedCapture, check_capture
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.single_frame.start import observe
+from solver_backend.fitters.solve import solve
+from solver_backend.io.load import load_capture
+from solver_backend.simulation import bad_input
+from solver_backend.synthetic.demo import demo_capture
+from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Fault, FaultKind, Motion, Remedy
+from tests.benchmarks.bench_held_out import TRIAL
+from tests.support.faulty import swapped, with_detections
+
+QUICK = SolveSettings(iterations=4)
+VIEW, NAME = 1, "cam02"
+LAST = 119
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return demo_capture(num_frames=LAST + 1)
+
+
+@pytest.fixture(scope="module")
+def clean(capture) -> Motion:
+    return solve(capture, QUICK)
+
+
+def checked(capture: Capture, **options: bool) -> CheckedCapture:
+    cameras, keypoints = capture.require_multiview()
+    return check_capture(capture, observe(cameras, keypoints), silent, **options)
+
+
+def points_mm(found: CheckedCapture, capture: Capture) -> float:
+    error = np.linalg.norm(found.observations.triangulation.points - capture.truth["keypoints3d"], axis=-1)
+    return 1000 * float(np.nanmean(error))
+
+
+def error_mm(motion: Motion, capture: Capture) -> float:
+    return 1000 * float(np.linalg.norm(motion.joints - capture.truth["joints"], axis=-1).mean())
+
+
+def named(fault: Fault) -> tuple[FaultKind, str, Remedy]:
+    return fault.kind, fault.camera, fault.remedy
+
+
+def views(capture: Capture, count: int) -> Capture:
+    return capture.views(list(range(count)))
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_a_good_capture_has_no_findings_and_is_left_as_it_is(capture, count):
+    found = checked(views(capture, count), estimate_sync=True)
+    assert found.faults == ()
+    np.testing.assert_array_equal(found.capture.keypoints.xy, capture.keypoints.xy[:count])
+
+
+@pytest.mark.shared
+def test_the_real_recording_has_no_findings_beside_those_of_its_reader(shared_data):
+    recording = load_capture(shared_data / TRIAL)
+    assert any("cam_01 by 26 px, cam_03 by 33 px" in problem for problem in recording.problems)
+    assert checked(recording).faults == ()
+
+
+@pytest.mark.parametrize("count", [3, 4])
+@pytest.mark.parametrize("first", [0, 50])
+def test_a_bumped_camera_is_named_and_turned_back(capture, count, first):
+    few = views(capture, count)
+    found = checked(bad_input.bumped(few, VIEW, 5.0, first))
+    (fault,) = found.faults
+    assert named(fault) == (FaultKind.CAMERA_TURNED, NAME, Remedy.REPAIRED)
+    assert fault.figure == pytest.approx(5.0, abs=0.2)
+    assert (abs(fault.first - first) <= 3, fault.last) == (True, LAST)
+    assert points_mm(found, few) < 1.1 * points_mm(checked(few), few)
+
+
+@pytest.mark.parametrize("count", [3, 4])
+@pytest.mark.parametrize(
+    ("spoil", "kind"),
+    [(bad_input.mirrored, FaultKind.IMAGE_MIRRORED), (bad_input.sides_exchanged, FaultKind.SIDES_EXCHANGED)],
+)
+def test_a_mirrored_view_is_named_and_turned_round(capture, count, spoil, kind):
+    few = views(capture, count)
+    found = checked(spoil(few, VIEW))
+    (fault,) = found.faults
+    assert named(fault) == (kind, NAME, Remedy.REPAIRED)
+    assert (fault.first, fault.last) == (0, LAST)
+    np.testing.assert_allclose(found.capture.keypoints.xy, few.keypoints.xy, atol=1e-9)
+
+
+@pytest.mark.parametrize(("count", "pair"), [(3, (0, 2)), (3, (1, 2)), (4, (0, 2)), (4, (1, 2))])
+def test_exchanged_names_are_named_and_put_right(capture, count, pair):
+    few = views(capture, count)
+    found = checked(bad_input.calibrations_exchanged(few, *pair))
+    (fault,) = found.faults
+    assert (fault.kind, fault.remedy) == (FaultKind.NAMES_EXCHANGED, Remedy.REPAIRED)
+    assert {fault.camera, fault.detail} == {few.cameras.names[view] for view in pair}
+    assert (fault.first, fault.last) == (0, LAST)
+    assert points_mm(found, few) < 1.05 * points_mm(checked(few), few)
+
+
+@pytest.mark.parametrize("order", [(1, 2, 3, 0), (1, 0, 3, 2)])
+def test_names_in_another_order_are_put_right(capture, order):
+    cameras = capture.cameras
+    wrong = replace(capture, cameras=replace(cameras.subset(list(order)), names=cameras.names))
+    found = checked(wrong)
+    assert {f.kind for f in found.faults} == {FaultKind.NAMES_EXCHANGED}
+    assert {name for f in found.faults for name in (f.camera, f.detail)} == set(cameras.names)
+    assert points_mm(found, capture) < 1.05 * points_mm(checked(capture), capture)
+
+
+def test_a_slightly_late_camera_is_reported_and_moved_when_asked_for(capture):
+    late = bad_input.unsynchronised(capture, VIEW, 1)
+    (fault,) = checked(late).faults
+    assert named(fault) == (FaultKind.UNSYNCHRONISED, NAME, Remedy.REPORTED)
+    assert fault.figure == pytest.approx(1.0, abs=0.25)
+    found = checked(late, estimate_sync=True)
+    assert [named(f) for f in found.faults] == [(FaultKind.UNSYNCHRONISED, NAME, Remedy.REPAIRED)]
+    assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
+
+
+def test_a_very_late_camera_is_named_and_moved_unasked(capture):
+    found = checked(bad_input.unsynchronised(capture, VIEW, 6))
+    (fault,) = found.faults
+    assert named(fault) == (FaultKind.UNSYNCHRONISED, NAME, Remedy.REPAIRED)
+    assert fault.figure == pytest.approx(6.0, abs=0.25)
+    assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
+
+
+def test_somebody_else_in_one_view_is_left_out(capture):
+    """For half a second the view shows another person, a metre and a half away and in another pose."""
+    cameras, keypoints = capture.require_multiview()
+    other = capture.truth["keypoints3d"][::-1] + [1.2, 0.9, 0.0]
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, other, cameras.distortion_model)
+    xy = keypoints.xy.copy()
+    xy[VIEW, 40:70] = px[VIEW, 40:70]
+    confidence = keypoints.confidence.copy()
+    confidence[VIEW, 40:70] = 0.9
+    found = checked(with_detections(capture, xy, confidence))
+    (fault,) = found.faults
+    assert named(fault) == (FaultKind.CONTRADICTS, NAME, Remedy.EXCLUDED)
+    np.testing.assert_allclose((fault.first, fault.last), (40, 69), atol=2)
+    assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
+
+
+def test_an_absence_is_named(capture):
+    found = checked(bad_input.away(capture, 50, 0.5))
+    (fault,) = found.faults
+    assert named(fault) == (FaultKind.PERSON_AWAY, "", Remedy.BRIDGED)
+    np.testing.assert_allclose((fault.first, fault.last), (50, 79), atol=7)
+
+
+def test_an_absence_is_bridged_upright_and_costs_the_rest_nothing(capture, clean):
+    motion = solve(bad_input.away(capture, 40, 0.8), QUICK)
+    assert motion.flags is not None
+    unseen = (motion.flags & FLAG_UNSEEN) > 0
+    np.testing.assert_allclose(np.flatnonzero(unseen)[[0, -1]], [40, 87], atol=7)
+    error, usual = (np.linalg.norm(m.joints - capture.truth["joints"], axis=-1).mean(-1) for m in (motion, clean))
+    assert error[~unseen].mean() < 1.25 * usual[~unseen].mean()
+    spine = motion.joints[:, SMPL_JOINTS.index("neck")] - motion.joints[:, 0]
+    lean = np.degrees(np.arccos(spine[:, 2] / np.linalg.norm(spine, axis=-1)))
+    assert lean[unseen].max() < 15.0
+    speed = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1).max(axis=1)
+    assert speed[unseen[:-1]].max() < 1.1 * speed[~unseen[:-1]].max()
+
+
+def test_a_solve_names_what_it_found_and_is_as_good_as_a_clean_one(capture, clean):
+    """A bumped camera and exchanged limbs of others at once."""
+    assert clean.provenance["findings"] == []
+    bad = bad_input.bumped(swapped(capture, [(2, "legs", 20, 42), (0, "arms", 60, 71)]), VIEW, 5.0, 50)
+    motion = solve(bad, replace(QUICK, estimate_sync=True))
+    found = [Fault.from_dict(values) for values in motion.provenance["findings"]]
+    assert [(f.kind, f.camera, f.detail) for f in found] == [
+        (FaultKind.LIMBS_EXCHANGED, "cam03", "legs"),
+        (FaultKind.CAMERA_TURNED, NAME, ""),
+        (FaultKind.LIMBS_EXCHANGED, "cam01", "arms"),
+    ]
+    assert error_mm(motion, capture) < 1.15 * error_mm(clean, capture)

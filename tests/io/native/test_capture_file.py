@@ -1,0 +1,126 @@
+"""Capture files come back as they were written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import (
+    CalibrationInvalid,
+    CalibrationMismatch,
+    FileDamaged,
+    KeypointCountMismatch,
+    NonFiniteData,
+    OutputExists,
+)
+from solver_backend.io.files import read_npz, write_npz
+from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.types import Capture, JointSet
+from tests.support.scenes import small_capture, small_markers
+
+
+def assert_same(a: Capture, b: Capture) -> None:
+    for key in ("name", "sources", "notes", "problems"):
+        assert getattr(a, key) == getattr(b, key)
+    assert (a.cameras is None) == (b.cameras is None)
+    if a.cameras is not None and b.cameras is not None:
+        assert (a.cameras.names, a.cameras.distortion_model) == (b.cameras.names, b.cameras.distortion_model)
+        for key in ("K", "distortion", "R", "t", "image_size"):
+            np.testing.assert_array_equal(getattr(a.cameras, key), getattr(b.cameras, key))
+    assert (a.keypoints is None) == (b.keypoints is None)
+    if a.keypoints is not None and b.keypoints is not None:
+        assert (a.keypoints.joint_set, a.keypoints.fps) == (b.keypoints.joint_set, b.keypoints.fps)
+        np.testing.assert_array_equal(a.keypoints.xy, b.keypoints.xy)
+        np.testing.assert_array_equal(a.keypoints.confidence, b.keypoints.confidence)
+    assert a.truth.keys() == b.truth.keys()
+    for key in a.truth:
+        np.testing.assert_array_equal(a.truth[key], b.truth[key])
+
+
+@pytest.mark.parametrize("frames", [1, 7])
+@pytest.mark.parametrize("joint_set", [JointSet.BODY_25B, JointSet.HALPE_26])
+def test_round_trip(tmp_path: Path, frames: int, joint_set: JointSet) -> None:
+    capture = small_capture(frames, joint_set)
+    back = read_capture(write_capture(tmp_path / "c.npz", capture))
+    assert_same(capture, back)
+    assert back.keypoints is not None
+    assert np.isnan(back.keypoints.xy[0, 0, 0]).all()
+    assert back.keypoints.confidence[0, 0, 0] == 0
+
+
+def test_missing_optional_parts(tmp_path: Path) -> None:
+    capture = replace(small_capture(), footage=(), truth={}, notes=(), problems=(), sources=())
+    back = read_capture(write_capture(tmp_path / "c.npz", capture))
+    assert_same(capture, back)
+    assert back.footage == ()
+    assert "markers" not in " ".join(read_npz(tmp_path / "c.npz"))
+
+
+def test_markers_alone(tmp_path: Path) -> None:
+    capture = Capture("m", markers=small_markers())
+    back = read_capture(write_capture(tmp_path / "c.npz", capture))
+    assert back.cameras is None
+    assert back.keypoints is None
+    assert back.markers is not None
+    assert capture.markers is not None
+    np.testing.assert_array_equal(back.markers.positions, capture.markers.positions)
+    assert back.markers.residual is not None
+    np.testing.assert_array_equal(back.markers.residual, np.full((5, 3), 0.5))
+    assert (back.markers.labels, back.markers.fps, back.num_frames) == (("LASI", "RASI", "C7"), 120.0, 5)
+
+
+def test_footage_moves_with_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "take").mkdir()
+    outside = tmp_path / "elsewhere.mp4"
+    footage = (tmp_path / "take" / "videos" / "a.mp4", None, outside, None)
+    write_capture(tmp_path / "take" / "c.npz", replace(small_capture(), footage=footage))
+    (tmp_path / "take").rename(tmp_path / "moved")
+    back = read_capture(tmp_path / "moved" / "c.npz")
+    assert back.footage == (tmp_path / "moved" / "videos" / "a.mp4", None, outside, None)
+
+
+def test_no_overwriting(tmp_path: Path) -> None:
+    write_capture(tmp_path / "c.npz", small_capture())
+    with pytest.raises(OutputExists):
+        write_capture(tmp_path / "c.npz", small_capture())
+    write_capture(tmp_path / "c.npz", small_capture(3), overwrite=True)
+    assert read_capture(tmp_path / "c.npz").num_frames == 3
+
+
+def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
+    arrays = read_npz(write_capture(tmp_path / "good.npz", small_capture()))
+    arrays |= {key: value for key, value in changes.items() if value is not None}
+    return write_npz(
+        tmp_path / "bad.npz", {k: v for k, v in arrays.items() if not (k in changes and changes[k] is None)}
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "text"),
+    [
+        ({"format": np.array("else")}, FileDamaged, "not a manifold_mocap_capture: its format is 'else'"),
+        ({"format": None}, FileDamaged, "names no format"),
+        ({"version": np.array(2)}, FileDamaged, r"version 2.*reads up to 1.*Update"),
+        ({"confidence": None}, FileDamaged, r"lacks 'confidence'; it holds .*camera_names"),
+        ({"R": None}, FileDamaged, "lacks 'R'"),
+        ({"xy": np.zeros((4, 7, 17, 3))}, FileDamaged, r"shape \(any, any, any, 2\)"),
+        ({"K": np.array("no")}, FileDamaged, "'K' is <U2"),
+        ({"joint_set": np.array("BODY_9")}, FileDamaged, r"Unknown joint set 'BODY_9'; known are BODY_25, "),
+        ({"joint_set": np.array("HALPE_26")}, KeypointCountMismatch, r"17 keypoints do not fit HALPE_26.*COCO_17"),
+        ({"R": np.ones((4, 3, 3))}, CalibrationInvalid, r"not orthonormal.*camera cam_a"),
+        ({"t": np.full((4, 3), np.nan)}, CalibrationInvalid, "t holds NaN"),
+        ({"xy": np.full((4, 7, 17, 2), np.inf)}, NonFiniteData, r"infinite.*view 0, frame 0, nose"),
+        ({"fps": np.array(0.0)}, NonFiniteData, "frame rate"),
+        (
+            {"xy": np.zeros((3, 7, 17, 2)), "confidence": np.zeros((3, 7, 17))},
+            CalibrationMismatch,
+            "4 cameras .*3 views",
+        ),
+    ],
+)
+def test_damaged_files_are_named(tmp_path: Path, changes: dict, error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=text):
+        read_capture(damaged(tmp_path, **changes))

@@ -1,0 +1,1 @@
+"""What several tests share: bodies, priors, scenes and files made small."""

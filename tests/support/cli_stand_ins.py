@@ -1,0 +1,72 @@
+"""Quick stand-ins for reading and solving, so that the command line is tested without either."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from tests.support.scenes import small_capture, small_motion
+
+FRAMES = 7
+
+
+class StandIns:
+    """What the verbs were asked to do, and what happens when they are."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, dict[str, Any]]] = []
+        self.load_error: Exception | None = None
+        self.solve_error: Exception | None = None
+        self.solve_s = 0.0
+
+    def load_capture(self, path, **options):
+        self.calls.append(("load", {"path": path, **options}))
+        if self.load_error is not None:
+            raise self.load_error
+        return small_capture(FRAMES)
+
+    def solve(self, capture, settings, progress):
+        self.calls.append(("solve", {"capture": capture.name, "settings": settings}))
+        sys.stdout.write("a library that prints\n")
+        progress("Solving", 0, 2)
+        end = time.monotonic() + self.solve_s
+        while time.monotonic() < end:
+            progress("Solving", 1, 2)
+            time.sleep(0.01)
+        if self.solve_error is not None:
+            raise self.solve_error
+        progress("Solving", 2, 2)
+        return small_motion(FRAMES)
+
+    def resolve(self, capture, motion, stretch, settings, progress):
+        self.calls.append(("resolve", {"capture": capture.name, "stretch": stretch}))
+        return motion
+
+    def write_report(self, path, capture, motion, *, overwrite=False):
+        self.calls.append(("report", {"path": path, "overwrite": overwrite}))
+        Path(path).write_text("<html></html>", encoding="utf-8")
+
+    def modules(self) -> dict[str, ModuleType]:
+        """Return modules to put in place of the real ones."""
+        found = {}
+        for name, functions in (
+            ("solver_backend.io.load", (self.load_capture,)),
+            ("solver_backend.fitters.solve", (self.solve, self.resolve)),
+            ("solver_backend.report.page", (self.write_report,)),
+        ):
+            found[name] = ModuleType(name)
+            for function in functions:
+                setattr(found[name], function.__name__, function)
+        return found
+
+
+if __name__ == "__main__":  # a slow solver in a process of its own, for signals
+    from solver_backend.cli.main import main
+
+    slow = StandIns()
+    slow.solve_s = 60.0
+    sys.modules.update(slow.modules())
+    sys.exit(main(sys.argv[1:]))
