@@ -1,4 +1,4 @@
-"""One way to bring a constant into the caller's array world (NumPy or torch, type, device)."""
+"""The one place that knows of array namespaces and devices: new arrays of the caller's kind (NumPy or torch)."""
 
 from __future__ import annotations
 
@@ -11,17 +11,35 @@ Array = Any
 """A NumPy array or a torch tensor."""
 
 
+def device_of(like: Array) -> Any:
+    """Return the device that new arrays beside ``like`` belong on; None for the CPU."""
+    device = getattr(like, "device", None)
+    return None if str(device) == "cpu" else device
+
+
 def constant(value: Any, like: Array) -> Array:
     """Return ``value`` as an array of the same kind, type and device as ``like``."""
-    xp = array_namespace(like)
-    device = getattr(like, "device", None)
-    return xp.asarray(value, dtype=like.dtype, device=device if device != "cpu" else None)
+    return array_namespace(like).asarray(value, dtype=like.dtype, device=device_of(like))
 
 
 def index(values: np.ndarray, like: Array) -> Array:
     """Return whole numbers that pick entries of arrays on the device of ``like``."""
-    device = getattr(like, "device", None)
-    return array_namespace(like).asarray(values, device=device if device != "cpu" else None)
+    return array_namespace(like).asarray(values, device=device_of(like))
+
+
+def zeros(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
+    """Return zeros of the kind, type (unless told) and device of ``like``."""
+    return array_namespace(like).zeros(shape, dtype=dtype or like.dtype, device=device_of(like))
+
+
+def empty(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
+    """Return an array to be filled, of the kind, type (unless told) and device of ``like``."""
+    return array_namespace(like).empty(shape, dtype=dtype or like.dtype, device=device_of(like))
+
+
+def identity(size: int, like: Array, dtype: Any = None) -> Array:
+    """Return the (n, n) identity, of the kind, type (unless told) and device of ``like``."""
+    return array_namespace(like).eye(size, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def unset(shape: tuple[int, ...], like: Array) -> Array:
@@ -29,10 +47,9 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
 
     On the CPU NumPy allocates it, in huge pages; to write to torch's small pages first takes five times as long.
     """
-    xp, device = array_namespace(like), getattr(like, "device", "cpu")
-    if str(device) != "cpu":
-        return xp.empty(shape, dtype=like.dtype, device=device)
-    return xp.asarray(np.empty(shape, dtype=str(like.dtype).removeprefix("torch.")))
+    if device_of(like) is not None:
+        return empty(shape, like)
+    return array_namespace(like).asarray(np.empty(shape, dtype=str(like.dtype).removeprefix("torch.")))
 
 
 def to_numpy(value: Any) -> np.ndarray:

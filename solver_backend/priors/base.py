@@ -10,7 +10,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, identity
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 ORTHONORMAL_WITHIN = 1e-3
@@ -86,7 +86,7 @@ def check_rotations(rotations: Array) -> None:
     if not bool(xp.all(finite)):
         raise PoseInvalid("A pose has NaN or infinite rotations.", where=f"pose {_first_false(finite)}")
     gram = xp.matmul(xp.permute_dims(rotations, (0, 1, 3, 2)), rotations)
-    eye = xp.eye(3, dtype=rotations.dtype, device=getattr(rotations, "device", None))
+    eye = identity(3, rotations)
     off = xp.max(xp.reshape(xp.abs(gram - eye), (rotations.shape[0], 9 * NUM_BODY_JOINTS)), axis=-1)
     proper = xp.all(_determinant(rotations) > 0, axis=-1)
     good = xp.logical_and(off < ORTHONORMAL_WITHIN, proper)

@@ -7,7 +7,7 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, identity
 from solver_backend.residuals.point_term import PointEvidence, PointTerm
 from solver_backend.residuals.robust import geman_mcclure
 
@@ -30,7 +30,7 @@ class StandingTerm:
         error = points - self.anchors
         penalty, robust = geman_mcclure(self.weight * xp.sum(error * error, axis=-1), scale)
         pull = self.weight * robust
-        eye = xp.eye(3, dtype=points.dtype, device=getattr(points, "device", None))
+        eye = identity(3, points)
         return PointEvidence(
             evidence.cost + 0.5 * xp.sum(penalty, axis=-1),
             evidence.gradient + pull[..., None] * error,

@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-Array = Any
-"""A NumPy array or a torch tensor."""
+from solver_backend.geometry.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, identity
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.robust import geman_mcclure
 
@@ -31,5 +31,5 @@ class PositionTerm:
         error = points - self.positions
         penalty, robust = geman_mcclure(self.weight * xp.sum(error * error, axis=-1), scale)
         pull = (self.weight * robust)[..., None]
-        eye = xp.eye(3, dtype=points.dtype, device=getattr(points, "device", None))
+        eye = identity(3, points)
         return PointEvidence(0.5 * xp.sum(penalty, axis=-1), pull * error, pull[..., None] * eye)

@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.projection import project_with_jacobian
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
@@ -105,7 +105,7 @@ class ReprojectionTerm:
         J = xp.where(used[..., None, None], J, xp.zeros_like(J))
         own = weight[..., None, None] * xp.matmul(xp.matrix_transpose(J), J)
         S = xp.sum(own, axis=0)
-        eye = xp.eye(3, dtype=S.dtype, device=getattr(S, "device", None))
+        eye = identity(3, S)
         loading = 1e-9 + 1e-6 * xp.linalg.trace(S)
         inverse = xp.linalg.inv(S + loading[..., None, None] * eye)
         return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-Array = Any
-"""A NumPy array or a torch tensor."""
+from solver_backend.geometry.arrays import Array
 
 
 def geman_mcclure(squared: Array, scale: float) -> tuple[Array, Array]:

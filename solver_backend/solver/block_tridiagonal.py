@@ -8,10 +8,9 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
+from solver_backend.geometry.arrays import Array, identity
 from solver_backend.geometry.parallel import map_blocks
 
-Array = Any
-"""A NumPy array or a torch tensor."""
 BATCH = 16
 """Blocks whose inner unknowns are eliminated at a time."""
 
@@ -62,7 +61,7 @@ class BlockTridiagonal:
         xp = array_namespace(self.g)
         chain, inner = self._without_inner(0.0, self.g.dtype)
         count, met = chain.diagonal.shape[:2]
-        eye = xp.eye(met, dtype=self.g.dtype, device=getattr(self.g, "device", None))
+        eye = identity(met, self.g)
         sweeps = chain.swept([eye] * count, carry=False)
         diagonal: list[Array] = list(sweeps.solved)
         upper: list[Array] = [eye] * (count - 1)
@@ -232,5 +231,5 @@ class _Sweeps:
 def _damped(blocks: Array, damping: float) -> Array:
     """Return (N, n, n) blocks with a share of the diagonal added to it."""
     xp = array_namespace(blocks)
-    eye = xp.eye(blocks.shape[-1], dtype=blocks.dtype, device=getattr(blocks, "device", None))
+    eye = identity(blocks.shape[-1], blocks)
     return blocks + (damping * xp.linalg.diagonal(blocks) + 1e-9)[:, :, None] * eye

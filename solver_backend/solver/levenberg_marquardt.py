@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from array_api_compat import array_namespace
 
+from solver_backend.geometry.arrays import Array
 from solver_backend.solver.normal_equations import NormalEquations
 
-Array = Any
-"""A NumPy array or a torch tensor."""
 State = TypeVar("State")
 
 

@@ -9,8 +9,7 @@ from typing import Any, Protocol
 
 from array_api_compat import array_namespace
 
-Array = Any
-"""A NumPy array or a torch tensor."""
+from solver_backend.geometry.arrays import Array, identity
 
 
 class NormalEquations(Protocol):
@@ -58,7 +57,7 @@ class DenseBlocks:
         """Return the (B, n) steps of the damped systems; ``damping`` is (B,)."""
         xp = array_namespace(self.H)
         diagonal = xp.linalg.diagonal(self.H)
-        eye = xp.eye(self.H.shape[-1], dtype=self.H.dtype, device=getattr(self.H, "device", None))
+        eye = identity(self.H.shape[-1], self.H)
         damped = self.H + (damping[:, None] * diagonal + 1e-9)[:, :, None] * eye
         return -xp.linalg.solve(damped, self.g[:, :, None])[..., 0]
 
@@ -87,11 +86,12 @@ class Arrowhead:
     def solve(self, damping: Array) -> Array:
         """Return the (1, m + B·n) step, shared unknowns first; ``damping`` is (1,)."""
         xp = array_namespace(self.shared)
-        like = {"dtype": self.shared.dtype, "device": getattr(self.shared, "device", None)}
         n, m = self.coupling.shape[1:]
         relative = damping[0]
-        blocks = self.blocks + (relative * xp.linalg.diagonal(self.blocks) + 1e-9)[:, :, None] * xp.eye(n, **like)
-        shared = self.shared + (relative * xp.linalg.diagonal(self.shared) + 1e-9)[:, None] * xp.eye(m, **like)
+        blocks = self.blocks + (relative * xp.linalg.diagonal(self.blocks) + 1e-9)[:, :, None] * identity(
+            n, self.shared
+        )
+        shared = self.shared + (relative * xp.linalg.diagonal(self.shared) + 1e-9)[:, None] * identity(m, self.shared)
         right = xp.concat([self.coupling, self.g_blocks[:, :, None]], axis=-1)
         eliminated = xp.linalg.solve(blocks, right)
         reduced = xp.sum(xp.matmul(xp.permute_dims(self.coupling, (0, 2, 1)), eliminated), axis=0)

@@ -19,7 +19,7 @@ from solver_backend.fitters.model.keyframe_curve import (
 )
 from solver_backend.fitters.model.keyframe_gradient import frames_between, key_tangents
 from solver_backend.fitters.model.subject import FRAME_DOF, Subject, frame_equations
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
@@ -52,13 +52,12 @@ class Chain:
     @classmethod
     def empty(cls, num_windows: int, dof: int, like: Array) -> Chain:
         """Return the chain of N windows without any data; a floor keeps unseen parts still."""
-        xp = array_namespace(like)
-        device = getattr(like, "device", None)
-        eye = xp.eye(2 * dof, dtype=xp.float32, device=device)
-        diagonal = xp.zeros((num_windows + 1, 2 * dof, 2 * dof), dtype=xp.float32, device=device) + FLOOR * eye
-        diagonal[-1, dof:, dof:] += eye[dof:, dof:]
-        upper = xp.zeros((num_windows, 2 * dof, dof + KEY_DOF), dtype=xp.float32, device=device)
-        return cls(diagonal, upper, xp.zeros((num_windows + 1, 2 * dof), dtype=like.dtype, device=device), dof)
+        single = array_namespace(like).float32
+        floor = FLOOR * identity(2 * dof, like, single)
+        diagonal = zeros((num_windows + 1, 2 * dof, 2 * dof), like, single) + floor
+        diagonal[-1, dof:, dof:] += identity(dof, like, single)
+        upper = zeros((num_windows, 2 * dof, dof + KEY_DOF), like, single)
+        return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), dof)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
         """Add the (n, 3 D, 3 D) matrices of a range of windows, but for what they say of their last keys alone."""
@@ -105,7 +104,7 @@ class DataEquations:
         """Return the equations as a chain, on all cores."""
         xp, like = array_namespace(self.gradient), self.gradient
         count, dof = (like.shape[0] - 1) // 2, like.shape[1]
-        chain, ends = Chain.empty(count, dof, like), xp.empty((count, dof, dof), dtype=xp.float32, **_device(like))
+        chain, ends = Chain.empty(count, dof, like), empty((count, dof, dof), like, xp.float32)
 
         def fill(block: int) -> None:
             windows, hessian = self._windows[block], self._matrices[block]()
@@ -137,7 +136,6 @@ def data_equations(
         matrices: frames of a window whose matrices are formed.
         residuals: the residual rotations act and are unknowns.
     """
-    xp = array_namespace(keys.z)
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
     columns = rows.columns(matrices)
 
@@ -147,14 +145,10 @@ def data_equations(
 
     blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
     parts = map_blocks(block, blocks, keys.z)
-    gradient = xp.zeros((keys.z.shape[0], dof), dtype=keys.z.dtype, **_device(keys.z))
+    gradient = zeros((keys.z.shape[0], dof), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
     return DataEquations(sum(part[0] for part in parts), gradient, blocks, [part[2] for part in parts])
-
-
-def _device(like: Array) -> dict[str, Any]:
-    return {"device": getattr(like, "device", None)}
 
 
 def _block(
@@ -203,7 +197,7 @@ def _mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) 
 def _by_keys(xp: Any, mixed: Array, tangents: Array) -> Array:
     """Return (N, 3 D, 3 D): ``P_aᵀ M_ab P_b`` for the three keys a, b of each window."""
     count, dof = mixed.shape[0], tangents.shape[-1]
-    hessian = xp.empty((count, 3 * dof, 3 * dof), dtype=mixed.dtype, device=getattr(mixed, "device", None))
+    hessian = empty((count, 3 * dof, 3 * dof), mixed)
     keys = [tangents[:-2:2], tangents[1:-1:2], tangents[2::2]]
     turned = [xp.matrix_transpose(P) for P in keys]
     for number, (a, b) in enumerate(_PAIRS):

@@ -12,7 +12,7 @@ from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES, KeyframeLayout, Keyframes, lagrange
 from solver_backend.fitters.model.keyframe_gradient import key_tangents
 from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose, select_frames
-from solver_backend.geometry.arrays import Array, constant, index
+from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
@@ -61,7 +61,7 @@ def joint_covariance(
         mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
         mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
         mixed = xp.reshape(mixed, (-1, FRAME_DOF, FRAME_DOF))[index(np.flatnonzero(part.weight > 0), keys.z)]
-        eye = xp.eye(3, dtype=tangents.dtype, device=getattr(keys.z, "device", None))
+        eye = identity(3, tangents)
         by_rotations = xp.astype(posed.by_rotations, tangents.dtype)
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
         carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, FRAME_DOF)), mixed), J.shape)

@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.keyframes.normal_equations import Chain
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframe_curve import Keyframes
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
 FADING_S = 0.15
@@ -48,7 +48,7 @@ class MotionPrior:
     def cost(self, keys: Keyframes, *, residuals: bool) -> Array:
         """Return the energy of these keys."""
         xp = array_namespace(keys.z)
-        cost = xp.zeros((), dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
+        cost = zeros((), keys.z)
         for value, _, sigma, _ in self._smooth_parts(keys):
             for stencil, weight in self._stencils(sigma):
                 rest, weights = _differences(value, stencil, weight)
@@ -80,7 +80,7 @@ class MotionPrior:
     def _smooth_parts(self, keys: Keyframes) -> list[tuple[Array, Array, float, int]]:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
         xp = array_namespace(keys.z)
-        eye = xp.eye(3, dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
+        eye = identity(3, keys.z)
         by_turn = quat_left_tangent(keys.quat)
         return [
             (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, 0),
@@ -132,7 +132,7 @@ class MotionPrior:
         count = keys.z.shape[0]
         flat = xp.reshape(keys.residual, (count, -1))
         size, precision = flat.shape[1], self._precision(flat)
-        diagonal = xp.eye(size, dtype=flat.dtype, device=getattr(flat, "device", None)) * precision
+        diagonal = identity(size, flat) * precision
         for parity in (0, 1):
             index = np.arange(parity, count, 2) // 2
             first = parity * chain.dof + chain.dof - size

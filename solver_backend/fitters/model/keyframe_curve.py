@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.codes import CODES, DecodedPoses, decode_poses, decoded_only
 from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames
-from solver_backend.geometry.arrays import Array, constant, index
+from solver_backend.geometry.arrays import Array, constant, index, zeros
 from solver_backend.geometry.interpolation import sider2, sider2_with_jacobian
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_rotvec, quat_left_tangent, quat_multiply
 from solver_backend.priors.base import PosePrior
@@ -254,7 +254,7 @@ def bundle_frames(
     decoded = decode_poses(prior, z, residual if residuals else None)
     poses = PosedFrames(matrix_from_quat(quat), decoded.local, transl)
     dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
-    chain = xp.zeros((len(time), FRAME_DOF, 3 * dof), dtype=t.dtype, device=getattr(t, "device", None))
+    chain = zeros((len(time), FRAME_DOF, 3 * dof), t)
     for k, key in enumerate(triple):
         column = k * dof
         latent = xp.matmul(decoded.by_latent, xp.matmul(z_by[k], CODES.tangent_basis(keys.z)[key]))

@@ -11,7 +11,7 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframe_curve import KEY_DOF, Keyframes, WindowRows, lagrange
 from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, zeros
 from solver_backend.geometry.interpolation import Combination, sider_combination
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, matrix_from_quat, quat_left_tangent
 from solver_backend.priors.base import PosePrior
@@ -98,7 +98,7 @@ def key_tangents(prior: PosePrior, keys: Keyframes, *, residuals: bool) -> Array
     _, by_code = prior.decode_with_jacobian(xp.astype(keys.z, xp.float32))
     by_code = xp.astype(by_code, keys.z.dtype)
     dof = KEY_DOF + (63 if residuals else 0)
-    chain = xp.zeros((count, FRAME_DOF, dof), dtype=keys.z.dtype, device=getattr(keys.z, "device", None))
+    chain = zeros((count, FRAME_DOF, dof), keys.z)
     if residuals:
         by_code = xp.matmul(exp_so3(keys.residual), by_code)
         bent = left_jacobian_so3(keys.residual)
@@ -119,7 +119,7 @@ def _triples(xp: Any, values: Array) -> Array:
 def _joined(xp: Any, values: Array) -> Array:
     """Return (2 N + 1, d): the (N, 3, d) derivatives by each window's keys summed where windows share a key."""
     count = values.shape[0]
-    joined = xp.zeros((2 * count + 1, values.shape[-1]), dtype=values.dtype, device=getattr(values, "device", None))
+    joined = zeros((2 * count + 1, values.shape[-1]), values)
     joined[:-2:2] += values[:, 0]
     joined[1:-1:2] += values[:, 1]
     joined[2::2] += values[:, 2]

@@ -11,7 +11,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
-from solver_backend.geometry.arrays import Array, index
+from solver_backend.geometry.arrays import Array, identity, index
 from solver_backend.residuals.point_term import PointTerm
 from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
 
@@ -104,7 +104,7 @@ def _matrices(by_rotations: Array, information: Array, shares: Array) -> Array:
     """Return the (F, 69, 69) Gauss-Newton matrices of the data and of what poses are like."""
     xp = array_namespace(by_rotations)
     count, num_landmarks = by_rotations.shape[:2]
-    eye = xp.eye(3, dtype=by_rotations.dtype, device=getattr(by_rotations, "device", None))
+    eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
     weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, FRAME_DOF))
     hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)

@@ -8,7 +8,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
@@ -107,7 +107,7 @@ class KeypointObjective:
             cost, pull, stiff = w * xp.sum(distance), w * by_joints, w / xp.clip(distance, 1e-3, None)
         metric = constant(np.diag(np.repeat(TURN_METRIC, 3)), distance)
         curvature = bend_curvature + stiff[:, None, None] * metric
-        g = xp.zeros((len(distance), FRAME_DOF), dtype=distance.dtype, device=getattr(distance, "device", None))
+        g = zeros((len(distance), FRAME_DOF), distance)
         H = xp.zeros_like(g)[:, :, None] * g[:, None, :]
         g[:, 3:66], H[:, 3:66, 3:66] = bend_pull + pull, curvature
         return cost + bend_cost, g, H
@@ -162,4 +162,4 @@ def fit_keypoints(
 
 
 def _eye(xp, size: int, like: Array) -> Array:
-    return xp.eye(size, dtype=like.dtype, device=getattr(like, "device", None))
+    return identity(size, like)

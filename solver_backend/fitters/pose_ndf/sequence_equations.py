@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
@@ -89,7 +89,7 @@ class PoseChain:
         """Return the frames moved by (1, F n) steps in the free tangents."""
         xp = array_namespace(step)
         count = frames.root.shape[0]
-        whole = xp.zeros((count, FRAME_DOF), dtype=step.dtype, device=getattr(step, "device", None))
+        whole = zeros((count, FRAME_DOF), step)
         whole[:, list(self.free)] = xp.reshape(step, (count, -1))
         turns = exp_so3(xp.reshape(whole[:, :66], (count, 22, 3)))
         return PosedFrames(
@@ -101,7 +101,7 @@ def _free_columns(xp: Any, by_rotations: Array | None, free: list[int]) -> Array
     """Return (F, 3 L, n) derivatives of the points by the free tangents."""
     assert by_rotations is not None
     count, num_landmarks = by_rotations.shape[:2]
-    eye = xp.eye(3, dtype=by_rotations.dtype, device=getattr(by_rotations, "device", None))
+    eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
     return xp.reshape(J, (count, 3 * num_landmarks, FRAME_DOF))[..., free]
 

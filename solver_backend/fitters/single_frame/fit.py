@@ -11,7 +11,7 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.codes import CODES, decode_poses, decoded_only
 from solver_backend.fitters.model.subject import PosedFrames, Subject, frame_equations
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.priors.base import PosePrior
@@ -64,7 +64,7 @@ def by_unknowns(prior: PosePrior, states: FrameStates) -> tuple[PosedFrames, Arr
     decoded = decode_poses(prior, states.z)
     latent = xp.matmul(decoded.by_latent, CODES.tangent_basis(states.z))
     count, dof = latent.shape[0], latent.shape[-1]
-    chain = xp.zeros((count, 69, dof + 6), dtype=latent.dtype, device=getattr(latent, "device", None))
+    chain = zeros((count, 69, dof + 6), latent)
     for i in range(3):
         chain[:, i, dof + i] = 1.0
         chain[:, 66 + i, dof + 3 + i] = 1.0
@@ -131,5 +131,5 @@ def _reduced(hessian: Array, gradient: Array, chain: Any) -> DenseBlocks:
     xp = array_namespace(hessian)
     turned = xp.permute_dims(chain, (0, 2, 1))
     reduced = xp.matmul(turned, xp.matmul(hessian, chain))
-    eye = xp.eye(reduced.shape[-1], dtype=reduced.dtype, device=getattr(reduced, "device", None))
+    eye = identity(reduced.shape[-1], reduced)
     return DenseBlocks(reduced + 1e-2 * eye, xp.matmul(turned, gradient[..., None])[..., 0])

@@ -13,7 +13,7 @@ from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.single_frame.fit import FrameStates, fit_frames, posed
 from solver_backend.fitters.single_frame.fit import select as select_states
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.arrays import Array, constant, identity, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
@@ -152,7 +152,7 @@ def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[
     for joint, vector in values.items():
         rotvec[SMPL_JOINTS.index(joint) - 1] = vector
     z = prior.encode(exp_so3(constant(rotvec, term.positions))[None])
-    eye = xp.eye(3, dtype=z.dtype, device=getattr(z, "device", None))[None]
+    eye = identity(3, z)[None]
     origin = PosedFrames(eye, prior.decode(z), xp.zeros_like(term.positions[:1, 0]))
     placed = pose(subject, origin)
     count = term.positions.shape[0]

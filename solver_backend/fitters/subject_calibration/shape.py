@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.single_frame import fit as single
 from solver_backend.fitters.single_frame.fit import FrameStates
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
 from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
@@ -87,7 +87,6 @@ def _arrowhead(
     xp = array_namespace(state.frames.z)
     frames, chain = single.by_unknowns(prior, state.frames)
     J, gradient, information, cost = _point_jacobian(state.subject, frames, term, scale)
-    like = {"dtype": J.dtype, "device": getattr(J, "device", None)}
     count = J.shape[0]
 
     def flat(matrices: Array) -> Array:
@@ -105,10 +104,9 @@ def _arrowhead(
     system = Arrowhead(
         blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
         + xp.matmul(turned_joints, xp.matmul(usual_pose_curvature(shares), by_joints))
-        + 1e-2 * xp.eye(chain.shape[-1], **like),
+        + 1e-2 * identity(chain.shape[-1], J),
         coupling=xp.matmul(turned_pose, weighted_shape),
-        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0)
-        + precision[:, None] * xp.eye(len(value), **like),
+        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0) + precision[:, None] * identity(len(value), J),
         g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, usual_pull[..., None]))[..., 0],
         g_shared=xp.sum(xp.matmul(turned_shape, pull)[..., 0], axis=0) + precision * value,
     )
@@ -134,7 +132,7 @@ def refit_shape(
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
     deviation = _parameters(subject) - _prior_mean(subject, free_betas, free_offsets)
     g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
-    eye = xp.eye(H.shape[0], dtype=H.dtype, device=getattr(H, "device", None))
+    eye = identity(H.shape[0], H)
     step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
     return moved(subject, step[0])
 
@@ -174,10 +172,9 @@ def _point_jacobian(
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count, num = posed.points.shape[:2]
-    like = {"dtype": posed.points.dtype, "device": getattr(posed.points, "device", None)}
-    eye = xp.broadcast_to(xp.eye(3, **like), (count, num, 3, 3))
+    eye = xp.broadcast_to(identity(3, posed.points), (count, num, 3, 3))
     assert posed.by_offsets is not None
-    by_offsets = xp.zeros((count, num, 3, 3 * num), **like)
+    by_offsets = zeros((count, num, 3, 3 * num), posed.points)
     for i in range(num):
         by_offsets[:, i, :, 3 * i : 3 * i + 3] = posed.by_offsets[:, i]
     evidence = term(posed.points, scale)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, device_of
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.base import AutoencodingPrior, check_codes, check_rotations
 from solver_backend.priors.networks.decoder import (
@@ -98,7 +98,7 @@ class PoseAutoencoder(AutoencodingPrior):
 
     def _stacks(self, like: Array) -> tuple[DenseStack, DenseStack]:
         """Return encoder and decoder in the kind, type and device of ``like``, converted once."""
-        key = (type(like), str(like.dtype), str(getattr(like, "device", "cpu")))
+        key = (type(like), str(like.dtype), str(device_of(like)))
         if key not in self._moved:
             self._moved[key] = (self._encoder.like(like), self._decoder.like(like))
         return self._moved[key]
