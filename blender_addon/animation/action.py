@@ -13,7 +13,7 @@ from ..conventions.rotations import quat_from_rotvec, quat_multiply, sign_contin
 from ..conventions.skeleton import JOINTS
 from ..conventions.timing import TakeTiming
 from ..files.motion_file import MotionFile
-from ..review.confidence_lane import write_confidence
+from .confidence_lane import write_confidence
 from .curves import create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
 

@@ -81,7 +81,7 @@ def _joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> np.nda
     G[:, 0], p[:, 0] = axes[0] @ R[:, 0], heads[0] + channels[:, :3] @ axes[0].T
     for j in range(1, NUM_JOINTS):
         parent = PARENTS[j]
-        turned = G[:, parent] @ axes[parent].T
-        G[:, j] = turned @ axes[j] @ R[:, j]
-        p[:, j] = p[:, parent] + turned @ (heads[j] - heads[parent])
+        rotated = G[:, parent] @ axes[parent].T
+        G[:, j] = rotated @ axes[j] @ R[:, j]
+        p[:, j] = p[:, parent] + rotated @ (heads[j] - heads[parent])
     return p

@@ -33,11 +33,11 @@ def read_pose(armature: bpy.types.Object, rest_pelvis: np.ndarray) -> BodyPose:
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
     """
     bones = [armature.pose.bones[joint] for joint in JOINTS]
-    turned = [
+    local = [
         armature.convert_space(pose_bone=bone, matrix=bone.matrix, from_space="POSE", to_space="LOCAL")
         for bone in bones
     ]
-    quat = np.array([matrix.to_quaternion() for matrix in turned], dtype=np.float64)
+    quat = np.array([matrix.to_quaternion() for matrix in local], dtype=np.float64)
     R_body_bone = np.swapaxes(rotation_from_body_axes(armature), 1, 2)
     quat[:, 1:] = (R_body_bone @ quat[:, 1:, None])[..., 0]
     quat[0] = quat_multiply(_CONJUGATE * QUAT_BODY_ARMATURE, quat[0])

@@ -1,4 +1,4 @@
-"""Which body file a motion was solved for: by the name or path its provenance holds."""
+"""Which body a motion was solved for: by the name or path its provenance holds, and by its id."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..errors import BodyMissing
-from .body_file import default_body_path
+from ..errors import BodyMismatch, BodyMissing
+from ..files.motion_file import MotionFile
+from .body_file import BodyFile, default_body_path
 
 SHIPPED = "neutral"
 """Name of the body that ships with the solver."""
@@ -57,6 +58,20 @@ def body_path_of(provenance: str) -> Path:
         where=str(places[0]),
         hint=f"Put the file into {bodies_folder()}, or name it when you bake.",
     )
+
+
+def require_body(motion: MotionFile, body: BodyFile) -> None:
+    """Check that a motion belongs to a body; a motion that does not say so fits any.
+
+    Raises:
+        BodyMismatch: both have an id and the ids differ.
+    """
+    if motion.body and body.id and motion.body != body.id:
+        raise BodyMismatch(
+            f"The motion was solved for the body '{motion.body}', not for '{body.id}'.",
+            where=motion.name,
+            hint="Name the body file it was solved for.",
+        )
 
 
 def _choice(provenance: str) -> str:

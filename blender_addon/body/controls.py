@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
+from ..conventions.collections import child_collection
 from ..conventions.skeleton import JOINTS
-from ..scene.collections import child_collection
 from .armature import bone_axes
 from .body_file import BodyFile
 from .layout import BoneLayout, pelvis_centred

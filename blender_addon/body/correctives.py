@@ -54,8 +54,8 @@ def add_correctives(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bo
 
 def _in_bone_axes(block: np.ndarray, C: np.ndarray) -> np.ndarray:
     """Return (V, 3, 9) directions per element of ``C (R - I) C^T`` from those per element of ``R - I``."""
-    turned = R_ARMATURE_BODY @ block.astype(np.float64)
-    return np.einsum("vkab,ia,jb->vkij", turned.reshape(-1, 3, 3, 3), C, C, optimize=True).reshape(block.shape)
+    rotated = R_ARMATURE_BODY @ block.astype(np.float64)
+    return np.einsum("vkab,ia,jb->vkij", rotated.reshape(-1, 3, 3, 3), C, C, optimize=True).reshape(block.shape)
 
 
 def _drive(key: bpy.types.ShapeKey, feature: str, armature: bpy.types.Object, joint: str) -> None:

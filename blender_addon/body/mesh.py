@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..conventions.materials import BODY_COLOURS, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
-from ..scene.materials import BODY_COLOURS, create_material
 from .armature import deform_bone
 from .body_file import BodyFile
 from .layout import pelvis_centred

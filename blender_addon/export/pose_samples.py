@@ -27,7 +27,7 @@ class PoseSamples:
     rest_tails: np.ndarray
     """(J, 3) tails at rest."""
     rotations: np.ndarray
-    """(F, J, 3, 3) each bone's turn from rest, armature's frame to world: identity at rest in an unmoved armature."""
+    """(F, J, 3, 3) each bone's rotation from rest, armature's frame to world: identity at rest if that is unmoved."""
     heads: np.ndarray
     """(F, J, 3) heads in the world."""
     fps: float
@@ -72,13 +72,13 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
             if f % _PROGRESS_STEP == 0:
                 progress("sampling the pose", f, take.num_frames)
     progress("sampling the pose", take.num_frames, take.num_frames)
-    turned = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
+    rotated = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
     return PoseSamples(
         names=names,
         parents=tuple(_parent(bones[name], index) for name in names),
         rest_heads=rest[:, :3, 3],
         rest_tails=np.array([bones[name].tail_local for name in names], np.float64),
-        rotations=turned @ rest[:, :3, :3].swapaxes(1, 2),
+        rotations=rotated @ rest[:, :3, :3].swapaxes(1, 2),
         heads=posed[..., :3, 3],
         fps=take.fps,
     )

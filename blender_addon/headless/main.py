@@ -15,11 +15,12 @@ from ..errors import AddonError, BakeFailed, BlenderMissing, Cancelled
 from ..progress import Progress, StreamProgress
 from ..quiet import own_streams
 from .arguments import parser
-from .bake import BakeJob, run_bake
-from .batch import BatchJob, run_batch
-from .body import BodyJob, run_body
+from .bake import BakeRequest, run_bake
+from .batch.request import BatchRequest
+from .batch.run_batch import run_batch
+from .body import BodyRequest, run_body
 from .exit_codes import exit_code
-from .export import ExportJob, run_export
+from .export import ExportRequest, run_export
 from .solver import run_solver
 
 MODULE = "python -m blender_addon"
@@ -83,40 +84,42 @@ def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    job = BakeJob(
+    request = BakeRequest(
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
         keys_per_second=options.keys_per_second, asset=options.asset, overwrite=options.overwrite,
     )  # fmt: skip
-    return run_bake(job, progress)
+    return run_bake(request, progress)
 
 
 def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    job = BakeJob(options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite)
-    return run_bake(job, progress)
+    request = BakeRequest(
+        options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite
+    )
+    return run_bake(request, progress)
 
 
 def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     formats = tuple(dict.fromkeys(options.formats))
-    job = ExportJob(options.source, options.out, formats, options.body, options.armature, options.overwrite)
-    return run_export(job, progress)
+    request = ExportRequest(options.source, options.out, formats, options.body, options.armature, options.overwrite)
+    return run_export(request, progress)
 
 
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    return run_body(BodyJob(options.out, options.body, options.betas), progress)
+    return run_body(BodyRequest(options.out, options.body, options.betas), progress)
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if options.bake or options.render or options.export:
         _require_blender()
     formats = tuple(dict.fromkeys(options.export))
-    job = BatchJob(
+    request = BatchRequest(
         options.captures, options.out, options.job, options.bake, options.render, formats, options.body, options.python
     )
-    return run_batch(job, progress)
+    return run_batch(request, progress)
 
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {

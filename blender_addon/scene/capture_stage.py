@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ..conventions.collections import child_collection
+from ..conventions.materials import DETECTION_COLOUR, MARKER_COLOUR
 from ..conventions.timing import TakeTiming, set_scene_frame_rate
 from ..files.capture_file import CameraFile, CaptureFile
 from .cameras import add_background, create_camera, look_through
-from .collections import child_collection
 from .floor import create_floor
-from .materials import DETECTION_COLOUR, MARKER_COLOUR
 from .overlay import create_point_overlay, create_view_overlay
 
 _MARKER_M = 0.008

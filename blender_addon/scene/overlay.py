@@ -7,9 +7,9 @@ import numpy as np
 
 from ..conventions.coordinates import camera_rays
 from ..conventions.distortion import normalised, undistort
+from ..conventions.materials import Colour, create_material
 from ..conventions.timing import TakeTiming
 from ..files.capture_file import CameraFile
-from .materials import Colour, create_material
 from .point_player import SEEN, PlayerSettings, create_player
 
 _PLANE_M = 0.5

@@ -5,7 +5,7 @@ from bpy_extras.io_utils import ExportHelper
 
 from ...errors import AddonError
 from ...export.formats import FORMATS
-from ..paths import RELATIVE, absolute
+from ..locations import RELATIVE, absolute
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):

@@ -8,11 +8,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...animation.solved_takes import Provenance, add_take
+from ...animation.takes import SolveFiles
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...files.capture_file import read_capture
 from ...files.motion_file import read_motion
+from ...scene.add_take import add_take
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.capture_stage import CaptureStage, set_stage
 
@@ -64,7 +65,7 @@ def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
     space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
-def take_motion(context: bpy.types.Context, files: Provenance) -> bpy.types.Action:
+def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Action:
     """Add the solved motion to the scene.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Following a run of the solver from a modal operator: Blender stays free, the run is polled by a timer."""
+"""Operators that run the solver: Blender stays free, the run is polled by a timer."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Current:
 current = Current()
 
 
-class FollowsRun(MocapOperator):
+class SolverOperator(MocapOperator):
     """Mixin of modal operators that start the solver; ``received`` takes its result.
 
     Escape is not taken: the run is cancelled by the panel's button alone.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-from ...animation.takes import takes_of
 from ..operators.review import (
     MOCAP_OT_next_bad_range,
     MOCAP_OT_open_report,
@@ -48,7 +47,7 @@ class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
 
 
 class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
-    """Solving a stretch again."""
+    """Solving a frame range again."""
 
     bl_idname = "VIEW3D_PT_mocap_resolve"
     bl_parent_id = "VIEW3D_PT_mocap_review"
@@ -104,6 +103,8 @@ class VIEW3D_PT_mocap_take(MocapPanel, bpy.types.Panel):
 
 
 def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:
+    from ...animation.takes import takes_of
+
     takes = takes_of(capture_file)
     if len(takes) < 2 and take is not None:
         layout.label(text=take.name, icon="ACTION", translate=False)
@@ -116,8 +117,8 @@ def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.A
 
 
 def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
-    from ...review.confidence import sigma_of
-    from ...review.confidence_lane import current_confidence
+    from ...animation.confidence import sigma_of
+    from ...animation.confidence_lane import current_confidence
 
     confidence = current_confidence(review.armature)
     if not confidence:

@@ -19,12 +19,12 @@ from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.conventions.rotations import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
-from blender_addon.export import alembic, usd
-from blender_addon.export.blender_exporters import run_exporter
-from blender_addon.export.bvh import euler_zxy
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import WRITERS, export_take
+from blender_addon.export.writers import alembic, usd
+from blender_addon.export.writers.blender_exporters import run_exporter
+from blender_addon.export.writers.bvh import euler_zxy
 from blender_addon.files.motion_file import read_motion
 from blender_addon.scene.bake import BakedTake, bake_take
 from solver_backend.io.motions.bvh import read_bvh

@@ -11,7 +11,7 @@ import bpy
 import pytest
 
 import blender_addon
-from blender_addon.animation.solved_takes import Provenance
+from blender_addon.animation.takes import SolveFiles
 from blender_addon.solving.run import start
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from solver_backend.cli.main import main as solver
@@ -27,8 +27,8 @@ class Solved:
     read: dict[str, Any]
 
     @property
-    def files(self) -> Provenance:
-        return Provenance(*(self.folder / name for name in ("take_01.npz", "capture.npz", "take_01.html", "job.json")))
+    def files(self) -> SolveFiles:
+        return SolveFiles(*(self.folder / name for name in ("take_01.npz", "capture.npz", "take_01.html", "job.json")))
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 
 from blender_addon.errors import BatchInvalid, Cancelled, SolverStopped
-from blender_addon.headless import batch
-from blender_addon.headless.batch import BatchJob, run_batch
+from blender_addon.headless.batch import run_take
+from blender_addon.headless.batch.record import fingerprint
+from blender_addon.headless.batch.request import BatchRequest
+from blender_addon.headless.batch.run_batch import run_batch
+from blender_addon.headless.batch.summary import table, worst_first
 from blender_addon.headless.main import main
-from blender_addon.headless.record import fingerprint
-from blender_addon.headless.summary import table, worst_first
 from blender_addon.progress import silent
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
@@ -68,13 +69,13 @@ def captures(tmp_path: Path) -> Path:
 @pytest.fixture
 def solver(monkeypatch: pytest.MonkeyPatch) -> Solver:
     solver = Solver({"good": 1.5, "worst": 9.0, "a folder": 3.0})
-    monkeypatch.setattr(batch, "run_solver", solver)
+    monkeypatch.setattr(run_take, "run_solver", solver)
     return solver
 
 
 def test_the_worst_comes_first_and_one_failure_stops_nobody(captures: Path, solver: Solver, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = run_batch(BatchJob(captures, out), silent)
+    result = run_batch(BatchRequest(captures, out), silent)
     assert solver.solved == ["a folder", "broken", "good", "worst"]
     assert [(take["take"], take["status"]) for take in result["takes"]] == [
         ("broken", "failed"), ("worst", "done"), ("a folder", "done"), ("good", "done"),
@@ -90,7 +91,7 @@ def test_the_worst_comes_first_and_one_failure_stops_nobody(captures: Path, solv
 
 
 def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: Solver, tmp_path: Path) -> None:
-    job = BatchJob(captures, tmp_path / "out")
+    job = BatchRequest(captures, tmp_path / "out")
     run_batch(job, silent)
     solver.solved.clear()
     again = run_batch(job, silent)
@@ -108,7 +109,7 @@ def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: 
     template = tmp_path / "job.json"
     template.write_text('{"fps": 50, "trim": true, "settings": {"window": 12}}')
     solver.solved.clear()
-    run_batch(BatchJob(captures, tmp_path / "out", template), silent)
+    run_batch(BatchRequest(captures, tmp_path / "out", template), silent)
     assert len(solver.solved) == 4, "other settings make other takes"
     assert solver.reading == ["--fps", "50", "--trim"] and solver.jobs[-1]["settings"] == {"window": 12}
 
@@ -116,7 +117,7 @@ def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: 
 def test_a_new_version_solves_again(captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = fingerprint(captures / "good.npz", {})
     assert fingerprint(captures / "good.npz", {}) == before
-    monkeypatch.setattr("blender_addon.headless.record.version", lambda: "99.0")
+    monkeypatch.setattr("blender_addon.headless.batch.record.version", lambda: "99.0")
     assert fingerprint(captures / "good.npz", {}) != before
 
 
@@ -124,7 +125,7 @@ def test_files_that_are_not_ours_are_left_alone(captures: Path, solver: Solver, 
     mine = tmp_path / "out" / "good" / "good.npz"
     mine.parent.mkdir(parents=True)
     mine.write_text("mine")
-    result = run_batch(BatchJob(captures, tmp_path / "out"), silent)
+    result = run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     assert {t["take"]: t.get("error", {}).get("code") for t in result["takes"]}["good"] == "output_exists"
     assert mine.read_text() == "mine" and [p.name for p in mine.parent.iterdir()] == ["good.npz"]
 
@@ -135,40 +136,40 @@ def test_cancelling_keeps_what_is_done(captures: Path, solver: Solver, tmp_path:
             raise Cancelled("The work was cancelled.")
         return solver(verb, given, progress, **more)
 
-    batch.run_solver = interrupted  # undone with the fixture
+    run_take.run_solver = interrupted  # undone with the fixture
     with pytest.raises(Cancelled):
-        run_batch(BatchJob(captures, tmp_path / "out"), silent)
-    batch.run_solver = solver
+        run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    run_take.run_solver = solver
     solver.solved.clear()
-    run_batch(BatchJob(captures, tmp_path / "out"), silent)
+    run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     assert solver.solved == ["broken", "good", "worst"]
 
 
 def test_what_breaks_unforeseen_is_one_takes_failure(
     captures: Path, solver: Solver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = run_batch(BatchJob(captures, tmp_path / "out", bake=True), silent)
+    result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert {take["status"] for take in result["takes"]} == {"failed"}, "the stand-in's motions cannot be baked"
-    monkeypatch.setattr(batch, "run_bake", lambda *_: 1 / 0)
-    result = run_batch(BatchJob(captures, tmp_path / "out", bake=True), silent)
+    monkeypatch.setattr(run_take, "run_bake", lambda *_: 1 / 0)
+    result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert result["exit_code"] == 4
     assert result["takes"][0]["error"]["message"] == "ZeroDivisionError: division by zero"
 
 
 def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path) -> None:
     with pytest.raises(BatchInvalid, match="There is no such folder"):
-        run_batch(BatchJob(tmp_path / "gone", tmp_path / "out"), silent)
+        run_batch(BatchRequest(tmp_path / "gone", tmp_path / "out"), silent)
     with pytest.raises(BatchInvalid, match="holds no captures"):
-        run_batch(BatchJob(captures / "a folder", tmp_path / "out"), silent)
+        run_batch(BatchRequest(captures / "a folder", tmp_path / "out"), silent)
     (captures / "good").mkdir()
     with pytest.raises(BatchInvalid, match="Two captures are called good"):
-        run_batch(BatchJob(captures, tmp_path / "out"), silent)
+        run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     (tmp_path / "job.json").write_text('{"capture": "x"}')
     with pytest.raises(BatchInvalid, match="cannot hold capture"):
-        run_batch(BatchJob(captures, tmp_path / "out", tmp_path / "job.json"), silent)
+        run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     (tmp_path / "job.json").write_text("{")
     with pytest.raises(BatchInvalid, match="cannot be read"):
-        run_batch(BatchJob(captures, tmp_path / "out", tmp_path / "job.json"), silent)
+        run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
 
 
 def test_table_of_takes_without_figures() -> None:

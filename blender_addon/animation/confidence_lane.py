@@ -7,10 +7,10 @@ import re
 import bpy
 import numpy as np
 
-from ..animation.curves import CurveTarget, action_curves, key_type_values, write_curves
 from ..conventions.skeleton import JOINTS
 from ..files.motion_file import MotionFile
 from .confidence import joint_confidence
+from .curves import CurveTarget, action_curves, key_type_values, write_curves
 
 PROPERTY = "confidence"
 _PATH = f'["{PROPERTY}"]'

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from ..outputs import atomic_outputs
+from ...outputs import atomic_outputs
 
 NAME = "take.json"
 
@@ -28,7 +28,7 @@ def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
 
 def version() -> str:
     """Return the add-on's version."""
-    manifest = Path(__file__).parents[1] / "blender_manifest.toml"
+    manifest = Path(__file__).parents[2] / "blender_manifest.toml"
     return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..progress import Progress
+from ...progress import Progress
+from ..pose_samples import sample_joints
+from ..take import ExportTake
 from .axes import R_YUP_ZUP
-from .pose_samples import sample_joints
-from .take import ExportTake
 
 
 def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..errors import ExporterMissing, ExportFailed
+from ...errors import ExporterMissing, ExportFailed
 
 _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 

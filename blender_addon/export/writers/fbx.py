@@ -6,10 +6,10 @@ from pathlib import Path
 
 import bpy
 
-from ..progress import Progress
+from ...progress import Progress
+from ..plain_take import plain_take
+from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter
-from .plain_take import plain_take
-from .take import ExportTake, chosen
 
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:

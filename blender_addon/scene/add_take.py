@@ -1,41 +1,19 @@
-"""Takes of one body: each solve is a new action, and earlier ones stay."""
+"""A take added to a scene: each solve is a new action of one body, and earlier ones stay."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
-import numpy as np
 
-from ..body.body_choice import body_path_of
+from ..animation.action import bake_action
+from ..animation.takes import BETAS, PATHS, show_take
+from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
-from ..body.shape import set_betas
-from ..body.sliders import body_mesh
 from ..conventions.timing import TakeTiming, scene_frame_rate
 from ..files.motion_file import MotionFile, read_motion
-from ..scene.bake import BakeSettings, bake_take, require_body
-from .action import bake_action
-
-PATHS = ("motion_file", "capture_file", "report_file", "job_file")
-"""Custom properties of an action: the files it came from and went to."""
-BETAS = "betas"
-"""Custom property of an action: the shape it was solved with."""
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """The files a take came from and went to."""
-
-    motion: Path
-    capture: Path
-    report: Path | None
-    job: Path
-
-    def write(self, action: bpy.types.Action) -> None:
-        """Keep the paths as custom properties of the action."""
-        for key, path in zip(PATHS, (self.motion, self.capture, self.report or "", self.job), strict=True):
-            action[key] = str(path)
+from .bake import BakeSettings, bake_take
 
 
 def add_take(
@@ -102,17 +80,6 @@ def thinned_take(
     show_take(armature, action)
     scene.frame_set(scene.frame_current)
     return action
-
-
-def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Let a body play a take: its action, with its slot where there are slots, in its shape."""
-    animation = armature.animation_data or armature.animation_data_create()
-    animation.action = action
-    if hasattr(action, "slots") and len(action.slots):
-        animation.action_slot = action.slots[0]
-    mesh = body_mesh(armature)
-    if mesh is not None and BETAS in action:
-        set_betas(mesh, np.array(action[BETAS]))
 
 
 def _body_played(armature: bpy.types.Object) -> str:

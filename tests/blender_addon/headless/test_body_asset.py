@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from blender_addon.__main__ import main
-from blender_addon.body.asset import CATALOG_FILE, CATALOG_ID, add_catalog
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.body.sliders import slider_name
 from blender_addon.errors import OutputExists
-from blender_addon.headless.body import BodyJob, run_body
+from blender_addon.headless.body import BodyRequest, run_body
+from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
 from blender_addon.progress import silent
 
 
@@ -22,7 +22,7 @@ from blender_addon.progress import silent
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the shipped body once."""
     path = tmp_path_factory.mktemp("library ü") / "Body.blend"
-    run_body(BodyJob(path, betas=(1.0, -0.5)), silent)
+    run_body(BodyRequest(path, betas=(1.0, -0.5)), silent)
     return path
 
 
@@ -84,7 +84,7 @@ def test_catalogs_of_others_stay(library: Path, tmp_path: Path) -> None:
 def test_existing_file_stays(library: Path) -> None:
     size = library.stat().st_size
     with pytest.raises(OutputExists, match="not overwritten"):
-        run_body(BodyJob(library), silent)
+        run_body(BodyRequest(library), silent)
     assert library.stat().st_size == size < 5e6
 
 

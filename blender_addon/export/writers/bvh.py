@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..progress import Progress
+from ...progress import Progress
+from ..plain_take import plain_take
+from ..pose_samples import PoseSamples, sample_pose
+from ..take import ExportTake
 from .axes import R_YUP_ZUP
-from .plain_take import plain_take
-from .pose_samples import PoseSamples, sample_pose
-from .take import ExportTake
 
 UNITS_PER_METRE = 100.0
 _ROTATIONS = "Zrotation Xrotation Yrotation"

@@ -1,16 +1,14 @@
-"""Confidence: the solver's standard deviations as numbers from 0 to 1 and as colours."""
+"""Confidence: the solver's standard deviations as numbers from 0 to 1."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..files.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 
 HALF_AT_M = 0.03
 """Standard deviation at which confidence is one half."""
 _UNSURE_AT_MOST = 0.3
-_BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
@@ -34,10 +32,3 @@ def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarra
 def sigma_of(confidence: float) -> float:
     """Return the standard deviation in metres that a confidence in (0, 1] stands for."""
     return float(HALF_AT_M * np.sqrt(1.0 / max(confidence, 1e-6) - 1.0))
-
-
-def colours(confidence: ArrayLike) -> np.ndarray:
-    """Return (..., 3) display colours: red at 0.3 and below, amber at 0.6, green from 0.9."""
-    c = np.clip((np.asarray(confidence, np.float64)[..., None] - 0.3) / 0.6, 0.0, 1.0)
-    low = _BAD + (_MIDDLE - _BAD) * np.minimum(1.0, 2 * c)
-    return np.where(c < 0.5, low, _MIDDLE + (_GOOD - _MIDDLE) * (2 * c - 1))

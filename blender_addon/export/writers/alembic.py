@@ -6,10 +6,10 @@ from pathlib import Path
 
 import bpy
 
-from ..errors import NothingToExport
-from ..progress import Progress
+from ...errors import NothingToExport
+from ...progress import Progress
+from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter
-from .take import ExportTake, chosen
 from .whole_files import require_space, require_whole
 
 _BYTES_PER_VERTEX = 14

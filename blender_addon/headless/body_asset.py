@@ -9,12 +9,12 @@ from tempfile import TemporaryDirectory
 import bpy
 import numpy as np
 
+from ..body.body_file import BodyFile
+from ..body.rig import Rig
 from ..errors import OutputNotWritable
 from ..render.picture import layer_from_render
 from ..render.stage import Look, open_stage
 from ..render.view import View, three_quarter_view
-from .body_file import BodyFile
-from .rig import Rig
 
 CATALOG_FILE = "blender_assets.cats.txt"
 CATALOG_ID = "55b6587a-a789-40f8-9130-b8d6fcc289a4"

@@ -9,11 +9,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..body.armature import bone_axes, deform_bone
+from ..body.rig import Rig
+from ..body.shape import get_betas
+from ..body.sliders import slider_name
 from ..conventions.skeleton import JOINTS, PARENTS
-from .armature import bone_axes, deform_bone
-from .rig import Rig
-from .shape import get_betas
-from .sliders import slider_name
 
 
 def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:

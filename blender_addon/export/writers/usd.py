@@ -6,10 +6,10 @@ from pathlib import Path
 
 import bpy
 
-from ..progress import Progress
+from ...progress import Progress
+from ..plain_take import plain_take
+from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter
-from .plain_take import plain_take
-from .take import ExportTake, chosen
 from .whole_files import require_space, require_whole
 
 _BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
