@@ -10,7 +10,8 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.body.body_file import BodyFile, read_body
+from blender_addon.body.body_file import BodyFile, default_body_path, read_body
+from blender_addon.body.rig import Rig, create_rig
 from blender_addon.files.capture_file import CaptureFile, read_capture
 from blender_addon.files.motion_file import MotionFile, read_motion
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
@@ -70,3 +71,15 @@ def scene() -> bpy.types.Scene:
 def take(scene: bpy.types.Scene, files: Files) -> BakedTake:
     """Return the stand-in take, baked into the empty scene."""
     return bake_take(scene, files.motion, files.body, files.capture, BakeSettings())
+
+
+@pytest.fixture(scope="session")
+def body() -> BodyFile:
+    """Return the body that ships."""
+    return read_body(default_body_path())
+
+
+@pytest.fixture
+def rig(scene: bpy.types.Scene, body: BodyFile) -> Rig:
+    """Return the mean body as a rig."""
+    return create_rig("Body", body, np.zeros(10), scene.collection)

@@ -17,7 +17,7 @@ from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.export.plain_body import plain_copy
 from blender_addon.files.motion_file import MotionFile
 from blender_addon.scene.bake import BakedTake, bake_take
-from tests.blender_addon.body.conftest import evaluated, pose
+from tests.support.posed_rig import evaluated, pose
 
 
 def test_reshaped_body_is_copied_as_it_stands(scene: bpy.types.Scene, rig: Rig, body: BodyFile) -> None:
