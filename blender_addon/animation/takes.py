@@ -54,9 +54,9 @@ def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
         The strip; None if the object has no action.
     """
     animation = obj.animation_data
-    action = animation.action if animation is not None else None
-    if action is None:
+    if animation is None or animation.action is None:
         return None
+    action = animation.action
     slot = getattr(animation, "action_slot", None)
     track = animation.nla_tracks.new()
     track.name = action.name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import bpy
 import numpy as np
 
 from ..conventions.skeleton import JOINTS
@@ -89,12 +90,12 @@ def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
     return sample_pose(take, progress, JOINTS)
 
 
-def _parents_first(armature: object) -> list:
+def _parents_first(armature: bpy.types.Object) -> list[bpy.types.Bone]:
     roots = [bone for bone in armature.data.bones if bone.parent is None]
     return [bone for root in roots for bone in (root, *root.children_recursive)]
 
 
-def _parent(bone: object, index: dict[str, int]) -> int:
+def _parent(bone: bpy.types.Bone, index: dict[str, int]) -> int:
     above = bone.parent
     while above is not None and above.name not in index:
         above = above.parent

@@ -8,8 +8,8 @@ import bpy
 
 from ..errors import OutputNotWritable
 from ..outputs import probe
+from . import ADDON
 
-_PACKAGE = __package__.rpartition(".")[0]
 _BESIDE = "mocap"
 RELATIVE = (
     {"PATH_SUPPORTS_BLEND_RELATIVE"}
@@ -65,6 +65,6 @@ def _wanted(scene: bpy.types.Scene) -> Path:
     if bpy.data.filepath:
         return Path(bpy.data.filepath).parent / _BESIDE
     try:
-        return Path(bpy.utils.extension_path_user(_PACKAGE, path=_BESIDE))
+        return Path(bpy.utils.extension_path_user(ADDON, path=_BESIDE))
     except ValueError:  # run from the source tree: not an installed extension
         return Path(bpy.utils.user_resource("DATAFILES", path=_BESIDE))

@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..errors import AddonError
+from . import ADDON
 
 if TYPE_CHECKING:
     from ..solving.python_probe import PythonFound
-
-_PACKAGE = __package__.rpartition(".")[0]
 
 
 class MocapPreferences(bpy.types.AddonPreferences):
     """Per user, not per file."""
 
-    bl_idname = _PACKAGE
+    bl_idname = ADDON
 
     python: bpy.props.StringProperty(
         name="Python with PyTorch",
@@ -78,7 +77,7 @@ def chosen_python(context: bpy.types.Context) -> Path | None:
 
 
 def _preferences(context: bpy.types.Context) -> MocapPreferences | None:
-    addon = context.preferences.addons.get(_PACKAGE)
+    addon = context.preferences.addons.get(ADDON)
     return None if addon is None else addon.preferences
 
 

@@ -26,13 +26,17 @@ def run_take(request: BatchRequest, choices: dict[str, Any], capture: Path, prog
     folder = request.out / name
     record: dict[str, Any] = {"take": name, "capture": str(capture), "status": "failed"}
     start = time.monotonic()
+
+    def of_take(stage: str, done: int, total: int) -> None:
+        progress(f"{name}: {stage}", done, total)
+
     try:
         record["inputs"] = fingerprint(capture, choices)
         known = _known(folder)
         if _is_done(known, record["inputs"]):
             return {**known, "status": "skipped"}
         write_record(folder, record)
-        record |= _made(request, choices, capture, folder, lambda stage, *count: progress(f"{name}: {stage}", *count))
+        record |= _made(request, choices, capture, folder, of_take)
         record |= {"status": "done", "seconds": round(time.monotonic() - start, 2)}
         write_record(folder, record)
         return record

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from ...errors import AddonError
 
+if TYPE_CHECKING:
+    Operator = bpy.types.Operator
+else:
+    Operator = object  # Blender's own stands beside a mixin, not above it
 
-class MocapOperator:
+
+class MocapOperator(Operator):
     """Mixin of operators that change the scene in one undo step; ``work`` does what the operator is for.
 
     Modules that do the work are imported there, not at the top: registering loads no arrays and no solver.

@@ -66,7 +66,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
             take = take_of(context.scene, context.object)
             export_take(
                 take, self.format, path, overwrite=self.overwrite,
-                progress=lambda _, done, total: windows.progress_update(done / max(total, 1)),
+                progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),
             )  # fmt: skip
         except AddonError as error:
             self.report({"ERROR"}, str(error))
