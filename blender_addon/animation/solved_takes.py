@@ -8,12 +8,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .._exchange.motion_file import MotionFile, read_motion
 from ..body.body_choice import body_path_of
 from ..body.body_file import BodyFile, read_body
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
 from ..conventions.timing import TakeTiming, scene_frame_rate
-from ..files.motion_file import MotionFile, read_motion
 from ..scene.bake import BakeSettings, bake_take, require_body
 from .action import bake_action
 
@@ -89,7 +89,7 @@ def thinned_take(
     """Add a take of smooth curves through about so many keys a second of a solved take's motion, and play it.
 
     Raises:
-        AddonError: the take's motion or body can no longer be read.
+        MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(Path(take["motion_file"]))
     body = read_body(body_path_of(motion.provenance))

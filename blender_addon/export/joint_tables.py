@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..progress import Progress
+from .._exchange.progress import Progress
 from .axes import R_YUP_ZUP
 from .pose_samples import sample_joints
 from .take import ExportTake

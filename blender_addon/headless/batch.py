@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import AddonError, BatchInvalid, Cancelled, OutputExists, OutputNotWritable
-from ..outputs import atomic_outputs
-from ..progress import Progress
+from .._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
+from ..errors import BatchInvalid
 from .bake import BakeJob, run_bake
 from .exit_codes import BROKEN, exit_code
 from .export import ExportJob, run_export
@@ -128,7 +129,7 @@ def _take(job: BatchJob, choices: dict[str, Any], capture: Path, progress: Progr
         return record
     except Cancelled:
         raise
-    except AddonError as error:
+    except MocapError as error:
         failure = error.as_event() | {"exit_code": exit_code(error)}
     except Exception as error:  # what breaks one take must not stop the others
         traceback.print_exc()

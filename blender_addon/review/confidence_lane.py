@@ -7,9 +7,9 @@ import re
 import bpy
 import numpy as np
 
+from .._exchange.motion_file import MotionFile
 from ..animation.curves import CurveTarget, action_curves, key_type_values, write_curves
 from ..conventions.skeleton import JOINTS
-from ..files.motion_file import MotionFile
 from .confidence import joint_confidence
 
 PROPERTY = "confidence"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.capture_file import CameraFile, CaptureFile
 from ..conventions.timing import TakeTiming, set_scene_frame_rate
-from ..files.capture_file import CameraFile, CaptureFile
 from .cameras import add_background, create_camera, look_through
 from .collections import child_collection
 from .floor import create_floor

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...errors import AddonError
+from ..._exchange.errors import MocapError
 
 
 class MocapOperator:
@@ -19,7 +19,7 @@ class MocapOperator:
         """Do the work, or say what is wrong."""
         try:
             return self.work(context)
-        except AddonError as error:
+        except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
 
@@ -27,7 +27,7 @@ class MocapOperator:
         """Do what the operator is for and return its answer.
 
         Raises:
-            AddonError: it cannot be done.
+            MocapError: it cannot be done.
         """
         raise NotImplementedError
 

@@ -18,8 +18,8 @@ class _Solves(FollowsRun):
 
     def solve(self, context: bpy.types.Context, stretch: Stretch | None) -> set[str]:
         """Write the job and start the solver."""
+        from ..._exchange.job_file import write_job
         from ...animation.solved_takes import Provenance
-        from ...solving.job_file import write_job
         from ..jobs import prepare_job
 
         job, path = prepare_job(context.scene, stretch)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from blender_addon._exchange.lens import distort, normalised, pixels, undistort
+from blender_addon._exchange.so3 import matrix_from_rotvec, quat_from_rotvec, quat_multiply, sign_continuous
 from blender_addon.body.posed_body import pose_joints, skin
-from blender_addon.conventions.distortion import distort, normalised, pixels, undistort
-from blender_addon.conventions.rotations import matrix_from_rotvec, quat_from_rotvec, quat_multiply, sign_continuous
 
 _RNG = np.random.default_rng(11)
 _ROTVECS = np.concatenate([_RNG.normal(size=(50, 3)) * 2, np.zeros((1, 3)), [[1e-9, 0, 0], [np.pi, 0, 0]]])

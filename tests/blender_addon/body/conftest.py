@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.action import bone_quaternions
 from blender_addon.body.armature import rotation_from_body_axes
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
@@ -15,7 +16,6 @@ from blender_addon.body.posed_body import pose_joints, skin
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.body.shape import get_betas
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.files.motion_file import MotionFile
 
 Compare = Callable[[np.ndarray], tuple[float, float]]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from blender_addon.files.motion_file import FLAG_UNSEEN, FLAG_UNSURE
+from blender_addon._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 from blender_addon.review.confidence import HALF_AT_M, colours, joint_confidence, sigma_of
 from blender_addon.review.ranges import bad_ranges, next_range
 from solver_backend.types import motion as solver_motion
