@@ -6,6 +6,7 @@
     python3 dev.py lint [--fix]                 the checks alone
     python3 dev.py bench [NAME] [--update]      benchmarks against their committed baseline
     python3 dev.py build                        the extension's zip
+    python3 dev.py vendor                       the exchange library copied into the add-on
     python3 dev.py setup                        the environment alone
 
 The environment is ``.venv`` beside this file. It is made on the first call and again when pyproject.toml changes.
@@ -24,6 +25,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
+EXCHANGE, VENDORED = ROOT / "solver_backend" / "exchange", ROOT / "blender_addon" / "_exchange"
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
@@ -67,6 +69,7 @@ def main(argv: list[str] | None = None) -> int:
     verbs.add_parser("lint", help="the checks alone").add_argument("--fix", action="store_true")
     verbs.add_parser("bench", help="benchmarks", add_help=False)
     verbs.add_parser("build", help="the extension's zip")
+    verbs.add_parser("vendor", help="the exchange library copied into the add-on")
     verbs.add_parser("setup", help="the environment alone")
     args, rest = parser.parse_known_args(argv)
     if rest and args.verb not in ("test", "bench"):
@@ -85,6 +88,8 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     """Make the environment where it is missing, then do what was asked for."""
     if args.verb == "demo":
         return demo(args)
+    if args.verb == "vendor":
+        return vendor()
     set_up()
     if args.verb == "test":
         return checks([[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]])
@@ -200,6 +205,13 @@ def checks(more: list[list[str]], fix: bool = False) -> int:
             failed.append(name)
     if failed:
         raise Failed("Failed: " + "; ".join(failed))
+    return 0
+
+
+def vendor() -> int:
+    """Copy the exchange library into the add-on, byte for byte: neither half imports the other."""
+    shutil.rmtree(VENDORED, ignore_errors=True)
+    shutil.copytree(EXCHANGE, VENDORED, ignore=shutil.ignore_patterns("__pycache__"))
     return 0
 
 

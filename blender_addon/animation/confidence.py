@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..files.motion_file import FLAG_UNSEEN, FLAG_UNSURE
+from .._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 
 HALF_AT_M = 0.03
 """Standard deviation at which confidence is one half."""

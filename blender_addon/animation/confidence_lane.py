@@ -7,8 +7,8 @@ import re
 import bpy
 import numpy as np
 
+from .._exchange.motion_file import MotionFile
 from ..conventions.skeleton import JOINTS
-from ..files.motion_file import MotionFile
 from .confidence import joint_confidence
 from .curves import CurveTarget, action_curves, key_type_values, write_curves
 

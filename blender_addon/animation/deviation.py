@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.motion_file import MotionFile
 from ..body.body_file import BodyFile
 from ..body.posed_body import pose_joints, skin
 from ..conventions.skeleton import JOINTS
 from ..conventions.timing import TakeTiming
-from ..files.motion_file import MotionFile
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..conventions.rotations import matrix_from_quat
+from .._exchange.so3 import matrix_from_quat
 from ..conventions.skeleton import JOINTS, NUM_JOINTS, PARENTS
 from .key_reduction import reduce_keys
 from .sparse_curves import SparseCurves

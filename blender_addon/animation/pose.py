@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.so3 import quat_multiply, rotvec_from_quat
 from ..body.armature import rotation_from_body_axes
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
-from ..conventions.rotations import quat_multiply, rotvec_from_quat
 from ..conventions.skeleton import JOINTS
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])

@@ -8,8 +8,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .._exchange.errors import BodyInvalid
 from ..conventions.skeleton import JOINTS, NUM_BETAS, PARENTS
-from ..errors import BodyInvalid
 from .armature import bone_axes, deform_bone
 from .body_file import BodyFile
 from .layout import shape_directions

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.progress import Progress
 from ..conventions.skeleton import JOINTS
 from ..errors import NothingToExport
-from ..progress import Progress
 from .take import ExportTake, staged
 
 _PROGRESS_STEP = 100

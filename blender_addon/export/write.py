@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress, silent
 from ..errors import NothingToExport
-from ..outputs import atomic_outputs
-from ..progress import Progress, silent
 from .formats import FORMATS, Format
 from .take import ExportTake
 from .writers.alembic import export_alembic

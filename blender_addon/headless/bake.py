@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._exchange.capture_file import read_capture
+from .._exchange.motion_file import MotionFile, read_motion
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
-from ..files.capture_file import read_capture
-from ..files.motion_file import MotionFile, read_motion
-from ..outputs import atomic_outputs
-from ..progress import Progress
 
 if TYPE_CHECKING:
     import bpy
@@ -60,7 +60,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         The ``result`` event of the progress protocol: outputs, notes, frames, seconds and deviations in millimetres.
 
     Raises:
-        AddonError: an input is missing or wrong, an output exists, or Blender cannot render.
+        MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
     from ..render.subject import Subject
     from ..scene.bake import BakeSettings, bake_take

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
 from ..conventions.skeleton import NUM_BETAS
-from ..outputs import atomic_outputs
-from ..progress import Progress
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
         The ``result`` event of the progress protocol.
 
     Raises:
-        AddonError: the body is missing or wrong, or the file exists or cannot be written.
+        MocapError: the body is missing or wrong, or the file exists or cannot be written.
     """
     from ..body.rig import create_rig, stand_on_floor
     from ..conventions.collections import child_collection

@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 import bpy
 import numpy as np
 
+from .._exchange.errors import OutputNotWritable
 from ..body.body_file import BodyFile
 from ..body.rig import Rig
-from ..errors import OutputNotWritable
 from ..render.picture import layer_from_render
 from ..render.stage import Look, open_stage
 from ..render.view import View, three_quarter_view

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._exchange.errors import FileDamaged, FileMissing, OutputExists
+from .._exchange.motion_file import read_motion
+from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
-from ..errors import FileDamaged, FileMissing, NothingToExport, OutputExists
-from ..files.motion_file import read_motion
-from ..progress import Progress
+from ..errors import NothingToExport
 
 if TYPE_CHECKING:
     import bpy
@@ -41,7 +42,7 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
         The ``result`` event: outputs, frames and frames per second.
 
     Raises:
-        AddonError: the source is missing or wrong, a file is there already, or an exporter fails.
+        MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
     """
     from ..export.take import take_of
     from ..export.write import export_take, format_of

@@ -11,8 +11,9 @@ from importlib.util import find_spec
 from types import FrameType
 from typing import Any
 
-from ..errors import AddonError, BakeFailed, BlenderMissing, Cancelled
-from ..progress import Progress, StreamProgress
+from .._exchange.errors import Cancelled, MocapError
+from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
+from ..errors import BakeFailed, BlenderMissing
 from ..quiet import own_streams
 from .arguments import parser
 from .bake import BakeRequest, run_bake
@@ -24,6 +25,8 @@ from .export import ExportRequest, run_export
 from .solver import run_solver
 
 MODULE = "python -m blender_addon"
+_INTERVAL_S = 0.2
+"""Least time between two progress lines of one stage."""
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
@@ -39,18 +42,19 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
         parse.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     with own_streams(verbose=options.verbose) as (out, err):
-        progress = StreamProgress(out if options.json else err, as_json=options.json)
+        lines = JsonProgress(out, _INTERVAL_S)
+        progress = lines if options.json else ConsoleProgress(err, _INTERVAL_S)
         try:
             result = _done(options, progress)
-        except AddonError as error:
+        except MocapError as error:
             if options.json:
-                progress.event(error.as_event())
+                lines.event(error.as_event())
             else:
                 err.write(f"\nerror: {error.message}{f' ({error.where})' if error.where else ''}\n")
                 err.write(f"  try: {error.hint}\n" if error.hint else "")
             return exit_code(error)
         if options.json:
-            progress.event(result)
+            lines.event(result)
         else:
             err.writelines(f"{line}\n" for line in _said(result))
             out.write("\n".join(result["outputs"]) + "\n")
@@ -64,7 +68,7 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         return _VERBS[options.verb](options, progress)
     except KeyboardInterrupt as stop:
         raise Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.") from stop
-    except AddonError:
+    except MocapError:
         raise
     except Exception as error:
         traceback.print_exc()

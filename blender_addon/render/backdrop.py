@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..conventions.distortion import distort, normalised, pixels
+from .._exchange.lens import distort, normalised, pixels
 from ..scene.footage import Footage
 from .picture import blend, gradient, layer_from_render
 from .resampling import Resampling

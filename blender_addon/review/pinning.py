@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .._exchange.job_file import Pin, Resolve
 from ..animation.pose import read_pose
 from ..animation.takes import BETAS
 from ..body.body_choice import body_path_of
@@ -17,7 +18,6 @@ from ..body.shape import get_betas
 from ..body.sliders import body_mesh
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
-from ..solving.job_file import Pin, Resolve
 
 
 @dataclass(frozen=True)

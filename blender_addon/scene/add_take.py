@@ -7,12 +7,12 @@ from pathlib import Path
 
 import bpy
 
+from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
 from ..animation.takes import BETAS, PATHS, show_take
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
 from ..conventions.timing import TakeTiming, scene_frame_rate
-from ..files.motion_file import MotionFile, read_motion
 from .bake import BakeSettings, bake_take
 
 
@@ -67,7 +67,7 @@ def thinned_take(
     """Add a take of smooth curves through about so many keys a second of a solved take's motion, and play it.
 
     Raises:
-        AddonError: the take's motion or body can no longer be read.
+        MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(Path(take["motion_file"]))
     body = read_body(body_path_of(motion.provenance))

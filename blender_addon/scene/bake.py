@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import bpy
 
+from .._exchange.capture_file import CaptureFile
+from .._exchange.motion_file import MotionFile
 from ..animation.action import bake_action
 from ..animation.takes import mark_as_asset
 from ..body.body_choice import require_body
@@ -14,8 +16,6 @@ from ..body.rig import create_rig
 from ..conventions.collections import child_collection
 from ..conventions.materials import KEYPOINT_COLOUR
 from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
-from ..files.capture_file import CaptureFile
-from ..files.motion_file import MotionFile
 from .cameras import look_through
 from .capture_stage import create_cameras, create_detections
 from .floor import create_floor

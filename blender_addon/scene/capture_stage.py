@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.capture_file import CameraFile, CaptureFile
 from ..conventions.collections import child_collection
 from ..conventions.materials import DETECTION_COLOUR, MARKER_COLOUR
 from ..conventions.timing import TakeTiming, set_scene_frame_rate
-from ..files.capture_file import CameraFile, CaptureFile
 from .cameras import add_background, create_camera, look_through
 from .floor import create_floor
 from .overlay import create_point_overlay, create_view_overlay

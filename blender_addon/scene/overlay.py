@@ -5,11 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .._exchange.capture_file import CameraFile
+from .._exchange.lens import normalised, undistort
 from ..conventions.coordinates import camera_rays
-from ..conventions.distortion import normalised, undistort
 from ..conventions.materials import Colour, create_material
 from ..conventions.timing import TakeTiming
-from ..files.capture_file import CameraFile
 from .point_player import SEEN, PlayerSettings, create_player
 
 _PLANE_M = 0.5

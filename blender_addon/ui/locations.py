@@ -6,8 +6,8 @@ from pathlib import Path
 
 import bpy
 
-from ..errors import OutputNotWritable
-from ..outputs import probe
+from .._exchange.errors import OutputNotWritable
+from .._exchange.outputs import probe
 from . import ADDON
 
 _BESIDE = "mocap"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..errors import AddonError
+from .._exchange.errors import MocapError
 from . import ADDON
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class MOCAP_OT_test_python(bpy.types.Operator):
         preferences.found = preferences.failed = ""
         try:
             preferences.found = _lines(probe_python(chosen_python(context)))
-        except AddonError as error:
+        except MocapError as error:
             preferences.failed = str(error)
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

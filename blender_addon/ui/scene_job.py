@@ -7,16 +7,17 @@ from pathlib import Path
 
 import bpy
 
+from .._exchange.errors import OutputNotWritable
+from .._exchange.job_file import JobFile
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
-from ..errors import OutputNotWritable, TakeMissing
+from ..errors import TakeMissing
 from ..review.pinning import FrameRange, resolve_of
-from ..solving.job_file import Job
 from ..solving.take_paths import next_take
 from .locations import files_folder, usable
 
 
-def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[Job, Path]:
+def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[JobFile, Path]:
     """Return the job of the scene's settings and the path it is to be written to.
 
     Takes go beside their capture, or where new captures go if that folder has become read-only.
@@ -34,7 +35,9 @@ def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[Job,
     mesh = body_mesh(settings.review.armature) if settings.review.armature is not None else None
     if mesh is not None and (settings.solve.keep_shape or frames is not None):
         values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
-    job = Job(capture=capture, out=take.motion, report=take.report if settings.solve.report else None, settings=values)
+    job = JobFile(
+        capture=capture, out=take.motion, report=take.report if settings.solve.report else None, settings=values
+    )
     if frames is not None:
         job = replace(job, resolve=resolve_of(frames, scene))
     return job, take.job

@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.capture_file import CaptureFile, read_capture
+from blender_addon._exchange.motion_file import MotionFile, read_motion
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.files.capture_file import CaptureFile, read_capture
-from blender_addon.files.motion_file import MotionFile, read_motion
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
 from tests.support.addon_stand_in import capture_arrays, motion_arrays, write_body
 

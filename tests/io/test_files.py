@@ -11,16 +11,9 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, OutputExists, OutputNotWritable
-from solver_backend.io.files import (
-    atomic_output,
-    check_output,
-    read_json,
-    read_npz,
-    read_text,
-    read_toml,
-    write_npz,
-    write_text,
-)
+from solver_backend.exchange.npz import read_npz, write_npz
+from solver_backend.exchange.outputs import atomic_output, check_output, write_text
+from solver_backend.io.files import read_json, read_text, read_toml
 
 
 def names(folder: Path) -> list[str]:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from blender_addon._exchange.lens import distort, pixels
 from blender_addon.body.body_file import read_body
 from blender_addon.body.posed_body import pose_joints
-from blender_addon.conventions.distortion import distort, pixels
 from blender_addon.conventions.skeleton import MAIN_CHILD, NUM_JOINTS, PARENTS
 
 _REST = np.array([

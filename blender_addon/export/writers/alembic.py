@@ -6,8 +6,8 @@ from pathlib import Path
 
 import bpy
 
+from ..._exchange.progress import Progress
 from ...errors import NothingToExport
-from ...progress import Progress
 from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter
 from .whole_files import require_space, require_whole

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..._exchange.progress import Progress
+from ..._exchange.so3 import rotvec_from_matrix
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...body.shape import get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
-from ...conventions.rotations import rotvec_from_matrix
 from ...conventions.skeleton import NUM_JOINTS, PARENTS
 from ...errors import NothingToExport
-from ...progress import Progress
 from ..plain_take import is_body
 from ..pose_samples import PoseSamples, sample_joints
 from ..take import ExportTake

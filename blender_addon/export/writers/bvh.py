@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...progress import Progress
+from ..._exchange.progress import Progress
 from ..plain_take import plain_take
 from ..pose_samples import PoseSamples, sample_pose
 from ..take import ExportTake

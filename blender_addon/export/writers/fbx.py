@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ...progress import Progress
+from ..._exchange.progress import Progress
 from ..plain_take import plain_take
 from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter

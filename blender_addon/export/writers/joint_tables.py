@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...progress import Progress
+from ..._exchange.progress import Progress
 from ..pose_samples import sample_joints
 from ..take import ExportTake
 from .axes import R_YUP_ZUP

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from ...outputs import atomic_outputs
+from ..._exchange.outputs import atomic_outputs
 
 NAME = "take.json"
 

@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ...outputs import atomic_outputs
-from ...progress import Progress
+from ..._exchange.outputs import atomic_outputs
+from ..._exchange.progress import Progress
 from .request import BatchRequest, find_captures
 from .run_take import run_take
 from .summary import table, worst_first

@@ -9,9 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ...errors import AddonError, Cancelled, OutputExists, OutputNotWritable
-from ...outputs import atomic_outputs
-from ...progress import Progress
+from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
+from ..._exchange.outputs import atomic_outputs
+from ..._exchange.progress import Progress
 from ..bake import BakeRequest, run_bake
 from ..exit_codes import BROKEN, exit_code
 from ..export import ExportRequest, run_export
@@ -42,7 +42,7 @@ def run_take(request: BatchRequest, choices: dict[str, Any], capture: Path, prog
         return record
     except Cancelled:
         raise
-    except AddonError as error:
+    except MocapError as error:
         failure = error.as_event() | {"exit_code": exit_code(error)}
     except Exception as error:  # what breaks one take must not stop the others
         traceback.print_exc()

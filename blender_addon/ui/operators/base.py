@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...errors import AddonError
+from ..._exchange.errors import MocapError
 
 if TYPE_CHECKING:
     Operator = bpy.types.Operator
@@ -26,7 +26,7 @@ class MocapOperator(Operator):
         """Do the work, or say what is wrong."""
         try:
             return self.work(context)
-        except AddonError as error:
+        except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
 
@@ -34,7 +34,7 @@ class MocapOperator(Operator):
         """Do what the operator is for and return its answer.
 
         Raises:
-            AddonError: it cannot be done.
+            MocapError: it cannot be done.
         """
         raise NotImplementedError
 

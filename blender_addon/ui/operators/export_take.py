@@ -3,7 +3,7 @@
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ...errors import AddonError
+from ..._exchange.errors import MocapError
 from ...export.formats import FORMATS
 from ..locations import RELATIVE, absolute
 
@@ -68,7 +68,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
                 take, self.format, path, overwrite=self.overwrite,
                 progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),
             )  # fmt: skip
-        except AddonError as error:
+        except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         finally:

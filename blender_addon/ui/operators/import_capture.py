@@ -38,7 +38,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start reading; a solved motion is baked at once instead."""
-        from ...files.motion_file import is_motion
+        from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from ...solving.take_paths import capture_folder, capture_root
         from .import_results import add_motion

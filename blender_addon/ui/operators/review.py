@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ...errors import FileMissing
+from ..._exchange.errors import FileMissing
 from ..bone_colours import colour_bones
 from .base import MocapOperator, NeedsBody, NeedsTake
 

@@ -18,8 +18,8 @@ class _Solves(SolverOperator):
 
     def solve(self, context: bpy.types.Context, frames: FrameRange | None) -> set[str]:
         """Write the job and start the solver."""
+        from ..._exchange.job_file import write_job
         from ...animation.takes import SolveFiles
-        from ...solving.job_file import write_job
         from ..scene_job import prepare_job
 
         job, path = prepare_job(context.scene, frames)

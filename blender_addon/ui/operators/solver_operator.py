@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ...errors import AddonError, sentence
+from ..._exchange.errors import MocapError, sentence
 from ..preferences import chosen_python
 from .base import MocapOperator
 
@@ -72,7 +72,7 @@ class SolverOperator(MocapOperator):
         """Take what a run that failed has finished into the scene, and say so in a sentence; "" if there is nothing.
 
         Raises:
-            AddonError: what is there cannot be read.
+            MocapError: what is there cannot be read.
         """
         return ""
 
@@ -80,7 +80,7 @@ class SolverOperator(MocapOperator):
         """Start the solver and follow it; without a window, wait for it.
 
         Raises:
-            AddonError: it cannot be started.
+            MocapError: it cannot be started.
         """
         from ...solving.run import start
 
@@ -143,7 +143,7 @@ class SolverOperator(MocapOperator):
                 return {"FINISHED"}
             else:
                 self.report({"ERROR"}, sentence(error))
-        except AddonError as error:
+        except MocapError as error:
             run.error = error.as_event()
             self.report({"ERROR"}, str(error))
         return {"CANCELLED"}

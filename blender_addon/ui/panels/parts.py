@@ -6,7 +6,7 @@ import textwrap
 
 import bpy
 
-from ...errors import sentence
+from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import MOCAP_OT_cancel, current
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from blender_addon._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 from blender_addon.animation.confidence import HALF_AT_M, joint_confidence, sigma_of
-from blender_addon.files.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 from solver_backend.types import motion as solver_motion
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.body.posed_body import pose_joints, skin
-from blender_addon.conventions.rotations import matrix_from_rotvec
 
 
 def test_posed_joints_are_the_solvers(files: Any) -> None:

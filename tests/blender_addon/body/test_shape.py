@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from assets_procedural.quality.poses import EXTREMES
+from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.correctives import add_correctives
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.body.sliders import slider_name
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.errors import BodyInvalid
 from tests.support.posed_rig import Compare, distances_mm, evaluated, pose
 
 _TOLERANCE_MM = 0.1 if bpy.app.version < (5, 0) else 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from blender_addon.conventions.distortion import distort, normalised, pixels, undistort
+from blender_addon._exchange.lens import distort, normalised, pixels, undistort
 
 _RNG = np.random.default_rng(11)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from blender_addon.conventions.rotations import matrix_from_rotvec, quat_from_rotvec, quat_multiply, sign_continuous
+from blender_addon._exchange.so3 import matrix_from_rotvec, quat_from_rotvec, quat_multiply, sign_continuous
 
 _RNG = np.random.default_rng(11)
 _ROTVECS = np.concatenate([_RNG.normal(size=(50, 3)) * 2, np.zeros((1, 3)), [[1e-9, 0, 0], [np.pi, 0, 0]]])

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.posed_body import skin
@@ -15,7 +16,6 @@ from blender_addon.body.rig import Rig
 from blender_addon.body.shape import set_betas
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.export.plain_body import plain_copy
-from blender_addon.files.motion_file import MotionFile
 from blender_addon.scene.bake import BakedTake, bake_take
 from tests.support.posed_rig import evaluated, pose
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from blender_addon._exchange.capture_file import read_capture
+from blender_addon._exchange.errors import BodyInvalid, CaptureInvalid, FileDamaged, FileMissing, MotionInvalid
+from blender_addon._exchange.motion_file import read_motion
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions import skeleton
-from blender_addon.errors import BodyInvalid, CaptureInvalid, FileDamaged, FileMissing, MotionInvalid
-from blender_addon.files.capture_file import read_capture
-from blender_addon.files.motion_file import read_motion
 from solver_backend.types import SMPL_JOINTS, SMPL_PARENTS
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from blender_addon.__main__ import main
+from blender_addon._exchange.errors import OutputExists
+from blender_addon._exchange.progress import silent
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.body.sliders import slider_name
-from blender_addon.errors import OutputExists
 from blender_addon.headless.body import BodyRequest, run_body
 from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
-from blender_addon.progress import silent
 
 
 @pytest.fixture(scope="module")

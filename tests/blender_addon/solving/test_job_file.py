@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from blender_addon.errors import OutputNotWritable
-from blender_addon.solving.job_file import Job, Pin, Resolve, write_job
+from blender_addon._exchange.errors import OutputNotWritable
+from blender_addon._exchange.job_file import JobFile, Pin, Resolve, write_job
 from blender_addon.solving.presets import PRESETS
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import Job as SolverJob
@@ -16,7 +16,7 @@ from solver_backend.job import Job as SolverJob
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_solver_reads_each_preset(tmp_path, preset):
-    job = Job(
+    job = JobFile(
         capture=tmp_path / "Aufnahme ü.npz", out=tmp_path / "take 01.npz", report=tmp_path / "a.html",
         settings={**PRESETS[preset], "betas": [0.5] * 10},
     )  # fmt: skip
@@ -29,7 +29,7 @@ def test_the_solver_reads_each_preset(tmp_path, preset):
 
 def test_a_stretch_with_pins_is_plain_json(tmp_path):
     pin = Pin(150, (0.1, 0.2, 0.3), [0.0] * 69, (1, 2, 3))
-    job = Job(Path("c.npz"), Path("n.npz"), resolve=Resolve(Path("m.npz"), 120, 180, (pin,)))
+    job = JobFile(Path("c.npz"), Path("n.npz"), resolve=Resolve(Path("m.npz"), 120, 180, (pin,)))
     write_job(tmp_path / "job.json", job)
     assert json.loads((tmp_path / "job.json").read_text("utf-8"))["resolve"] == {
         "motion": "m.npz", "first": 120, "last": 180,
@@ -40,5 +40,5 @@ def test_a_stretch_with_pins_is_plain_json(tmp_path):
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OutputNotWritable, match="The job cannot be written") as caught:
-        write_job(tmp_path / "file" / "job.json", Job(Path("c.npz"), Path("n.npz")))
+        write_job(tmp_path / "file" / "job.json", JobFile(Path("c.npz"), Path("n.npz")))
     assert "free space" in caught.value.hint

@@ -11,14 +11,15 @@ from typing import Any
 
 import pytest
 
-from blender_addon.errors import BatchInvalid, Cancelled, SolverStopped
+from blender_addon._exchange.errors import Cancelled
+from blender_addon._exchange.progress import silent
+from blender_addon.errors import BatchInvalid, SolverStopped
 from blender_addon.headless.batch import run_take
 from blender_addon.headless.batch.record import fingerprint
 from blender_addon.headless.batch.request import BatchRequest
 from blender_addon.headless.batch.run_batch import run_batch
 from blender_addon.headless.batch.summary import table, worst_first
 from blender_addon.headless.main import main
-from blender_addon.progress import silent
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
 

@@ -1,9 +1,15 @@
-"""OpenCV's lens distortion and its inverse, so that detections lie where the undistorted image has them."""
+"""OpenCV's lens distortion and its inverse on NumPy arrays, for one camera: what a picture of a capture needs.
+
+The solver's own, ``cameras/distortion.py``, does the same for all cameras on arrays of any namespace, with derivatives
+and the radius up to which a lens has an inverse; a test holds the two together.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+DISTORTION_MODELS = {"opencv": 8, "fisheye": 4}
+"""Coefficients per model: k1 k2 p1 p2 k3 k4 k5 k6, or the fisheye's k1 k2 k3 k4."""
 _MOST_STEPS, _DIFFERENCE = 20, 1e-6
 _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 """Normalised units; at a focal length of 1000 px, 1e-7 is 0.0001 px."""

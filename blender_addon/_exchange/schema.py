@@ -1,4 +1,4 @@
-"""Reading named fields of our own npz files, with errors that name the file and the field."""
+"""Named fields of our own npz files, checked for kind and shape, with errors that name the file and the field."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.files import read_npz
-from solver_backend.types import JointSet
+from .errors import FileDamaged, MocapError
+from .joint_sets import JointSet
+from .npz import read_npz
+
+Shape = tuple[int | str | None, ...]
+"""Lengths of an array's axes; a name or None stands for any length."""
 
 
 @dataclass(frozen=True)
@@ -36,41 +39,50 @@ class Fields:
             )
         return self.arrays[key]
 
-    def numbers(self, key: str, shape: tuple[int | None, ...]) -> np.ndarray:
-        """Return a required numeric array as float64 whose shape matches (None = any length).
+    def numbers(self, key: str, shape: Shape) -> np.ndarray:
+        """Return a required numeric array as float64 whose shape matches.
 
         Raises:
             FileDamaged: it is missing, not numeric or of another shape.
         """
         value = self.array(key)
-        fits = value.ndim == len(shape) and all(
-            want in (None, have) for want, have in zip(shape, value.shape, strict=True)
-        )
-        if value.dtype.kind not in "fiub" or not fits:
-            wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        if value.dtype.kind not in "fiub" or not _fits(value, shape):
+            wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
             raise FileDamaged(
                 f"'{key}' is {value.dtype} of shape {value.shape}; numbers of shape {wanted} are expected.",
                 where=str(self.path),
             )
         return value.astype(np.float64)
 
+    def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
+        """Return an array as float64 whose shape matches.
+
+        Raises:
+            MocapError: it is of another shape; of the class ``invalid``.
+        """
+        value = np.asarray(self.arrays[key], np.float64)
+        if not _fits(value, shape):
+            wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+            raise invalid(f"{key} has shape {value.shape}; {wanted} is expected.", where=str(self.path))
+        return value
+
     def number(self, key: str) -> float:
         """Return a required scalar."""
         return float(self.numbers(key, ()))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a string, or the default where the field is absent and a default is given."""
+        """Return a string, or the default where the field is absent and a default is given; bytes are UTF-8."""
         if key not in self.arrays and default is not None:
             return default
         value = self.array(key)
-        if value.ndim:
+        if value.size != 1:
             raise FileDamaged(f"'{key}' has shape {value.shape}; one string is expected.", where=str(self.path))
         item = value.item()
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of strings; an absent field is an empty list."""
-        return tuple(str(item) for item in np.atleast_1d(self.arrays.get(key, np.zeros(0, "U1"))))
+        return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self, key: str = "joint_set") -> JointSet:
         """Return the joint set that is named.
@@ -95,11 +107,25 @@ class Fields:
         if found != name:
             what = f"its format is '{found}'" if found else "it names no format"
             raise FileDamaged(f"The file is not a {name}: {what}.", where=str(self.path))
-        if self.number("version") > version:
+        self._require_version(self.number("version"), version, "program")
+
+    def accept_format(self, name: str, version: int) -> None:
+        """Check the format and version of a file to be shown, where it says them.
+
+        Raises:
+            FileDamaged: the file says that it is something else, or that it is newer than this add-on.
+        """
+        found = self.text("format", name)
+        if found != name:
+            raise FileDamaged(f"The file is a '{found}'; a '{name}' is expected.", where=str(self.path))
+        self._require_version(float(self.arrays.get("version", version)), version, "add-on")
+
+    def _require_version(self, found: float, version: int, reader: str) -> None:
+        if found > version:
             raise FileDamaged(
-                f"The file is of version {self.number('version'):g}; this program reads up to {version}.",
+                f"The file is of version {found:g}; this {reader} reads up to {version}.",
                 where=str(self.path),
-                hint="Update the program.",
+                hint=f"Update the {reader}.",
             )
 
 
@@ -110,3 +136,9 @@ def read_fields(path: Path | str) -> Fields:
         FileMissing, FileDamaged: see ``read_npz``.
     """
     return Fields(Path(path), read_npz(path))
+
+
+def _fits(value: np.ndarray, shape: Shape) -> bool:
+    return value.ndim == len(shape) and all(
+        have == want or not isinstance(want, int) for want, have in zip(shape, value.shape, strict=True)
+    )

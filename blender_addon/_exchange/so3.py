@@ -1,4 +1,8 @@
-"""The few rotation formulas a bake needs, on NumPy arrays; quaternions are wxyz."""
+"""The few rotation formulas that a bake and files need, on NumPy arrays; quaternions are wxyz.
+
+The solver's own, ``geometry/rotations.py``, works on arrays of any namespace and knows derivatives; a test holds the
+two together.
+"""
 
 from __future__ import annotations
 
@@ -81,10 +85,7 @@ def quat_from_matrix(R: np.ndarray) -> np.ndarray:
 
 def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
     """Return the axis-angles (..., 3), of at most pi, of rotations (..., 3, 3)."""
-    quat = quat_from_matrix(R)
-    sine = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, quat[..., :1])
-    return np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0) * quat[..., 1:]
+    return rotvec_from_quat(quat_from_matrix(R))
 
 
 def sign_continuous(quat: np.ndarray) -> np.ndarray:

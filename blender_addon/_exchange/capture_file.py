@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureInvalid
-from .arrays import read_arrays, require_format, text, texts
+from .errors import CaptureInvalid
+from .lens import DISTORTION_MODELS
+from .npz import read_arrays
+from .schema import Fields
 
 FORMAT, VERSION = "manifold_mocap_capture", 1
 _CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
-_OPTIONAL = (
+_SHOWN = (
     "format", "version", "name", "camera_names", *_CAMERA_SHAPES, "distortion", "distortion_model", "footage", "fps",
     "xy", "confidence", "joint_set", "marker_positions", "marker_fps",
 )  # fmt: skip
@@ -68,63 +71,81 @@ class CaptureFile:
 
 
 def read_capture(path: Path) -> CaptureFile:
-    """Read a capture file.
+    """Read what is shown of a capture file.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
         CaptureInvalid: cameras or detections have wrong shapes or impossible values.
     """
     path = Path(path)
-    arrays = read_arrays(path, required=("format",), optional=_OPTIONAL)
-    require_format(arrays, FORMAT, VERSION, path=path)
-    cameras = _cameras(arrays, path)
-    fps = float(arrays.get("fps", arrays.get("marker_fps", 0.0)))
+    fields = Fields(path, read_arrays(path, required=("format",), optional=_SHOWN))
+    fields.accept_format(FORMAT, VERSION)
+    cameras = _cameras(fields)
+    fps = float(fields.arrays.get("fps", fields.arrays.get("marker_fps", 0.0)))
     if not (np.isfinite(fps) and fps > 0):
         raise CaptureInvalid(f"The frame rate must be positive, not {fps}.", where=str(path))
-    xy, confidence = _detections(arrays, len(cameras), path)
+    xy, confidence = _detections(fields, len(cameras)) if "xy" in fields else (None, None)
     return CaptureFile(
-        name=text(arrays, "name", path.stem),
+        name=fields.text("name", path.stem),
         cameras=cameras,
         fps=fps,
         xy=xy,
         confidence=confidence,
-        joint_set=text(arrays, "joint_set"),
-        markers=np.asarray(arrays["marker_positions"], np.float64) if "marker_positions" in arrays else None,
+        joint_set=fields.text("joint_set", ""),
+        markers=np.asarray(fields.arrays["marker_positions"], np.float64) if "marker_positions" in fields else None,
     )
 
 
-def _cameras(arrays: dict[str, np.ndarray], path: Path) -> tuple[CameraFile, ...]:
-    names = texts(arrays, "camera_names")
-    for key, shape in _CAMERA_SHAPES.items():
-        found = np.shape(arrays.get(key, np.zeros((0, *shape))))
-        if found != (len(names), *shape):
-            raise CaptureInvalid(f"{key} has shape {found}; {(len(names), *shape)} is expected.", where=str(path))
-        if names and not np.isfinite(arrays[key]).all():
-            raise CaptureInvalid(f"{key} holds NaN or infinite values.", where=str(path))
-    footage = texts(arrays, "footage") or ("",) * len(names)
-    model = text(arrays, "distortion_model", "opencv")
-    if model not in ("opencv", "fisheye") or len(footage) != len(names):
+def portable_path(path: Path | None, folder: Path) -> str:
+    """Return how a capture file in a folder names footage: relative if it lies below the folder, "" for none."""
+    if path is None:
+        return ""
+    full, base = os.path.abspath(path), os.path.abspath(folder)
+    inside = os.path.splitdrive(full)[0] == os.path.splitdrive(base)[0] and os.path.commonpath([full, base]) == base
+    return Path(os.path.relpath(full, base)).as_posix() if inside else full
+
+
+def footage_path(name: str, capture: Path | str) -> Path | None:
+    """Return the footage that a capture file names; the inverse of ``portable_path``."""
+    return Path(capture).absolute().parent / name if name else None
+
+
+def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
+    names, where = fields.texts("camera_names"), str(fields.path)
+    arrays = {key: _camera_numbers(fields, key, (len(names), *shape)) for key, shape in _CAMERA_SHAPES.items()}
+    footage = fields.texts("footage") or ("",) * len(names)
+    model = fields.text("distortion_model", "opencv")
+    if model not in DISTORTION_MODELS or len(footage) != len(names):
         raise CaptureInvalid(
             f"{len(names)} cameras have {len(footage)} entries of footage and the distortion model '{model}'.",
-            where=str(path),
+            where=where,
             hint="One entry a camera ('' for none) and the model 'opencv' or 'fisheye' are expected.",
         )
     distortion = np.zeros((len(names), 8))
-    given = np.asarray(arrays.get("distortion", distortion), np.float64).reshape(len(names), -1)[:, :8]
+    given = np.asarray(fields.arrays.get("distortion", distortion), np.float64).reshape(len(names), -1)[:, :8]
     distortion[:, : given.shape[1]] = given
     return tuple(
         CameraFile(
             name=name,
-            K=_checked_K(np.asarray(arrays["K"][c], np.float64), name),
-            R=np.asarray(arrays["R"][c], np.float64),
-            t=np.asarray(arrays["t"][c], np.float64),
+            K=_checked_K(arrays["K"][c], name),
+            R=arrays["R"][c],
+            t=arrays["t"][c],
             image_size=_checked_size(arrays["image_size"][c], name),
             distortion=distortion[c],
             distortion_model=model,
-            footage=path.absolute().parent / footage[c] if footage[c] else None,
+            footage=footage_path(footage[c], fields.path),
         )
         for c, name in enumerate(names)
     )
+
+
+def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    value = np.asarray(fields.arrays.get(key, np.zeros((0, *shape[1:]))), np.float64)
+    if value.shape != shape:
+        raise CaptureInvalid(f"{key} has shape {value.shape}; {shape} is expected.", where=str(fields.path))
+    if not np.isfinite(value).all():
+        raise CaptureInvalid(f"{key} holds NaN or infinite values.", where=str(fields.path))
+    return value
 
 
 def _checked_K(K: np.ndarray, name: str) -> np.ndarray:
@@ -142,15 +163,12 @@ def _checked_size(size: np.ndarray, name: str) -> tuple[int, int]:
     return width, height
 
 
-def _detections(arrays: dict[str, np.ndarray], views: int, path: Path) -> tuple[np.ndarray | None, np.ndarray | None]:
-    if "xy" not in arrays:
-        return None, None
-    xy = np.array(arrays["xy"], np.float64)
-    if xy.ndim != 4 or xy.shape[0] != views or xy.shape[3] != 2:
-        raise CaptureInvalid(f"xy has shape {xy.shape}; ({views}, frames, keypoints, 2) is expected.", where=str(path))
-    confidence = np.array(arrays.get("confidence", np.ones(xy.shape[:3])), np.float64)
-    if confidence.shape != xy.shape[:3]:
-        raise CaptureInvalid(f"confidence has shape {confidence.shape}; {xy.shape[:3]} is expected.", where=str(path))
+def _detections(fields: Fields, views: int) -> tuple[np.ndarray, np.ndarray]:
+    xy = fields.shaped("xy", (views, "frames", "keypoints", 2), CaptureInvalid).copy()
+    if "confidence" in fields:
+        confidence = fields.shaped("confidence", xy.shape[:3], CaptureInvalid).copy()
+    else:
+        confidence = np.ones(xy.shape[:3])
     unseen = ~np.isfinite(xy).all(-1) | ~(confidence > 0)
     xy[unseen], confidence[unseen] = np.nan, 0.0
     return xy, confidence
