@@ -14,7 +14,6 @@ from typing import Any
 from .._exchange.errors import Cancelled, MocapError
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
 from ..errors import BakeFailed, BlenderMissing
-from ..quiet import own_streams
 from .arguments import parser
 from .bake import BakeRequest, run_bake
 from .batch.request import BatchRequest
@@ -22,6 +21,7 @@ from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
+from .quiet import own_streams
 from .solver import run_solver
 
 MODULE = "python -m blender_addon"
