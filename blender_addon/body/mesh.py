@@ -40,6 +40,13 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     return obj
 
 
+def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
+    """Return the (N, 3) float32 coordinates of a mesh's vertices or of a shape key's points."""
+    co = np.empty(3 * len(points), dtype=np.float32)
+    points.foreach_get("co", co)
+    return co.reshape(-1, 3)
+
+
 def _add_materials(mesh: bpy.types.Mesh, body: BodyFile) -> None:
     index = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material.astype(np.int32)
     index = np.clip(index, 0, len(BODY_COLOURS) - 1)

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ..body.armature import bone_axes, deform_bone
+from ..body.mesh import positions
 from ..body.rig import Rig
 from ..body.shape import get_betas
 from ..body.sliders import slider_name
@@ -52,15 +53,9 @@ def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
     """Return the (V, 3) rest vertices at the sliders' shape."""
     keys = mesh.data.shape_keys
     betas = get_betas(mesh)
-    basis = _coordinates(keys.reference_key)
-    offsets = [beta * (_coordinates(keys.key_blocks[slider_name(k)]) - basis) for k, beta in enumerate(betas)]
-    return (basis + np.sum(offsets, axis=0)).reshape(-1, 3)
-
-
-def _coordinates(key: bpy.types.ShapeKey) -> np.ndarray:
-    co = np.empty(3 * len(key.points), dtype=np.float32)
-    key.points.foreach_get("co", co)
-    return co.astype(np.float64)
+    basis = positions(keys.reference_key.points).astype(np.float64)
+    offsets = [beta * (positions(keys.key_blocks[slider_name(k)].points) - basis) for k, beta in enumerate(betas)]
+    return basis + np.sum(offsets, axis=0)
 
 
 def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:

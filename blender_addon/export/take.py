@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..animation.curves import current_action
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
 
@@ -52,7 +53,7 @@ def take_of(scene: bpy.types.Scene, obj: bpy.types.Object | None, frames: tuple[
         NothingToExport: there is no armature, no motion, or no frame.
     """
     armature = _armature(obj)
-    action = armature.animation_data.action if armature.animation_data is not None else None
+    action = current_action(armature)
     if frames is None:
         if action is None:
             hint = "Give it one, or name a range of frames."

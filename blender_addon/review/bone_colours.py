@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..animation.confidence_lane import confidence_at
+from ..animation.curves import current_action
 
 _BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
@@ -29,7 +30,7 @@ def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> Non
         frame: scene frame.
         shown: False takes the paint off.
     """
-    action = armature.animation_data.action if armature.animation_data is not None else None
+    action = current_action(armature)
     confidence = confidence_at(action, frame) if action is not None else {}
     if not shown:
         for name in confidence:

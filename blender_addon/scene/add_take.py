@@ -9,6 +9,7 @@ import bpy
 
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
+from ..animation.curves import current_action
 from ..animation.takes import BETAS, PATHS, show_take
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
@@ -84,5 +85,5 @@ def thinned_take(
 
 def _body_played(armature: bpy.types.Object) -> str:
     """Return the id of the body an armature's action was solved for, "" if it does not say."""
-    action = armature.animation_data.action if armature.animation_data is not None else None
+    action = current_action(armature)
     return "" if action is None else str(action.get("body", ""))

@@ -19,9 +19,9 @@ from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_r
 from .cameras import look_through
 from .capture_stage import create_cameras, create_detections
 from .floor import create_floor
-from .overlay import create_point_overlay
+from .overlay import PointLook, create_point_overlay
 
-_KEYPOINT_M = 0.014
+_KEYPOINT_LOOK = PointLook(0.014, KEYPOINT_COLOUR)
 
 
 @dataclass(frozen=True)
@@ -144,8 +144,4 @@ def _bake_keypoints(motion: MotionFile, timing: TakeTiming, take: bpy.types.Coll
     if points is None or not points.size:
         return ()
     folder = child_collection("Keypoints", take)
-    return (
-        create_point_overlay(
-            "Triangulated keypoints", points, motion.fps, timing, folder, radius_m=_KEYPOINT_M, colour=KEYPOINT_COLOUR
-        ),
-    )
+    return (create_point_overlay("Triangulated keypoints", points, motion.fps, timing, folder, _KEYPOINT_LOOK),)

@@ -45,10 +45,7 @@ class NeedsBody(MocapOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a body."""
-        if context.scene.mocap.review.armature is None:
-            cls.poll_message_set("Solve a capture first")
-            return False
-        return True
+        return _there(cls, context.scene.mocap.review.armature)
 
 
 class NeedsTake(MocapOperator):
@@ -57,7 +54,10 @@ class NeedsTake(MocapOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a solved take."""
-        if context.scene.mocap.review.take is None:
-            cls.poll_message_set("Solve a capture first")
-            return False
-        return True
+        return _there(cls, context.scene.mocap.review.take)
+
+
+def _there(operator: type[MocapOperator], needed: bpy.types.ID | None) -> bool:
+    if needed is None:
+        operator.poll_message_set("Solve a capture first")
+    return needed is not None

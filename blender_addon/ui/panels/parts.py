@@ -22,6 +22,33 @@ class MocapPanel:
     bl_category = "MoCap"
 
 
+class CapturePanel(MocapPanel):
+    """A panel about the capture."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture."""
+        return bool(context.scene.mocap.capture.file)
+
+
+class BodyPanel(MocapPanel):
+    """A panel about the solved body."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved body."""
+        return context.scene.mocap.review.armature is not None
+
+
+class TakePanel(MocapPanel):
+    """A panel about the take that the body plays."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        return context.scene.mocap.review.take is not None
+
+
 def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
