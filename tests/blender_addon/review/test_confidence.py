@@ -8,7 +8,7 @@ import pytest
 from blender_addon._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 from blender_addon.review.confidence import HALF_AT_M, colours, joint_confidence, sigma_of
 from blender_addon.review.ranges import bad_ranges, next_range
-from solver_backend.types import motion as solver_motion
+from solver_backend import types as solver_types
 
 
 def test_confidence_falls_with_the_standard_deviation():
@@ -23,7 +23,7 @@ def test_flagged_frames_lose_confidence():
     confidence = joint_confidence(sigma, flags)
     assert confidence[:, 0].tolist() == [1.0, 0.3, 0.0, 0.0]
     assert confidence[1, 1] == confidence[0, 1] < 0.3  # a low one is not raised
-    assert (solver_motion.FLAG_UNSEEN, solver_motion.FLAG_UNSURE) == (FLAG_UNSEEN, FLAG_UNSURE)
+    assert (solver_types.FLAG_UNSEEN, solver_types.FLAG_UNSURE) == (FLAG_UNSEEN, FLAG_UNSURE)
 
 
 def test_colours_go_from_red_over_amber_to_green():
