@@ -1,4 +1,4 @@
-"""Plain data that moves through the pipeline; imports nothing but errors."""
+"""Plain data that moves through the pipeline; imports nothing but the exchange library."""
 
 from solver_backend.exchange.joint_sets import (
     NUM_BETAS,
