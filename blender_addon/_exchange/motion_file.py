@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -118,7 +119,7 @@ def motion_of(fields: Fields) -> MotionFile:
         MotionInvalid: shapes disagree, or there is no frame rate.
     """
     rotvec = _rotations(fields)
-    present = {
+    present: dict[str, Any] = {
         key: fields.shaped(key, shape, MotionInvalid).astype(_DTYPES.get(key, np.float64), copy=False)
         for key, shape in optional_shapes(len(rotvec)).items()
         if key in fields
@@ -129,7 +130,9 @@ def motion_of(fields: Fields) -> MotionFile:
         transl=fields.shaped("trans", (len(rotvec), 3), MotionInvalid),
         betas=_betas(fields),
         fps=_frame_rate(fields),
-        **{key: fields.text(key, "") for key in ("body", "joint_set", "provenance")},
+        body=fields.text("body", ""),
+        joint_set=fields.text("joint_set", ""),
+        provenance=fields.text("provenance", ""),
         **present,
     )
 

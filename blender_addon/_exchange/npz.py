@@ -38,7 +38,7 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
     """
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as archive:
-        for key in archive.files:
+        for key in archive:
             try:
                 arrays[key] = archive[key]
             except ValueError as error:
@@ -56,7 +56,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
     """
     required = tuple(required)
     with _opened(path) as archive:
-        found = set(archive.files)
+        found = set(archive)
         arrays = {key: archive[key] for key in (*required, *optional) if key in found}
     missing = [key for key in required if key not in arrays]
     if missing:
@@ -89,7 +89,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 
 @contextmanager
-def _opened(path: Path | str) -> Iterator[np.lib.npyio.NpzFile]:
+def _opened(path: Path | str) -> Iterator[Mapping[str, np.ndarray]]:
     """Yield the archive; whatever is wrong with its bytes, here or in the block, becomes a named error."""
     path = require_file(path)
     try:

@@ -91,7 +91,7 @@ def write_text(path: Path | str, text: str, *, overwrite: bool = False) -> Path:
 
 
 def probe(folder: Path) -> None:
-    """Write a small file and remove it, so that a read-only folder and a full disk are told before work begins.
+    """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins.
 
     Raises:
         OSError: the system says why it cannot be written.

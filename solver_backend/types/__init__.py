@@ -1,4 +1,4 @@
-"""Plain data that moves through the pipeline; imports nothing but errors."""
+"""Plain data that moves through the pipeline; imports nothing but the exchange library."""
 
 from solver_backend.exchange.joint_sets import (
     NUM_BETAS,
@@ -8,10 +8,11 @@ from solver_backend.exchange.joint_sets import (
     SMPL_PARENTS,
     JointSet,
 )
+from solver_backend.exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
 from solver_backend.types.fault import Fault, FaultKind, Remedy
-from solver_backend.types.motion import FLAG_UNSEEN, FLAG_UNSURE, Motion
+from solver_backend.types.motion import Motion
 
 __all__ = [
     "FLAG_UNSEEN", "FLAG_UNSURE", "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",

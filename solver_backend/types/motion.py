@@ -9,9 +9,6 @@ import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS, JointSet
-from solver_backend.exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
-
-__all__ = ["FLAG_UNSEEN", "FLAG_UNSURE", "Motion"]
 
 
 @dataclass(frozen=True)

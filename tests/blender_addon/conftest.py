@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import atexit
-from dataclasses import dataclass
-from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 
-from blender_addon._exchange.capture_file import CaptureFile, read_capture
-from blender_addon._exchange.motion_file import MotionFile, read_motion
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
-from tests.support.addon_stand_in import capture_arrays, motion_arrays, write_body
+from tests.support.addon_stand_in import Files, write_files
 
 
 @atexit.register
@@ -28,36 +24,10 @@ def _clear_handlers() -> None:
                 handlers.remove(handler)
 
 
-@dataclass(frozen=True)
-class Files:
-    """Stand-in files and what they hold."""
-
-    folder: Path
-    body_path: Path
-    motion_path: Path
-    capture_path: Path
-    body: BodyFile
-    motion: MotionFile
-    capture: CaptureFile
-
-
 @pytest.fixture(scope="session")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     """Write a body, a motion and a capture once."""
-    folder = tmp_path_factory.mktemp("stand in ü")
-    body = write_body(folder / "body.npz")
-    arrays = motion_arrays(body)
-    np.savez(folder / "walk.npz", **arrays)
-    np.savez(folder / "capture.npz", **capture_arrays(arrays["joints"]))
-    return Files(
-        folder=folder,
-        body_path=body,
-        motion_path=folder / "walk.npz",
-        capture_path=folder / "capture.npz",
-        body=read_body(body),
-        motion=read_motion(folder / "walk.npz"),
-        capture=read_capture(folder / "capture.npz"),
-    )
+    return write_files(tmp_path_factory.mktemp("stand in ü"))
 
 
 @pytest.fixture

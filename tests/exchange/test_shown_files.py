@@ -1,3 +1,5 @@
+"""Motions and captures as the add-on shows them: what is read, and what is refused with which words."""
+
 from __future__ import annotations
 
 import re
@@ -8,17 +10,8 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.capture_file import read_capture
-from blender_addon._exchange.errors import BodyInvalid, CaptureInvalid, FileDamaged, FileMissing, MotionInvalid
+from blender_addon._exchange.errors import CaptureInvalid, FileDamaged, FileMissing, MotionInvalid
 from blender_addon._exchange.motion_file import read_motion
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.conventions import skeleton
-from solver_backend.types import SMPL_JOINTS, SMPL_PARENTS
-
-
-def test_tree_is_the_solvers_tree() -> None:
-    assert skeleton.JOINTS == SMPL_JOINTS
-    assert skeleton.PARENTS == SMPL_PARENTS
-    assert all(skeleton.PARENTS[child] == joint for joint, child in skeleton.MAIN_CHILD.items())
 
 
 def test_files_are_read_as_written(files: Any) -> None:
@@ -96,22 +89,6 @@ def test_wrong_captures_are_named(tmp_path: Path, files: Any, change: dict[str, 
         read_capture(_changed(files.capture_path, tmp_path, change))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"weights": np.ones((5, 24))}, r"weights has shape \(5, 24\); \(576, 24\)"),
-        ({"v_template": np.full((576, 3), np.nan)}, "v_template holds NaN"),
-        ({"kintree_table": np.zeros((2, 24))}, "not SMPL's tree of 24 joints"),
-        ({"f": np.array([[0, 1, 600]]), "face_material": None}, r"faces must name vertices 0\.\.575"),
-        ({"f": np.array([[0, 1, 2]])}, r"face_material has shape .* \(1,\) is expected"),
-        ({"weights": np.zeros((576, 24))}, "has no skinning weight"),
-    ],
-)
-def test_wrong_bodies_are_named(tmp_path: Path, files: Any, change: dict[str, Any], message: str) -> None:
-    with pytest.raises(BodyInvalid, match=message):
-        read_body(_changed(files.body_path, tmp_path, change))
-
-
 def test_missing_and_broken_files_are_named(tmp_path: Path, files: Any) -> None:
     with pytest.raises(FileMissing, match=re.escape(str(tmp_path / "no.npz"))):
         read_motion(tmp_path / "no.npz")
@@ -128,12 +105,6 @@ def test_footage_is_relative_to_the_capture(tmp_path: Path, files: Any) -> None:
     path = _changed(files.capture_path, tmp_path, {"footage": np.array(["videos/a.mp4", "", "", ""])})
     cameras = read_capture(path).cameras
     assert cameras[0].footage == tmp_path / "videos" / "a.mp4" and cameras[1].footage is None
-
-
-def test_default_body_ships_with_the_source_tree() -> None:
-    body = read_body(default_body_path())
-    assert body.id and len(body.v_template) > 1000
-    assert 1.5 < np.ptp(body.v_template[:, 1]) < 2.0
 
 
 def _changed(source: Path, folder: Path, change: dict[str, Any]) -> Path:
