@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import turn_to_z_up
 from solver_backend.types import Cameras
-
-METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
-"""Metres in a unit."""
 
 WIDEST_RIG_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
@@ -35,9 +32,7 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
         reason = f"the cameras are up to {width:.4g} units apart"
     else:
         reason = "as stated"
-    if unit not in METRES:
-        raise JobInvalid(f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit")
-    scale = METRES[unit]
+    scale = metres_in(unit)
     return [replace(e, t=np.asarray(e.t) * scale) for e in entries], f"Lengths are read as {unit} ({reason})."
 
 

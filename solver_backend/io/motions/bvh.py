@@ -9,6 +9,8 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.io.files import read_text
+from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import turn_to_z_up
 
 METRES_PER_UNIT = 0.01
@@ -187,7 +189,7 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
             else:
                 rotations[:, j] = rotations[:, j] @ _about(axis, np.radians(value))
             column += 1
-    if _are_added(translations[:, 1:], np.array(skeleton.offsets[1:])):
+    if _are_added(translations[:, 1:], np.array(skeleton.offsets)[1:]):
         moved = [j for j, channels in enumerate(skeleton.channels) if j and any("position" in n for n in channels)]
         translations[:, moved] += np.array(skeleton.offsets)[moved]
     return rotations, translations
@@ -208,3 +210,11 @@ def _about(axis: int, angle: np.ndarray) -> np.ndarray:
     R[:, b, a] = np.sin(angle)
     R[:, a, b] = -R[:, b, a]
     return R
+
+
+def _read(path: Path, options: ReadOptions) -> BvhClip:
+    scale = METRES_PER_UNIT if options.unit is None else metres_in(options.unit)
+    return read_bvh(path, metres_per_unit=scale, up_axis=options.up_axis or "y")
+
+
+READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read)

@@ -1,0 +1,23 @@
+"""Every kind of capture and of motion that is read; a new one is a module and a row here."""
+
+from __future__ import annotations
+
+from solver_backend.io.captures import detection_folders, own_capture
+from solver_backend.io.motions import amass, bvh, own_motion
+from solver_backend.io.motions.amass import AmassClip
+from solver_backend.io.motions.bvh import BvhClip
+from solver_backend.io.reader import Reader
+from solver_backend.types import Capture, Motion
+
+CAPTURES: tuple[Reader[Capture], ...] = (
+    own_capture.READER,
+    detection_folders.READER,
+)
+"""Asked in this order; the first that recognises a path reads it."""
+
+MOTIONS: tuple[Reader[Motion] | Reader[AmassClip] | Reader[BvhClip], ...] = (
+    bvh.READER,
+    amass.READER,
+    own_motion.READER,
+)
+"""Asked in this order; a clip of another skeleton or body becomes a motion by what knows that body."""
