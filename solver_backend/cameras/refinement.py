@@ -71,7 +71,7 @@ def resected(
         weighted = by_pose * weight[..., None, None]
         normal = np.einsum("cnia,cnib->cab", weighted, by_pose) + 1e-9 * np.eye(6)
         step = np.linalg.solve(normal, np.einsum("cnia,cni->ca", weighted, error)[..., None])[..., 0]
-        turn = exp_so3(step[:, :3])
-        t = (turn @ cameras.t[..., None])[..., 0] + step[:, 3:]
-        cameras = replace(cameras, R=turn @ cameras.R, t=t)
+        rotation = exp_so3(step[:, :3])
+        t = (rotation @ cameras.t[..., None])[..., 0] + step[:, 3:]
+        cameras = replace(cameras, R=rotation @ cameras.R, t=t)
     return cameras

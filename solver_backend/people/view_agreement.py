@@ -42,7 +42,7 @@ class PeopleInSpace:
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
     """Yield the frames done so far and, for each block of frames, every group of detections that may be one person.
 
-    Groups may share detections: two rays of different people can meet by chance. ``settled`` decides.
+    Groups may share detections: two rays of different people can meet by chance. ``assigned_exclusively`` decides.
     """
     frames = seen.xy.shape[1]
     for start in range(0, frames, _FRAMES_AT_A_TIME):

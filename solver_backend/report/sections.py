@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 
+from solver_backend.geometry.runs import true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles
 from solver_backend.report.findings import Finding
 from solver_backend.report.markup import facts, heat_table, number, section, text
 from solver_backend.report.plan import plan
 from solver_backend.report.plots import Line, Shade, strip_plot, time_plot
-from solver_backend.report.statistics import Residuals, detected_share, located_share, stretches
+from solver_backend.report.statistics import Residuals, detected_share, located_share
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
@@ -24,14 +25,14 @@ SHADES_KEY = (
 
 
 def shades_of(motion: Motion) -> list[Shade]:
-    """Return the flagged stretches of a motion."""
+    """Return the flagged frame ranges of a motion."""
     if motion.flags is None:
         return []
     kinds = ((FLAG_UNSURE, "unsure", "far from the detections or hardly known"), (FLAG_UNSEEN, "unseen", "bridged"))
     return [
         Shade(first, last, kind, f"frames {first}-{last}: {label}")
         for bit, kind, label in kinds
-        for first, last in stretches((motion.flags & bit) > 0)
+        for first, last in true_runs((motion.flags & bit) > 0)
     ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,13 +107,6 @@ def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.nd
     """Return the percentage of ``of`` in which ``yes`` holds too, NaN where ``of`` is empty."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
-
-
-def stretches(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield the first and last frame of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(mask, dtype=np.int8), [0]])))
-    for first, stop in edges.reshape(-1, 2):
-        yield int(first), int(stop) - 1
 
 
 def detected_share(capture: Capture) -> np.ndarray | None:

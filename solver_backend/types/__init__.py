@@ -4,6 +4,8 @@ from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
 from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.joint_sets import (
+    FEET,
+    LIMBS,
     NUM_BETAS,
     NUM_BODY_JOINTS,
     NUM_JOINTS,
@@ -14,6 +16,7 @@ from solver_backend.types.joint_sets import (
 from solver_backend.types.motion import FLAG_UNSEEN, FLAG_UNSURE, Motion
 
 __all__ = [
-    "FLAG_UNSEEN", "FLAG_UNSURE", "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
+    "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS",
+    "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
     "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "Motion", "Remedy",
 ]  # fmt: skip

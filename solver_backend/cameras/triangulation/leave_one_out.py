@@ -1,4 +1,4 @@
-"""Where each view should see a keypoint, told from the other views alone."""
+"""Where each view should see a keypoint, predicted from the other views alone."""
 
 from __future__ import annotations
 
@@ -68,27 +68,27 @@ def _predicted(
     J = np.where(usable[..., None, None], J, np.nan_to_num(J))
     scaled = np.swapaxes(J, -1, -2) / sigma_px[:, None, None] ** 2
     residual = np.where(usable[..., None], xy - px, 0.0)
-    information, pull = scaled @ J, (scaled @ residual[..., None])[..., 0]
+    information, gradient = scaled @ J, (scaled @ residual[..., None])[..., 0]
     inliers = inliers & usable
     agreeing = inliers.sum(axis=0) - inliers
-    information_of, pull_of = _of_others(information, pull, inliers)
-    information_all, pull_all = _of_others(information, pull, usable)
+    information_of, gradient_of = _of_others(information, gradient, inliers)
+    information_all, gradient_all = _of_others(information, gradient, usable)
     several = agreeing >= 2
     information_of = np.where(several[..., None, None], information_of, information_all)
-    pull_of = np.where(several[..., None], pull_of, pull_all)
+    gradient_of = np.where(several[..., None], gradient_of, gradient_all)
     spread = inverse_symmetric_3x3(information_of + np.eye(3) / DEPTH_SIGMA_M**2)
-    step = spread @ pull_of[..., None]
+    step = spread @ gradient_of[..., None]
     covariance = J @ spread @ np.swapaxes(J, -1, -2)
     covariance += np.eye(2) * sigma_px[:, None, None] ** 2
     seen_by_others = (usable.sum(axis=0) - usable) > 0
     return Predictions(np.where(seen_by_others[..., None], px + (J @ step)[..., 0], np.nan), covariance)
 
 
-def _of_others(information: np.ndarray, pull: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return for each view the sums over the other views that are counted."""
     information = np.where(counted[..., None, None], information, 0.0)
-    pull = np.where(counted[..., None], pull, 0.0)
-    return information.sum(axis=0) - information, pull.sum(axis=0) - pull
+    gradient = np.where(counted[..., None], gradient, 0.0)
+    return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.recognition.length_unit import metres_in
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import Cameras
 
 WIDEST_RIG_M = 60.0
@@ -16,11 +16,11 @@ WIDEST_RIG_M = 60.0
 
 
 def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str]:
-    """Return the entries in metres and a sentence that says how the unit was told.
+    """Return the entries in metres and a sentence that says how the unit was found.
 
     Args:
         entries: cameras in the file's unit.
-        unit: a key of ``METRES``, or None to tell it from the distances between the cameras: a rig wider than
+        unit: a key of ``METRES``, or None to infer it from the distances between the cameras: a rig wider than
             ``WIDEST_RIG_M`` cannot be in metres and is read as millimetres.
 
     Raises:
@@ -45,14 +45,14 @@ def _rig_width(entries: list[CameraEntry]) -> float:
 
 
 def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
-    """Return the cameras in a world turned so that ``up_axis`` of the old one becomes Z.
+    """Return the cameras in a world rotated so that ``up_axis`` of the old one becomes Z.
 
     ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
 
     Raises:
         JobInvalid: the axis is unknown.
     """
-    return replace(cameras, R=cameras.R @ turn_to_z_up(up_axis).T)
+    return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:

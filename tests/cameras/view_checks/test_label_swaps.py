@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.cameras.view_checks.label_swaps import LIMBS, exchanged, limb_columns, undo_swaps
+from solver_backend.cameras.view_checks.label_swaps import EXCHANGED, exchanged, limb_columns, undo_swaps
 from solver_backend.synthetic.demo import demo_capture, tripods
 from solver_backend.types import Capture, Keypoints2D
 from tests.support.faulty import filmed_by, swapped
@@ -31,7 +31,7 @@ def drawn(capture: Capture, seed: int, lengths: tuple[int, int] = (3, 30)) -> li
     rng = np.random.default_rng(seed)
     frames, taken, chosen = capture.num_frames, np.zeros((2, len(capture.cameras), capture.num_frames + 9), bool), []
     for view in range(len(capture.cameras)):
-        for number, limb in enumerate(LIMBS):
+        for number, limb in enumerate(EXCHANGED):
             for _ in range(rng.poisson(RATE_PER_MINUTE * frames / capture.fps / 60)):
                 length = int(rng.integers(lengths[0], lengths[1] + 1))
                 first = int(rng.integers(0, frames - length))
@@ -43,7 +43,7 @@ def drawn(capture: Capture, seed: int, lengths: tuple[int, int] = (3, 30)) -> li
 
 
 def mask_of(swaps: list[tuple[int, str, int, int]], shape: tuple[int, int]) -> dict[str, np.ndarray]:
-    masks = {limb: np.zeros(shape, bool) for limb in LIMBS}
+    masks = {limb: np.zeros(shape, bool) for limb in EXCHANGED}
     for view, limb, first, last in swaps:
         masks[limb][view, first : last + 1] ^= True
     return masks
@@ -62,7 +62,7 @@ def test_injected_exchanges_are_undone(capture, views):
         got = mask_of([(s.view, s.limb, s.first, s.last) for s in found], (views, filmed.num_frames))
         injected += len(truth)
         undone += sum(got[limb][view, a : b + 1].mean() > 0.5 for view, limb, a, b in truth)
-        false += sum(int((got[limb] & ~wanted[limb]).sum()) for limb in LIMBS)
+        false += sum(int((got[limb] & ~wanted[limb]).sum()) for limb in EXCHANGED)
     assert injected >= 8
     assert undone >= 0.95 * injected, f"{undone} of {injected}"
     assert false <= 0.001 * 2 * views * max(1, 9 // views) * capture.num_frames
