@@ -47,9 +47,7 @@ def distort_with_jacobian(xy: Array, distortion: Array, model: str) -> tuple[Arr
     return array_namespace(xy).stack((x, y), axis=-1), jacobian
 
 
-def distorted(
-    x: Array, y: Array, distortion: Array, model: str
-) -> tuple[Array, Array, tuple[Array, Array, Array]]:  # fmt: skip
+def distorted(x: Array, y: Array, distortion: Array, model: str) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Return ``distort_with_jacobian`` of (C, ...) coordinates that lie apart, as fast loops want them."""
     k = _coefficients(distortion, x)
     u = x * x + y * y

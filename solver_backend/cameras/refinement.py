@@ -54,6 +54,8 @@ def resected(
         points: (F, K, 3) world metres, NaN where unknown.
         scale_px: residual at which a detection starts to lose its say.
         steps: Gauss-Newton steps.
+
+    Reference: Geman and McClure 1987 (the penalty); Triggs et al. 2000, sec. 7 (resection).
     """
     count = len(cameras)
     flat, target = points.reshape(-1, 3), xy.reshape(count, -1, 2)

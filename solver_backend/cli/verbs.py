@@ -108,9 +108,15 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     names = ("steps", "batch", "learning_rate", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     finished = train_prior(
-        args.prior, args.data, args.out, seed=args.seed, settings=TrainingSettings(**chosen), hidden=args.hidden,
-        work=args.work, progress=progress,
-    )  # fmt: skip
+        args.prior,
+        args.data,
+        args.out,
+        seed=args.seed,
+        settings=TrainingSettings(**chosen),
+        hidden=args.hidden,
+        work=args.work,
+        progress=progress,
+    )
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
     return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})

@@ -40,23 +40,27 @@ class Shade:
 
 
 def time_plot(
-    lines: Sequence[Line], fps: float, unit: str, *, height: float = 150.0, shades: Sequence[Shade] = (),
-    marks: np.ndarray | None = None, width: float = WIDTH, from_zero: bool = False, digits: int = 1,
-) -> str:  # fmt: skip
+    lines: Sequence[Line],
+    fps: float,
+    unit: str,
+    *,
+    size: tuple[float, float] = (WIDTH, 150.0),
+    shades: Sequence[Shade] = (),
+    marks: np.ndarray | None = None,
+    from_zero: bool = False,
+) -> str:
     """Return curves over seconds, with shaded ranges behind and ticks (keyframes) below.
 
     Args:
         lines: curves of the same F frames.
         fps: frames per second.
         unit: of the vertical axis.
-        height: of the drawing, in the drawing's units.
+        size: width and height of the drawing, in its own units.
         shades: ranges of frames behind the curves.
         marks: frame numbers of the ticks.
-        width: of the drawing.
         from_zero: the vertical axis begins at 0.
-        digits: decimals of the read-out.
     """
-    frames = len(lines[0].values)
+    (width, height), frames = size, len(lines[0].values)
     low, high, steps = _vertical_axis(lines, from_zero)
     x = _Scale(0.0, max(frames - 1, 1), LEFT, width - RIGHT)
     y = _Scale(low, high, height - BOTTOM, TOP)
@@ -71,7 +75,7 @@ def time_plot(
             for m in marks
         ]
     parts.append(f'<line class="cursor" y1="{TOP}" y2="{height - BOTTOM}" x1="0" x2="0"/>')
-    return _figure(parts, width, height, _reading(lines, fps, unit, digits, width))
+    return _figure(parts, width, height, _reading(lines, fps, unit, 1, width))
 
 
 def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Sequence[Shade] = ()) -> str:

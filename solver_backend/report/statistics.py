@@ -12,7 +12,7 @@ from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a 2D error whose coordinates have standard deviation 1."""
+"""Median length of a 2D error whose coordinates have standard deviation 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,10 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def quantile(values: np.ndarray, q: float, axis: int) -> np.ndarray:
-    """Return the quantile of the finite values along an axis, NaN where there is none (and no warning)."""
+    """Return the quantile of the finite values along an axis, NaN where there is none (and no warning).
+
+    Linear between the order statistics at ``(n - 1) q`` (Hyndman and Fan 1996, definition 7).
+    """
     ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=axis)
     count = np.isfinite(values).sum(axis=axis, keepdims=True)
     place = np.maximum(count - 1, 0) * q

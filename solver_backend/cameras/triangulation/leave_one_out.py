@@ -30,9 +30,12 @@ class Predictions:
 
 
 def predict_views(
-    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, triangulation: Triangulation,
+    cameras: Cameras,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    triangulation: Triangulation,
     frames: np.ndarray | None = None,
-) -> Predictions:  # fmt: skip
+) -> Predictions:
     """Predict every view from the others by one linear step around the triangulated points.
 
     With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is expected at
@@ -45,6 +48,9 @@ def predict_views(
         confidence: (C, F, K), 0 where missing.
         triangulation: of the same detections.
         frames: numbers of the frames to predict; None for all.
+
+    Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
+    linear regression and its predictive variance).
     """
     rig, start = Rig.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
     inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)

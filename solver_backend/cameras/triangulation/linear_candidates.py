@@ -70,7 +70,8 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
 def _ray_equations(views: UndistortedViews) -> Array:
     """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` of the rays ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays.
+    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays in metres (midpoint method; Hartley
+    and Sturm 1997).
     """
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
@@ -99,7 +100,7 @@ def _solve(system: Array) -> tuple[Array, Array]:
 
 
 def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Array:
-    """Return the (N,) robust cost of points (3, N) in all views; a point behind a camera disagrees fully."""
+    """Return the (N,) cost of ``best_candidate`` of points (3, N); a point behind a camera counts as infinitely far."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]

@@ -55,6 +55,8 @@ def fit_points(rig: Rig, px: Array, weight: Array, spread: Array) -> tuple[Array
         px: (C, N, 2) detections.
         weight: (C, N) confidence, zero where missing.
         spread: (N,) standard deviation of the detections, px.
+
+    Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
     """
     xp = array_namespace(px)
     points = _locate(rig, px, weight, ROBUST_SIGMAS * spread)
@@ -145,7 +147,10 @@ def _agreeing(rig: Rig, px: Array, weight: Array, points: Array, spread: Array) 
 
 
 def covariance_of(rig: Rig, weight: Array, points: Array, spread: Array) -> Array:
-    """Return the (N, 3, 3) covariance of the weighted estimator, NaN where fewer than two views have weight."""
+    """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN where fewer than two views have weight.
+
+    ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
+    """
     xp = array_namespace(weight)
     zero = xp.zeros_like(weight)
     error, J, _ = _errors(rig, xp.stack((zero, zero), axis=-1), weight, points)

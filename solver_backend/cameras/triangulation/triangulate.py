@@ -68,7 +68,9 @@ def triangulate(
     Raises:
         TooFewViews: there are fewer than two cameras.
         CalibrationMismatch: ``xy`` has another number of views than there are cameras.
-        KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` disagree.
+        KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` differ.
+
+    Reference: Geman and McClure 1987 (ρ); Huber 1967 (the covariance).
     """
     _check(cameras, xy, confidence)
     xp = array_namespace(xy, confidence)

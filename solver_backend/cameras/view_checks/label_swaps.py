@@ -68,6 +68,8 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
         cameras: C cameras.
         keypoints: detections of one person.
         triangulation: of these detections.
+
+    Reference: Viterbi 1967 (the best states of a chain).
     """
     found: list[LabelSwap] = []
     predictions = _predictions(cameras, keypoints, triangulation, np.arange(keypoints.num_frames))
@@ -91,9 +93,11 @@ def _predictions(
     columns = _columns(keypoints.joint_set)
     points, inliers = np.asarray(triangulation.points), np.asarray(triangulation.inliers)
     limbs = replace(
-        triangulation, points=points[:, columns], inliers=inliers[:, :, columns],
+        triangulation,
+        points=points[:, columns],
+        inliers=inliers[:, :, columns],
         sigma_px=np.asarray(triangulation.sigma_px)[columns],
-    )  # fmt: skip
+    )
     return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
 
 
@@ -156,7 +160,8 @@ def _against_views(
 ) -> np.ndarray:
     """Return (C, F, 2) the cost of left and right as labelled and exchanged, by their distance to the predictions.
 
-    Both sides are judged with the mean of their covariances, so that an uncertain side attracts nothing.
+    The distance is Mahalanobis' (1936), ``dᵀ C⁻¹ d`` with d in px. Both sides are judged with the mean of their
+    covariances, so that an uncertain side attracts nothing.
     """
     px, covariance = predictions.px, predictions.covariance
     spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
@@ -198,7 +203,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
 
 
 def _penalty(squared: np.ndarray) -> np.ndarray:
-    """Return Geman and McClure's ``½ s² r² / (r² + s²)``."""
+    """Return ``½ s² r² / (r² + s²)`` of squared distances r² in variances (Geman and McClure 1987)."""
     scale = ROBUST_SIGMAS**2
     return 0.5 * scale * squared / (squared + scale)
 

@@ -49,7 +49,9 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarr
     Args:
         cameras: C cameras.
         keypoints: detections of one person.
-        sigma_px: (K,) standard deviation of the detections.
+        sigma_px: (K,) standard deviation of the detections, px.
+
+    Reference: Lucas and Kanade 1981 (the shift that aligns two signals, by Gauss-Newton).
     """
     frames = _sampled(keypoints.num_frames)
     compared = LIMBS["arms"] + LIMBS["legs"]

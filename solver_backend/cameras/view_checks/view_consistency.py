@@ -56,6 +56,8 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
         triangulation: of all detections.
         confidence: (C, F, K), 0 where missing.
         least_frames: shorter ranges are left out.
+
+    Reference: Viterbi 1967; Rabiner 1989, "A tutorial on hidden Markov models".
     """
     inliers = np.asarray(triangulation.inliers)
     located = np.isfinite(np.asarray(triangulation.residual_px))
@@ -85,7 +87,9 @@ def misfit(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: n
         cameras: C cameras.
         xy: (C, F, K, 2) px.
         confidence: (C, F, K), 0 where missing.
-        sigma_px: (K,) standard deviation of the detections.
+        sigma_px: (K,) standard deviation of the detections, px.
+
+    Reference: Geman and McClure 1987.
     """
     square = np.asarray(triangulate(cameras, xy, confidence, sigma_px).residual_px) ** 2
     share = np.where(np.isfinite(square), square / (square + (DISAGREEING_SIGMAS * sigma_px) ** 2), 1.0)

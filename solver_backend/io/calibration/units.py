@@ -58,7 +58,7 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     """Return the cameras with one of them for images of another size of the same shape.
 
-    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)``.
+    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as OpenCV's ``resize`` maps them).
 
     Args:
         cameras: the cameras.
