@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _common() -> argparse.ArgumentParser:
+def _common() -> _Parser:
     options = _Parser(add_help=False)
     options.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
     options.add_argument("--parent-pipe", action="store_true", help="cancel as soon as standard input ends")
@@ -58,7 +58,7 @@ def _common() -> argparse.ArgumentParser:
     return options
 
 
-def _reading() -> argparse.ArgumentParser:
+def _reading() -> _Parser:
     options = _Parser(add_help=False)
     options.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
     options.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
@@ -68,13 +68,13 @@ def _reading() -> argparse.ArgumentParser:
     return options
 
 
-def _writing() -> argparse.ArgumentParser:
+def _writing() -> _Parser:
     options = _Parser(add_help=False)
     options.add_argument("--overwrite", action="store_true", default=None, help="replace results that are there")
     return options
 
 
-def _add_solve(verbs: Any, parents: list[argparse.ArgumentParser]) -> None:
+def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve = verbs.add_parser("solve", parents=parents, help="solve a capture and write the motion")
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="file or folder of the capture")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write")
@@ -87,9 +87,7 @@ def _add_solve(verbs: Any, parents: list[argparse.ArgumentParser]) -> None:
     solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
 
 
-def _add_captures(
-    verbs: Any, common: argparse.ArgumentParser, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser
-) -> None:
+def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:
     info = verbs.add_parser(
         "info", parents=[reading, common], help="say what a capture holds and what is wrong with it"
     )
@@ -105,7 +103,7 @@ def _add_captures(
     demo.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
 
 
-def _add_train(verbs: Any, common: argparse.ArgumentParser) -> None:
+def _add_train(verbs: Any, common: _Parser) -> None:
     train = verbs.add_parser("train", parents=[common], help="train a pose prior, or go on from its last checkpoint")
     train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ...")
     train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")

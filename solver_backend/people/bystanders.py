@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.checked_views import CheckedViews
 from solver_backend.cameras.view_checks.label_swaps import EXCHANGED, limb_columns
 from solver_backend.cameras.view_checks.view_consistency import ViewRange, inconsistent_ranges, view_runs
-from solver_backend.cameras.view_checks.view_repair import ExcludedViews
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_finding import doubtful_views, find_person
@@ -22,7 +22,9 @@ LEAST_TORSO = 3
 """Keypoints of head and trunk by which a contradiction is judged."""
 
 
-def exclude_bystanders(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ExcludedViews:
+def exclude_bystanders(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
+) -> CheckedViews[ViewRange]:
     """Drop what a view shows while its detector took a passer-by for the person.
 
     Views that agree on a passer-by may be as many as those that agree on the person, or more: the person is found by
@@ -39,12 +41,12 @@ def exclude_bystanders(cameras: Cameras, keypoints: Keypoints2D, triangulation: 
     view_ranges = [ViewRange(*run) for run in view_runs(_closed(strange, round(least)))]
     view_ranges = [s for s in view_ranges if strange[s.view, s.frames].sum() >= least]
     if not view_ranges:
-        return ExcludedViews(keypoints, triangulation, ())
+        return CheckedViews(keypoints, triangulation, ())
     confidence = keypoints.confidence.copy()
     for view_range in view_ranges:
         confidence[view_range.view, view_range.frames][strange[view_range.view, view_range.frames]] = 0.0
     keypoints = replace(keypoints, confidence=confidence)
-    return ExcludedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(view_ranges))
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(view_ranges))
 
 
 def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:

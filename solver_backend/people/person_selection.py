@@ -36,11 +36,7 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
     view that never shows two people at once is kept as it is: whether it is rotated, mirrored, late, named like another
     or shows somebody else for a while is found out before a solve, by all of its detections.
 
-    Args:
-        cameras: C cameras in the order of the detections' views.
-        detections: everybody in every view.
-        fps: frames per second.
-        progress: called with how many frames were compared.
+    Args: those of ``find_person``.
 
     Raises:
         NoDetections: nobody is detected, or no two views agree on anybody.

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.leave_one_out import Predictions, predict_views
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.checked_views import CheckedViews
 from solver_backend.cameras.view_checks.two_state_viterbi import best_states
 from solver_backend.cameras.view_checks.view_consistency import view_runs
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
@@ -45,24 +46,13 @@ class LabelSwap:
     """By how much the frames' cost fell: twice the logarithm of a likelihood ratio, roughly."""
 
 
-@dataclass(frozen=True)
-class Unswapped:
-    """Detections with their sides repaired."""
-
-    keypoints: Keypoints2D
-    """The detections."""
-    triangulation: Triangulation
-    """Of these detections."""
-    swaps: tuple[LabelSwap, ...]
-    """What was exchanged, in the order of view, limb and frame."""
-
-
-def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> Unswapped:
+def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
     """Find and undo exchanges of left and right limbs in single views.
 
     For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are judged by how far the
     detections are from where the other views expect them, its transitions by the way the detections would jump. Of
     exchanges that overlap in several views the one that explains most is undone first, and the others are judged anew.
+    What was found is in the order of view, limb and frame.
 
     Args:
         cameras: C cameras.
@@ -83,7 +73,7 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
         anew = _predictions(cameras, keypoints, triangulation, changed)
         predictions.px[:, changed], predictions.covariance[:, changed] = anew.px, anew.covariance
         found += swaps
-    return Unswapped(keypoints, triangulation, tuple(sorted(found, key=lambda s: (s.view, s.limb, s.first))))
+    return CheckedViews(keypoints, triangulation, tuple(sorted(found, key=lambda s: (s.view, s.limb, s.first))))
 
 
 def _predictions(

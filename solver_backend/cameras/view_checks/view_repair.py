@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.checked_views import CheckedViews
 from solver_backend.cameras.view_checks.view_consistency import ViewRange, inconsistent_ranges, misfit
 from solver_backend.cameras.view_checks.view_faults import BETTER, Explanation, NamedLike, explain
 from solver_backend.types import Cameras, Keypoints2D
@@ -40,32 +41,8 @@ class ViewFault:
     """What was undone."""
 
 
-@dataclass(frozen=True)
-class RepairedViews:
-    """Detections whose views agree."""
-
-    keypoints: Keypoints2D
-    """The detections."""
-    triangulation: Triangulation
-    """Of these detections."""
-    faults: tuple[ViewFault, ...]
-    """What was undone, in this order."""
-
-
-@dataclass(frozen=True)
-class ExcludedViews:
-    """Detections without the frame ranges of views that nothing explains."""
-
-    keypoints: Keypoints2D
-    """The detections."""
-    triangulation: Triangulation
-    """Of these detections."""
-    view_ranges: tuple[ViewRange, ...]
-    """What was left out."""
-
-
-def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> RepairedViews:
-    """Undo the faults of whole views that are beyond doubt.
+def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:
+    """Undo the faults of whole views that are beyond doubt, and return them in the order in which they were undone.
 
     Args:
         cameras: C cameras; with two, nothing says which of them is wrong.
@@ -85,10 +62,10 @@ def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triang
         keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
         faults.append(fault)
-    return RepairedViews(keypoints, triangulation, tuple(faults))
+    return CheckedViews(keypoints, triangulation, tuple(faults))
 
 
-def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> ExcludedViews:
+def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
     """Drop the frame ranges of views that show something else than the sound others do, such as somebody else.
 
     Args:
@@ -101,12 +78,12 @@ def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Trian
     )
     chosen = [s for s in found if _hopeless(cameras, keypoints, s, triangulation.sigma_px)]
     if not chosen:
-        return ExcludedViews(keypoints, triangulation, ())
+        return CheckedViews(keypoints, triangulation, ())
     confidence = keypoints.confidence.copy()
     for view_range in chosen:
         confidence[view_range.view, view_range.frames] = 0.0
     keypoints = replace(keypoints, confidence=confidence)
-    return ExcludedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(chosen))
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(chosen))
 
 
 def _usual_sigma(cameras: Cameras) -> float:

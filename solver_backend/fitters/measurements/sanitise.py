@@ -68,11 +68,11 @@ def check_capture(
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     observations = observations_of(rest.triangulation)
     progress(STAGE, 5, STEPS)
-    faults = [_fault_of(cameras, fault) for fault in views.faults] + late
-    for swap in sides.swaps:
+    faults = [_fault_of(cameras, fault) for fault in views.found] + late
+    for swap in sides.found:
         where = cameras.names[swap.view], swap.first, swap.last
         faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
-    for excluded in alone.view_ranges + rest.view_ranges:
+    for excluded in alone.found + rest.found:
         where = cameras.names[excluded.view], excluded.first, excluded.last
         faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
     faults += _absences(observations.seen, keypoints.fps)
