@@ -26,7 +26,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
         if path is not None:
             check_output(path, overwrite=job.overwrite)
     capture = _load(job.capture, job.reading(), progress)
-    from solver_backend.fitters.solve import resolve as resolve_range
+    from solver_backend.fitters.solve import resolve as resolve_stretch
     from solver_backend.fitters.solve import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion, write_motion
     from solver_backend.report.page import write_report
@@ -36,7 +36,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
         motion = solve_capture(capture, job.settings, progress)
     else:
         earlier = read_motion(job.resolve.motion)
-        motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress)
+        motion = resolve_stretch(capture, earlier, job.resolve.stretch, job.settings, progress)
     solve_s = time.monotonic() - start
     timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
     write_motion(job.out, timed, overwrite=job.overwrite)

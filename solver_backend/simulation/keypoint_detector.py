@@ -11,9 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.label_swaps import EXCHANGED
 from solver_backend.types import JointSet
 
+LIMBS: dict[str, tuple[str, ...]] = {
+    "arms": ("shoulder", "elbow", "wrist"),
+    "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
+}
+"""Keypoints that are exchanged together."""
 _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
 """Of a bias that turns with the person: constant, cos and sin of the angle and of its double; variance 1 everywhere."""
 
@@ -66,7 +70,7 @@ class Detections:
     outlier: np.ndarray
     """(C, F, K) bool."""
     swaps: np.ndarray
-    """(N, 4) whole numbers: view, index into ``EXCHANGED``, first frame, one past the last."""
+    """(N, 4) whole numbers: view, index into ``LIMBS``, first frame, one past the last."""
 
 
 def detect_keypoints(
@@ -155,10 +159,10 @@ def _swaps(
 
 
 def limb_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return the columns of each of ``EXCHANGED``, both sides."""
+    """Return the columns of each of ``LIMBS``, both sides."""
     names = joint_set.keypoints
     sided = [(k, name.split("_", 1)[1]) for k, name in enumerate(names) if name.startswith(("left_", "right_"))]
-    return {limb: [k for k, part in sided if part in parts] for limb, parts in EXCHANGED.items()}
+    return {limb: [k for k, part in sided if part in parts] for limb, parts in LIMBS.items()}
 
 
 def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:

@@ -4,8 +4,6 @@ from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
 from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.joint_sets import (
-    FEET,
-    LIMBS,
     NUM_BETAS,
     NUM_BODY_JOINTS,
     NUM_JOINTS,
@@ -13,6 +11,7 @@ from solver_backend.types.joint_sets import (
     SMPL_PARENTS,
     JointSet,
 )
+from solver_backend.types.limbs import FEET, LIMBS
 from solver_backend.types.motion import FLAG_UNSEEN, FLAG_UNSURE, Motion
 
 __all__ = [

@@ -17,11 +17,6 @@ SMPL_PARENTS: tuple[int, ...] = (
 )  # fmt: skip
 """Parent of each SMPL joint; -1 at the root."""
 
-LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
-"""Joints of each side that every detector finds, from the trunk outwards."""
-FEET = ("big_toe", "small_toe", "heel", "foot")
-"""Points of each side's foot, where a vocabulary has them."""
-
 NUM_JOINTS = 24
 NUM_BODY_JOINTS = 21
 """Joints 1..21, the ones a pose prior models (no hands)."""
