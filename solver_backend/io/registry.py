@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from solver_backend.io.captures import detection_folders, own_capture
-from solver_backend.io.motions import amass, bvh, own_motion
+from solver_backend.io import own_files
+from solver_backend.io.captures import detection_folders
+from solver_backend.io.motions import amass, bvh
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.reader import Reader
 from solver_backend.types import Capture, Motion
 
 CAPTURES: tuple[Reader[Capture], ...] = (
-    own_capture.READER,
+    own_files.CAPTURE,
     detection_folders.READER,
 )
 """Asked in this order; the first that recognises a path reads it."""
@@ -18,6 +19,6 @@ CAPTURES: tuple[Reader[Capture], ...] = (
 MOTIONS: tuple[Reader[Motion] | Reader[AmassClip] | Reader[BvhClip], ...] = (
     bvh.READER,
     amass.READER,
-    own_motion.READER,
+    own_files.MOTION,
 )
 """Asked in this order; a clip of another skeleton or body becomes a motion by what knows that body."""
