@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,8 @@ from solver_backend.training.data.corpus import HELD_OUT
 from solver_backend.training.data.retarget import body_rotations, read_clip
 from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
 from solver_backend.training.data.sources.clips import subject_of
-from tests.benchmarks.bench_held_out import DATA
 from tests.benchmarks.metric import BenchmarkSkipped
+from tests.support.recordings import recordings_folder
 
 
 def clip_paths(data: Path | None = None) -> list[Path]:
@@ -22,7 +21,7 @@ def clip_paths(data: Path | None = None) -> list[Path]:
     Raises:
         BenchmarkSkipped: there are none.
     """
-    folder = (data or Path(os.environ.get("MOCAP_SHARED_DATA", DATA))) / "motion_cmu"
+    folder = (data or recordings_folder()) / "motion_cmu"
     paths = [p for part in ("mb2", "daz") for p in sorted((folder / part).glob("*.npz")) if subject_of(p) in HELD_OUT]
     if not paths:
         raise BenchmarkSkipped("The validation motions are not here.", hint="Set MOCAP_SHARED_DATA to their folder.")
@@ -46,7 +45,7 @@ def training_take(name: str, num_frames: int | None = None, start: int = 0) -> T
     Raises:
         BenchmarkSkipped: it is not here, or is held out.
     """
-    path = Path(os.environ.get("MOCAP_SHARED_DATA", DATA)) / "motion_cmu" / "mb2" / f"{name}.npz"
+    path = recordings_folder() / "motion_cmu" / "mb2" / f"{name}.npz"
     if not path.is_file() or subject_of(path) in HELD_OUT:
         raise BenchmarkSkipped(f"The take {name} is not among the training motions.")
     return read_take(path, num_frames, start)

@@ -12,7 +12,7 @@ from solver_backend.priors.lifter import POINTS, load_lifter
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.lifter.task import LifterSettings, LifterTask
 from solver_backend.training.lifter.train import train_lifter
-from tests.training.test_sposer_training import job, swaying
+from tests.support.swaying_corpus import job, swaying
 
 
 def task(seed: int = 0) -> LifterTask:
