@@ -15,7 +15,7 @@ import numpy as np
 
 from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
-from tests.benchmarks.methods import FILTER, OURS, PUBLISHED, Method
+from tests.benchmarks.comparison.methods import FILTER, OURS, PUBLISHED, Method
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.open_sim import read_mot
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder

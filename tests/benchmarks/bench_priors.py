@@ -30,10 +30,10 @@ from solver_backend.training.data.corpus import Corpus, split_corpus
 from solver_backend.training.data.sources.clips import load_clips
 from solver_backend.training.data.sources.marker_takes import fitted_takes
 from solver_backend.training.sposer.accuracy import accuracy_by_source
-from tests.benchmarks import prior_tables as tables
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
-from tests.benchmarks.prior_pictures import embedding, pose_grid
-from tests.benchmarks.prior_widths import jacobian_times, width_table
+from tests.benchmarks.pose_priors import prior_tables as tables
+from tests.benchmarks.pose_priors.prior_pictures import embedding, pose_grid
+from tests.benchmarks.pose_priors.prior_widths import jacobian_times, width_table
 from tests.support.recordings import ABSENT, recordings_folder
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,12 +10,12 @@ import pytest
 
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.synthetic.demo import demo_capture
-from tests.benchmarks import passage as passages
-from tests.benchmarks.methods import Method
-from tests.benchmarks.passage import SHOWN, Passage, hardest, true_motion
-from tests.benchmarks.plots import error_against_time, knee_flexion
-from tests.benchmarks.runs import Outcome, Run
-from tests.benchmarks.sections import Section
+from tests.benchmarks.comparison import passage as passages
+from tests.benchmarks.comparison.methods import Method
+from tests.benchmarks.comparison.passage import SHOWN, Passage, hardest, true_motion
+from tests.benchmarks.comparison.plots import error_against_time, knee_flexion
+from tests.benchmarks.comparison.runs import Outcome, Run
+from tests.benchmarks.comparison.sections import Section
 
 FRAMES = 150
 

@@ -1,6 +1,7 @@
 """Benchmark captures by name: made once, kept under ``build/benchmark_captures`` by the hash of what they depend on.
 
-``python -m tests.benchmarks.captures [--views N ...] [--takes N] [--bad CASE ...]`` makes them, says what is in them.
+``python -m tests.benchmarks.comparison.captures [--views N ...] [--takes N] [--bad CASE ...]`` makes them and
+says what is in them.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.simulation import bad_input, benchmark, filming, keypoint_detector, occlusion
 from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
-from tests.benchmarks import validation_takes
-from tests.benchmarks.validation_takes import take_named
+from tests.benchmarks.comparison import validation_takes
+from tests.benchmarks.comparison.validation_takes import take_named
 
-FOLDER = Path(__file__).resolve().parents[2] / "build" / "benchmark_captures"
+FOLDER = Path(__file__).resolve().parents[3] / "build" / "benchmark_captures"
 _SOURCES = (benchmark, filming, keypoint_detector, occlusion, bad_input, validation_takes)
 TAKES = (
     "13_29:600+600", "salsa_07:20+600", "03_03:60+600", "salsa_11:270+600", "13_29:1200+600", "03_04:1200+600",

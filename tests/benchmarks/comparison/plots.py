@@ -9,8 +9,8 @@ import numpy as np
 
 from solver_backend.report.angles import knee_flexion_deg
 from solver_backend.report.plots import Line, time_plot
-from tests.benchmarks.judgement import Row
-from tests.benchmarks.passage import Passage
+from tests.benchmarks.comparison.judgement import Row
+from tests.benchmarks.comparison.passage import Passage
 
 _STYLE = """<style>
 text{font:11px sans-serif;fill:#444}text.y{text-anchor:end}text.x{text-anchor:middle}.grid{stroke:#ddd}

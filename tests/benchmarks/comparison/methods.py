@@ -22,7 +22,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
-from tests.benchmarks.truth_prior import TruthPrior
+from tests.benchmarks.comparison.truth_prior import TruthPrior
 
 FILTER, PUBLISHED, OURS = "triangulation + Butterworth", "BundleMoCap++", "ours"
 EXACT_PRIOR = "ours, prior without error"

@@ -10,9 +10,9 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.types import Capture, Motion
-from tests.benchmarks.captures import filmed
-from tests.benchmarks.methods import PUBLISHED
-from tests.benchmarks.sections import Found, Section
+from tests.benchmarks.comparison.captures import filmed
+from tests.benchmarks.comparison.methods import PUBLISHED
+from tests.benchmarks.comparison.sections import Found, Section
 
 SECONDS = 2.0
 SHOWN = ("MuVS", PUBLISHED, "ours, global")

@@ -9,7 +9,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gmm import GaussianMixture
 from solver_backend.training.data.corpus import build_corpus
 from solver_backend.training.data.sources.clips import Clip
-from tests.benchmarks.prior_tables import (
+from tests.benchmarks.pose_priors.prior_tables import (
     SCHEMES,
     draw_keys,
     frechet_distance,

@@ -5,9 +5,7 @@ A result holds as long as the capture and every module that the method imports s
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import importlib.util
 import json
 import os
 import re
@@ -15,10 +13,9 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +23,14 @@ import numpy as np
 
 from solver_backend.baselines import BaselineResult
 from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.priors.weights import ASSETS
 from solver_backend.simulation.benchmark import BenchmarkSettings
 from solver_backend.simulation.keypoint_detector import DetectorModel
-from tests.benchmarks.captures import capture_path, filmed
-from tests.benchmarks.judgement import Row, judged, worst_joints
-from tests.benchmarks.methods import Method
+from tests.benchmarks.comparison.captures import capture_path, filmed
+from tests.benchmarks.comparison.code_version import ROOT, code_version
+from tests.benchmarks.comparison.judgement import Row, judged, worst_joints
+from tests.benchmarks.comparison.methods import Method
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "bench_bundle" / "runs"
-WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz")
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,7 @@ def solve_apart(run: Run) -> None:
     if run.path.exists():
         return
     order = json.dumps({**asdict(run), "out": str(run.path)})
-    command = [sys.executable, "-m", "tests.benchmarks.runs", order]
+    command = [sys.executable, "-m", "tests.benchmarks.comparison.runs", order]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{run.method.name} on {run.take} failed:\n{done.stderr[-2000:]}")
@@ -114,37 +109,6 @@ def outcomes(runs: list[Run], tell: Callable[[str], None], jobs: int = 1) -> dic
             tell(f"[{number}/{len(missing)}, {left / 60:.1f} min left] {run.method.name}, {run.take} {run.bad or ''}, "
                  f"{run.settings.num_views} views")  # fmt: skip
     return {run: outcome(run) for run in runs}
-
-
-@cache
-def code_version(module: str) -> str:
-    """Return the hash of a module, of all of the package it imports, and of the weights."""
-    digest = hashlib.sha256()
-    for path in sorted(_closure(module)):
-        digest.update(path.read_bytes())
-    for name in WEIGHTS:
-        if (ASSETS / name).exists():
-            digest.update((ASSETS / name).read_bytes())
-    return digest.hexdigest()
-
-
-def _closure(module: str) -> set[Path]:
-    """Return the files of a module and of what it imports from the package, and so on."""
-    seen: set[Path] = set()
-    waiting = [module]
-    while waiting:
-        spec = importlib.util.find_spec(waiting.pop())
-        path = Path(spec.origin) if spec is not None and spec.origin is not None else None
-        if path is not None and path not in seen:
-            seen.add(path)
-            waiting += _imports(path)
-    return seen
-
-
-def _imports(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("solver_backend."):
-            yield str(node.module)
 
 
 def peak_memory_mb() -> float:

@@ -11,13 +11,12 @@ from solver_backend.baselines import BaselineResult
 from solver_backend.geometry.symmetric import packed
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
-from tests.benchmarks import runs
 from tests.benchmarks.bench_bundle import table
-from tests.benchmarks.judgement import COLUMNS, by_sight, coverage, exchanges_undone, judged, worst_joints
-from tests.benchmarks.methods import BASELINES, EXACT_PRIOR, OURS, PUBLISHED, Method, ablations, compared
-from tests.benchmarks.requirements import requirements
-from tests.benchmarks.runs import Outcome, Run, code_version
-from tests.benchmarks.sections import SECTIONS, Scope, Section, medians
+from tests.benchmarks.comparison.judgement import COLUMNS, by_sight, coverage, exchanges_undone, judged, worst_joints
+from tests.benchmarks.comparison.methods import BASELINES, EXACT_PRIOR, OURS, PUBLISHED, Method, ablations, compared
+from tests.benchmarks.comparison.requirements import requirements
+from tests.benchmarks.comparison.runs import Outcome, Run
+from tests.benchmarks.comparison.sections import SECTIONS, Scope, Section, medians
 from tests.support.scenes import small_motion
 
 
@@ -95,13 +94,6 @@ def test_every_section_names_runs_and_columns() -> None:
         assert section.runs and section.columns, name
         assert all(run.method.known for run in section.runs)
     assert medians([{"a": 1.0, "b": np.nan}, {"a": 3.0}, {"a": 2.0}])["a"] == 2.0
-
-
-def test_code_is_what_a_method_imports() -> None:
-    closure = {path.name for path in runs._closure("solver_backend.baselines.muvs")}
-    assert {"muvs.py", "sequence.py", "gaussian_vae.py", "projection.py"} <= closure
-    assert "bundle_method.py" not in closure and "report" not in closure
-    assert code_version("solver_backend.fitters.solve") != code_version("solver_backend.baselines.muvs")
 
 
 def test_requirements_are_judged_by_ratio() -> None:

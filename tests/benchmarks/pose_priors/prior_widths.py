@@ -18,7 +18,7 @@ from solver_backend.training.engine.loop import TrainingSettings, run_training
 from solver_backend.training.sposer.accuracy import reconstruction_accuracy
 from solver_backend.training.sposer.network import SphericalAutoencoder, linear_layers
 from solver_backend.training.sposer.task import SPoserSettings, SPoserTask
-from tests.benchmarks.prior_tables import Table
+from tests.benchmarks.pose_priors.prior_tables import Table
 
 WIDTHS, SEEDS, STEPS = (128, 256, 512), (0, 1, 2), 1000
 DECODED, REPEATS = 2000, 3

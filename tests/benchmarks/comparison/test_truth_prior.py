@@ -4,7 +4,7 @@ import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.sposer import load_sposer, spherical
-from tests.benchmarks.truth_prior import TruthPrior
+from tests.benchmarks.comparison.truth_prior import TruthPrior
 
 
 def _poses() -> np.ndarray:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from solver_backend.simulation.benchmark import BenchmarkSettings
-from tests.benchmarks.captures import BAD, LONG_TAKE, TAKES
-from tests.benchmarks.judgement import COLUMNS, Row
-from tests.benchmarks.methods import OURS, PUBLISHED, Method, ablations, compared
-from tests.benchmarks.runs import Outcome, Run
+from tests.benchmarks.comparison.captures import BAD, LONG_TAKE, TAKES
+from tests.benchmarks.comparison.judgement import COLUMNS, Row
+from tests.benchmarks.comparison.methods import OURS, PUBLISHED, Method, ablations, compared
+from tests.benchmarks.comparison.runs import Outcome, Run
 
 TIMES = ("seconds", "cpu_s", "peak_mb")
 ACCURACY = ("mpjpe_mm", "rmse_mm", "mae_deg", "pck3", "pck7", "accel_m_s2")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.benchmarks.judgement import Row
-from tests.benchmarks.methods import BASELINES, EXACT_PRIOR, FILTER, PUBLISHED
+from tests.benchmarks.comparison.judgement import Row
+from tests.benchmarks.comparison.methods import BASELINES, EXACT_PRIOR, FILTER, PUBLISHED
 
 OURS = "ours, global"
 Tables = dict[str, dict[str, Row]]

@@ -1,7 +1,8 @@
 """The comparison video: truth and solved motions side by side, the true joints as dots on each.
 
-``python -m tests.benchmarks.passage_video FOLDER OUT.mp4`` renders the motion files ``0_LABEL.npz, 1_LABEL.npz, ...``
-of a folder (``write_passage``), the first being the truth, and a contact sheet ``OUT.png`` of some frames.
+``python -m tests.benchmarks.comparison.passage_video FOLDER OUT.mp4`` renders the motion files ``0_LABEL.npz,
+1_LABEL.npz, ...`` of a folder (``write_passage``), the first being the truth, and a contact sheet ``OUT.png`` of some
+frames.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.benchmarks.passage import Passage
+from tests.benchmarks.comparison.passage import Passage
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PANE = (360, 480)
 STRIDE = 2
 """Every second frame: 30 a second of a take at 60."""
@@ -37,7 +38,7 @@ def render_apart(passage: Passage, out: Path) -> None:
     """Render in a process of its own: Blender keeps what it once had open."""
     with tempfile.TemporaryDirectory(prefix="passage_") as name:
         write_passage(passage, Path(name))
-        command = [sys.executable, "-m", "tests.benchmarks.passage_video", name, str(out)]
+        command = [sys.executable, "-m", "tests.benchmarks.comparison.passage_video", name, str(out)]
         subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
 
 

@@ -13,8 +13,8 @@ from solver_backend.fitters.model.keyframe_curve import KeyframeLayout
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import JointSet
-from tests.benchmarks.autograd_window import keypoint_regressor
 from tests.benchmarks.bench_published import first_key, window_of
+from tests.benchmarks.comparison.autograd_window import keypoint_regressor
 
 
 def test_autograd_equals_the_gradient_by_hand():
