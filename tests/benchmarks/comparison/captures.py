@@ -22,12 +22,13 @@ from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.simulation import bad_input, benchmark, filming, keypoint_detector, occlusion
 from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.synthetic import temporal_noise
 from solver_backend.types import Capture
 from tests.benchmarks.comparison import validation_takes
 from tests.benchmarks.comparison.validation_takes import take_named
 
 FOLDER = Path(__file__).resolve().parents[3] / "build" / "benchmark_captures"
-_SOURCES = (benchmark, filming, keypoint_detector, occlusion, bad_input, validation_takes)
+_SOURCES = (benchmark, filming, keypoint_detector, occlusion, bad_input, temporal_noise, validation_takes)
 TAKES = (
     "13_29:600+600", "salsa_07:20+600", "03_03:60+600", "salsa_11:270+600", "13_29:1200+600", "03_04:1200+600",
 )  # fmt: skip
