@@ -69,6 +69,10 @@ class AutoencodingPrior(PosePrior):
     metadata: dict[str, Any]
     """What is known of the weights: command, data, figures and ``sha256``; empty without weights."""
 
+    def reconstruct(self, rotations: Array) -> Array:
+        """Return (N, 21, 3, 3) poses after they were encoded and decoded."""
+        return self.decode(self.encode(rotations))
+
 
 def check_rotations(rotations: Array) -> None:
     """Make sure that poses are (N, 21, 3, 3) finite rotations.

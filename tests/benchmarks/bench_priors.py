@@ -29,7 +29,7 @@ from solver_backend.priors.sposer import SPoser
 from solver_backend.training.data.corpus import Corpus, split_corpus
 from solver_backend.training.data.sources.clips import load_clips
 from solver_backend.training.data.sources.marker_takes import fitted_takes
-from solver_backend.training.sposer.accuracy import accuracy_by_source
+from solver_backend.training.engine.accuracy import accuracy_by_source
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.pose_priors import prior_tables as tables
 from tests.benchmarks.pose_priors.prior_pictures import embedding, pose_grid

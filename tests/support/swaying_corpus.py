@@ -11,7 +11,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.training.data.corpus import Corpus, build_corpus
 from solver_backend.training.data.sources.clips import Clip
 from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.engine.recipe import Job
+from solver_backend.training.engine.recipe import TrainingJob
 
 CARD_DATA = {
     "sources": {"training/sway": {"clips": 1, "frames": 40, "distinct": 40}}, "keyed_repeats": 4,
@@ -26,6 +26,6 @@ def swaying(seed: int, frames: int = 40) -> Corpus:
     return build_corpus([Clip("sway", "02", exp_so3(amplitude * np.sin(4 * time + phase)).astype(np.float32))])
 
 
-def job(folder: Path, steps: int) -> Job:
+def job(folder: Path, steps: int) -> TrainingJob:
     settings = TrainingSettings(steps=steps, batch=16, evaluate_every=steps)
-    return Job(swaying(0), swaying(0), settings, folder, folder / "run", "train", CARD_DATA, silent)
+    return TrainingJob(swaying(0), swaying(0), settings, folder, folder / "run", "train", CARD_DATA, silent)

@@ -13,7 +13,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.training.data.corpus import Corpus, build_corpus
 from solver_backend.training.data.sources.clips import Clip
 from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.engine.recipe import Job
+from solver_backend.training.engine.recipe import TrainingJob
 from solver_backend.training.pose_ndf.network import (
     PoseNdfSettings,
 )
@@ -37,9 +37,9 @@ def swaying(seed: int, frames: int = 60) -> Corpus:
     return build_corpus([Clip(f"test/{who}", who, R) for who, R in zip(("01", "02"), sways, strict=True)])
 
 
-def job(folder: Path, steps: int, checkpoint_s: float = 60.0) -> Job:
+def job(folder: Path, steps: int, checkpoint_s: float = 60.0) -> TrainingJob:
     settings = TrainingSettings(steps=steps, batch=32, evaluate_every=3, checkpoint_s=checkpoint_s, learning_rate=3e-3)
-    return Job(swaying(0), swaying(1), settings, folder, folder / "run", "train", CARD_DATA, silent)
+    return TrainingJob(swaying(0), swaying(1), settings, folder, folder / "run", "train", CARD_DATA, silent)
 
 
 def random_quats(count: int, seed: int, scale: float = 0.5) -> torch.Tensor:

@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.training.data.augmentation import mirrored
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.engine.loop import run_training
-from solver_backend.training.engine.recipe import Job
+from solver_backend.training.engine.recipe import TrainingJob
 from solver_backend.training.pose_ndf.nearest_poses import unit_quats
 from solver_backend.training.pose_ndf.negatives import (
     NOBODY,
@@ -99,7 +99,7 @@ class Stages:
         return joined([labelled(part, manifold) for part in parts])
 
 
-def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> PoseFieldNet:
+def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: Manifold) -> PoseFieldNet:
     """Train stage after stage, each from where the last one ended, each with checkpoints in a folder of its own."""
     torch.manual_seed(job.settings.seed)
     model = PoseFieldNet(settings)

@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import torch
 from torch import nn
 
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
+from solver_backend.training.engine.dense_layers import dense_stack, linear_layers
 
 LATENT = 32
-_ACTIVATIONS = {"silu": nn.SiLU, "elu": nn.ELU, "leaky_relu": nn.LeakyReLU}
 
 
 def spherical(z: torch.Tensor) -> torch.Tensor:
     """Return ``(z - mean(z)) / |z - mean(z)|`` (thesis 6.2.2)."""
     centred = z - z.mean(dim=-1, keepdim=True)
     return centred / torch.linalg.vector_norm(centred, dim=-1, keepdim=True).clamp_min(1e-12)
-
-
-def dense_stack(widths: tuple[int, ...], activation: str) -> nn.Sequential:
-    """Return linear layers with the activation between them."""
-    layers: list[nn.Module] = []
-    for number, (before, after) in enumerate(pairwise(widths)):
-        layers.append(nn.Linear(before, after))
-        if number < len(widths) - 2:
-            layers.append(_ACTIVATIONS[activation]())
-    return nn.Sequential(*layers)
-
-
-def linear_layers(stack: nn.Sequential) -> list[nn.Linear]:
-    """Return the linear layers of a stack."""
-    return [layer for layer in stack if isinstance(layer, nn.Linear)]
 
 
 class SphericalAutoencoder(nn.Module):

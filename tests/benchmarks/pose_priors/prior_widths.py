@@ -14,9 +14,10 @@ from torch import nn
 from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.priors.sposer import SPoser, spherical
 from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.engine.accuracy import reconstruction_accuracy
+from solver_backend.training.engine.dense_layers import linear_layers
 from solver_backend.training.engine.loop import TrainingSettings, run_training
-from solver_backend.training.sposer.accuracy import reconstruction_accuracy
-from solver_backend.training.sposer.network import SphericalAutoencoder, linear_layers
+from solver_backend.training.sposer.network import SphericalAutoencoder
 from solver_backend.training.sposer.task import SPoserSettings, SPoserTask
 from tests.benchmarks.pose_priors.prior_tables import Table
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.training.sposer.accuracy import reconstruction_accuracy
+from solver_backend.training.engine.accuracy import reconstruction_accuracy
 from solver_backend.training.sposer.task import SPoserSettings
 from solver_backend.training.sposer.train import train_sposer
 from tests.support.swaying_corpus import job, swaying

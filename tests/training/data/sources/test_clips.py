@@ -13,7 +13,7 @@ from solver_backend.training.data.corpus import build_corpus
 from solver_backend.training.data.retarget import body_rotations, read_clip
 from solver_backend.training.data.skeleton_maps import MAPS
 from solver_backend.training.data.sources.clips import Clip, load_clips, without_faults
-from solver_backend.training.sposer.accuracy import accuracy_by_source
+from solver_backend.training.engine.accuracy import accuracy_by_source
 from tests.support.random_poses import poses
 
 

@@ -1,15 +1,38 @@
-"""How well a prior reproduces poses."""
+"""How well an autoencoder reproduces poses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Protocol
 
 import numpy as np
+import torch
+from torch import nn
 
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
+from solver_backend.training.engine.dense_layers import stack_arrays
+
+VALIDATION_POSES = 4000
+"""Distinct poses that a training looks at now and then."""
+
+
+class Autoencoder(Protocol):
+    """A network of poses."""
+
+    def eval(self) -> object:
+        """Leave the training mode."""
+        ...
+
+    def encode(self, rotations: torch.Tensor) -> torch.Tensor:
+        """Return the codes of (N, 21, 3, 3) poses."""
+        ...
+
+    def decode(self, z: torch.Tensor) -> torch.Tensor:
+        """Return (N, 21, 3, 3) poses."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -28,6 +51,13 @@ class Accuracy:
     def as_dict(self) -> dict[str, float]:
         """Return the figures by name."""
         return {key: float(value) for key, value in asdict(self).items()}
+
+
+def reconstructed(model: Autoencoder, rotations: np.ndarray) -> np.ndarray:
+    """Return what a network decodes from its codes of (N, 21, 3, 3) poses, without noise and dropout."""
+    model.eval()
+    with torch.no_grad():
+        return model.decode(model.encode(torch.as_tensor(rotations, dtype=torch.float32))).numpy().astype(np.float64)
 
 
 def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
@@ -71,3 +101,11 @@ def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndar
     untouched by takes whose head or hand was tracked wrongly.
     """
     return np.percentile(np.abs(residual_rotvecs(truth, decoded)), 68.27, axis=0)
+
+
+def autoencoder_arrays(
+    model: Autoencoder, encoder: nn.Sequential, decoder: nn.Sequential, truth: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return what an autoencoder's weight file holds: both stacks, and its errors on (N, 21, 3, 3) poses."""
+    sigma = reconstruction_statistics(truth, reconstructed(model, truth)).astype(np.float32)
+    return stack_arrays(encoder, "encoder") | stack_arrays(decoder, "decoder") | {"residual_sigma": sigma}
