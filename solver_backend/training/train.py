@@ -80,11 +80,11 @@ def train(
 
 def _command(prior: str, settings: TrainingSettings) -> str:
     """Return the command that repeats a training, with the options that are not left at their defaults."""
-    usual, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
+    defaults, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
     command += f" --steps {settings.steps}"
     for name in ("batch", "learning_rate", "device"):
         value = getattr(settings, name)
-        command += f" --{name.replace('_', '-')} {value}" if value != getattr(usual, name) else ""
+        command += f" --{name.replace('_', '-')} {value}" if value != getattr(defaults, name) else ""
     return command
 
 

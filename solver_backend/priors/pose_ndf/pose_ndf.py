@@ -12,7 +12,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent
+from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.networks.softplus_stack import SoftplusStack
@@ -73,7 +73,7 @@ class PoseNDF(PosePrior):
         """
         check_rotations(rotations)
         xp = array_namespace(rotations)
-        return xp.reshape(_upper(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
+        return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
 
     def decode(self, z: Array) -> Array:
         """Return (N, 21, 3, 3) rotations of (N, 84) quaternions of any length but zero."""
@@ -214,11 +214,6 @@ def _stack(stored: PriorWeights, part: str, widths: tuple[int, ...]) -> Softplus
     matrices = tuple(stored.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairs))
     biases = tuple(stored.array(f"{part}_b{i}", (b,)) for i, (_, b) in enumerate(pairs))
     return SoftplusStack(matrices, biases, last_is_positive=True)
-
-
-def _upper(quats: Array) -> Array:
-    xp = array_namespace(quats)
-    return xp.where(quats[..., :1] < 0, -quats, quats)
 
 
 def _unit(quats: Array) -> Array:

@@ -11,7 +11,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.data.rest_skeleton import MIRROR
+from solver_backend.training.data.rest_skeleton import BODY_MIRROR
 from solver_backend.training.engine.model_card import Card
 from solver_backend.training.engine.publish import publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob
@@ -60,6 +60,5 @@ def train_gmm(job: TrainingJob) -> Finished:
 def rotation_vectors(corpus: Corpus) -> np.ndarray:
     """Return (2 D, 63) rotation vectors of the distinct poses and their mirror images."""
     vectors = log_so3(corpus.rotations[corpus.distinct].astype(np.float64))
-    swapped = [MIRROR[joint] - 1 for joint in range(1, 22)]
-    flipped = vectors[:, swapped] * np.array([1.0, -1.0, -1.0])
+    flipped = vectors[:, BODY_MIRROR] * np.array([1.0, -1.0, -1.0])
     return np.concatenate((vectors, flipped)).reshape(-1, 63)

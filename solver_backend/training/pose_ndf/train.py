@@ -10,14 +10,15 @@ import torch
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.geometry.quaternions import matrix_from_quat
+from solver_backend.metrics.rank_correlation import spearman
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.engine.model_card import Card
 from solver_backend.training.engine.publish import Figures, publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.pose_ndf.nearest_poses import unit_quats
-from solver_backend.training.pose_ndf.negatives import Manifold
-from solver_backend.training.pose_ndf.network import PoseNdfSettings, field_arrays, spearman
+from solver_backend.training.pose_ndf.negatives import PoseManifold
+from solver_backend.training.pose_ndf.network import PoseNdfSettings, field_arrays
 from solver_backend.training.pose_ndf.stages import manifold_of, perturbed_validation, train_stages
 
 _CARD = Card(
@@ -59,7 +60,7 @@ def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings
     return publish(job, "pose_ndf", arrays, {"field_size": size}, asked, measured, _CARD)
 
 
-def measure(prior: PoseNDF, validation: Corpus, manifold: Manifold, settings: PoseNdfSettings) -> dict[str, float]:
+def measure(prior: PoseNDF, validation: Corpus, manifold: PoseManifold, settings: PoseNdfSettings) -> dict[str, float]:
     """Return how well the field ranks, measures and projects perturbed poses, and what it samples."""
     perturbed = perturbed_validation(validation, manifold, settings.validation)
     truth = perturbed.distance.numpy().astype(np.float64)

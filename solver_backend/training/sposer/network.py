@@ -6,9 +6,8 @@ import torch
 from torch import nn
 
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
+from solver_backend.priors.sposer import LATENT_DIM
 from solver_backend.training.engine.dense_layers import dense_stack, linear_layers
-
-LATENT = 32
 
 
 def spherical(z: torch.Tensor) -> torch.Tensor:
@@ -22,8 +21,8 @@ class SphericalAutoencoder(nn.Module):
 
     def __init__(self, encoder_hidden: tuple[int, ...], decoder_hidden: tuple[int, ...], activation: str) -> None:
         super().__init__()
-        self.encoder = dense_stack((126, *encoder_hidden, LATENT), activation)
-        self.decoder = dense_stack((LATENT, *decoder_hidden, 126), activation)
+        self.encoder = dense_stack((126, *encoder_hidden, LATENT_DIM), activation)
+        self.decoder = dense_stack((LATENT_DIM, *decoder_hidden, 126), activation)
 
     def start_from(self, mean_6d: torch.Tensor) -> None:
         """Centre the encoder's input and the decoder's output on the mean pose, and the code's scale on one."""
@@ -31,7 +30,7 @@ class SphericalAutoencoder(nn.Module):
             first, last = linear_layers(self.encoder)[0], linear_layers(self.decoder)[-1]
             first.weight.mul_(3.0)
             first.bias.sub_(first.weight @ mean_6d)
-            linear_layers(self.decoder)[0].weight.mul_(LATENT**0.5)
+            linear_layers(self.decoder)[0].weight.mul_(LATENT_DIM**0.5)
             last.weight.mul_(0.5)
             last.bias.copy_(mean_6d)
 

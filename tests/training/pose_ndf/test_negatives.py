@@ -13,13 +13,13 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.priors.pose_ndf.pose_distance import pose_distance
 from solver_backend.training.pose_ndf.negatives import (
     NOBODY,
-    Manifold,
+    PoseManifold,
     Poses,
     blended,
     labelled,
     projected,
+    rotated,
     spread,
-    turned,
 )
 from solver_backend.training.pose_ndf.network import (
     PoseFieldNet,
@@ -30,9 +30,9 @@ from tests.support.swaying_people import SMALL, random_quats, swaying
 
 
 def test_turned_poses_lie_as_far_as_they_are_turned() -> None:
-    manifold, generator = Manifold.of(random_quats(50, 0), torch.arange(50)), torch.Generator().manual_seed(0)
+    manifold, generator = PoseManifold.of(random_quats(50, 0), torch.arange(50)), torch.Generator().manual_seed(0)
     near, far = (
-        turned(manifold.drawn(300, generator), spread(300, degrees, generator), generator)
+        rotated(manifold.drawn(300, generator), spread(300, degrees, generator), generator)
         for degrees in ((1.0, 2.0), (30.0, 60.0))
     )
     nearest = [manifold.nearest.distances(poses.quats, 1)[:, 0].median() for poses in (near, far)]
@@ -44,7 +44,7 @@ def test_turned_poses_lie_as_far_as_they_are_turned() -> None:
 
 def test_distances_are_to_the_poses_of_other_people() -> None:
     quats, people = random_quats(90, 0), torch.arange(90) % 3
-    manifold = Manifold.of(quats, people)
+    manifold = PoseManifold.of(quats, people)
     asked = Poses(random_quats(12, 1), torch.tensor([0, 1, 2, NOBODY] * 3))
     found = labelled(asked, manifold).distance
     for pose, who, distance in zip(asked.quats, asked.people, found, strict=True):
@@ -59,7 +59,7 @@ def test_distances_are_to_the_poses_of_other_people() -> None:
 
 def test_projected_poses_lie_nearer_than_they_started(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    manifold = Manifold.of(random_quats(30, 5), torch.arange(30))
+    manifold = PoseManifold.of(random_quats(30, 5), torch.arange(30))
     prior = as_prior(PoseFieldNet(SMALL), manifold.spread)
     met = projected(prior, manifold, 31, torch.Generator().manual_seed(0))
     assert met.quats.shape == (30, 21, 4) and int((met.people == NOBODY).sum()) == 10
