@@ -70,7 +70,7 @@ class AutoencodingPrior(PosePrior):
     """What is known of the weights: command, data, figures and ``sha256``; empty without weights."""
 
     def reconstruct(self, rotations: Array) -> Array:
-        """Return (N, 21, 3, 3) poses after they were encoded and decoded."""
+        """Return ``G(E(θ))`` (N, 21, 3, 3) of (N, 21, 3, 3) poses, encoded and decoded (thesis eq. 4.1)."""
         return self.decode(self.encode(rotations))
 
 

@@ -34,7 +34,7 @@ _ARRIVED = 1e-3
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Gradient descent to the manifold (eq. 6)."""
+    """Gradient descent to the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
     """At most."""
@@ -50,6 +50,8 @@ class PoseNDF(PosePrior):
     """The distance of a pose to the manifold of plausible ones, rad: zero on it, in the metric of ``pose_distance``.
 
     Quaternions enter with ``w >= 0``, so that q and -q are the same pose by construction.
+
+    Reference: Tiwari et al. 2022, eq. 1 (the manifold is where the field is zero).
     """
 
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
@@ -130,11 +132,13 @@ class PoseNDF(PosePrior):
         return distance, sign * gradient
 
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
-        """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length (eq. 6).
+        """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length.
 
         The gradient is that of the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 a field
         that is a distance is left in one step. A step that would raise a pose's distance is halved; α then grows again.
         No pose goes farther than ``reach`` times the distance it began at.
+
+        Reference: Tiwari et al. 2022, eq. 5 (the nearest pose of the manifold), eq. 6 (the step).
 
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.

@@ -71,7 +71,7 @@ class PoseFieldNet(nn.Module):
 
 
 class PoseNdfTask:
-    """Losses (4) on one stage's poses, and validation; zero is no distance of its own, see ``labelled``."""
+    """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation; see ``labelled`` for why no zeros."""
 
     def __init__(
         self,
@@ -98,7 +98,10 @@ class PoseNdfTask:
         return self._make()
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance."""
+        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance.
+
+        Reference: Tiwari et al. 2022, eq. 4: the distance's error, and the eikonal equation.
+        """
         s, pool, device = self._settings, self._poses, device_of(self.model)
         chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
         quats, target = upper_hemisphere(pool.quats[chosen]).to(device), pool.distance[chosen].to(device)

@@ -1,4 +1,4 @@
-"""SPoser's training: reconstruction on a sphere whose geodesics are motion (thesis 6.1-6.4)."""
+"""SPoser's training: reconstruction on a sphere whose geodesics are motion (thesis eqs. 6.1 to 6.4)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SPoserSettings:
     decoder_hidden: tuple[int, ...] = (512, 512)
     activation: str = "silu"
     orthogonality: float = 0.05
-    """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` (6.4) next to squared distances of points in dm² (6.3)."""
+    """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` next to squared distances of points in dm² (thesis eqs. 6.4, 6.3)."""
     between: float = 0.5
     """Weight of the frame between keys against the keys themselves."""
     latent_noise: float = 0.01

@@ -27,9 +27,9 @@ class VaeSettings:
 
     kind: Kind
     divergence: float = 1e-3
-    """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (4.17)."""
+    """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (thesis eq. 4.17)."""
     orthogonality: float = 0.5
-    """Weight of (4.19)."""
+    """Weight of the rotations' disagreement (thesis eq. 4.19)."""
 
 
 class VariationalAutoencoder(nn.Module):
@@ -68,7 +68,7 @@ class VariationalAutoencoder(nn.Module):
 
 
 class VaeTask:
-    """Losses (4.16)-(4.19) and validation."""
+    """Losses (thesis eqs. 4.16 to 4.19) and validation."""
 
     def __init__(self, train: Corpus, validation: Corpus, settings: VaeSettings, batch: int, seed: int) -> None:
         torch.manual_seed(seed)
