@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -79,3 +80,23 @@ def test_no_product_file_is_long() -> None:
     lengths = {dotted(path): len(path.read_text(encoding="utf-8").splitlines()) for path in product_files()}
     assert len(lengths) > 300
     assert not {name: length for name, length in lengths.items() if length > LONGEST}
+
+
+def pages() -> list[Path]:
+    """Return what a reader is given."""
+    places = ("README.md", "assets_procedural/README.md", "docs/**/*.md", "solver_backend/assets/*.md")
+    return [page for place in places for page in sorted(ROOT.glob(place))]
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page in pages()])
+def test_pages_link_to_pages_and_name_files_and_modules_that_are_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text)
+    assert not [link for link in links if not (page.parent / link).exists()]
+    if page.parent.name == "decisions":
+        return  # which name files as they were
+    files = [path.as_posix() for path in (*product_files(), *sorted((ROOT / "tests").rglob("*.py")))]
+    named = re.findall(r"`([\w./]+\.py)`", text)
+    assert not [name for name in named if not any(path.endswith(f"/{name}") for path in files)]
+    modules = {dotted(Path(path)).removesuffix(".__main__") for path in files}
+    assert not set(re.findall(r"python3? -m ([\w.]*\w)", text)) - modules

@@ -1,4 +1,4 @@
-"""Single-view fits to 2D keypoints with a known camera: Pose-NDF's prior against VPoser's (Tiwari et al. 2022, table 3)."""
+"""Single-view fits to 2D keypoints, camera known: Pose-NDF's prior against VPoser's (Tiwari et al. 2022, table 3)."""
 
 from __future__ import annotations
 
