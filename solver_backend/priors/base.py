@@ -10,7 +10,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
-from solver_backend.geometry.arrays import Array, identity
+from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 ORTHONORMAL_WITHIN = 1e-3
@@ -112,6 +112,13 @@ def check_codes(z: Array, latent_dim: int) -> None:
         raise PoseInvalid(f"Codes must have the shape (N, {latent_dim}), not {tuple(z.shape)}.")
     if not bool(xp.all(xp.isfinite(z))):
         raise PoseInvalid("A code has NaN or infinite values.")
+
+
+def in_own_columns(blocks: Array) -> Array:
+    """Return the Jacobian (N, 21, 3, 21 k) of joints with k numbers of their own each, from blocks (N, 21, 3, k)."""
+    xp = array_namespace(blocks)
+    own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], blocks)
+    return xp.reshape(own * blocks[:, :, :, None, :], (*blocks.shape[:3], NUM_BODY_JOINTS * blocks.shape[3]))
 
 
 def _determinant(R: Array) -> Array:

@@ -13,7 +13,7 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations
+from solver_backend.priors.base import PosePrior, check_codes, check_rotations, in_own_columns
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS
@@ -89,8 +89,7 @@ class PoseNDF(PosePrior):
         quats = xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))
         square = xp.sum(quats * quats, axis=-1)[..., None, None]
         blocks = 4.0 * xp.permute_dims(quat_left_tangent(quats), (0, 1, 3, 2)) / square
-        own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], z)
-        return rotations, xp.reshape(own * blocks[:, :, :, None, :], (z.shape[0], NUM_BODY_JOINTS, 3, _DIM))
+        return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Array) -> Array:
         """Return the predicted distance of (N, 21, 3, 3) poses to the manifold, rad: (N,)."""

@@ -120,18 +120,18 @@ def peak_memory_mb() -> float:
 
 
 def main(order: str) -> int:
-    """Do one run, told as JSON, and write what came of it."""
-    told = json.loads(order)
-    method = Method(told["method"]["kind"], tuple((k, v) for k, v in told["method"]["changes"]))
-    detector = told["settings"].pop("detector")
+    """Do one run, given as JSON, and write what came of it."""
+    asked = json.loads(order)
+    method = Method(asked["method"]["kind"], tuple((k, v) for k, v in asked["method"]["changes"]))
+    detector = asked["settings"].pop("detector")
     detector = DetectorModel(**detector | {"swap_frames": tuple(detector["swap_frames"])})
-    settings = BenchmarkSettings(**told["settings"], detector=detector)
-    capture, solve = filmed(told["take"], settings, told["bad"]), method.solver()
+    settings = BenchmarkSettings(**asked["settings"], detector=detector)
+    capture, solve = filmed(asked["take"], settings, asked["bad"]), method.solver()
     begin, begin_cpu = time.perf_counter(), time.process_time()
     result = solve(capture)
     seconds, cpu_s = time.perf_counter() - begin, time.process_time() - begin_cpu
     peak_mb = peak_memory_mb()
-    out, motion = Path(told["out"]), result.motion
+    out, motion = Path(asked["out"]), result.motion
     out.parent.mkdir(parents=True, exist_ok=True)
     if motion is None:
         np.savez(out.with_suffix(".npz"), keypoints3d=result.keypoints3d)

@@ -70,11 +70,11 @@ def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = 
 
 
 def without_faults(clip: Clip) -> list[Clip]:
-    """Return the stretches of a clip in which every joint is near its anatomical range."""
+    """Return the frame ranges of a clip in which every joint is near its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], sound, [False])).astype(int)))
-    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _MIN_FRAMES]
-    return [Clip(clip.name, clip.subject, clip.rotations[a:b]) for a, b in stretches]
+    ranges = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _MIN_FRAMES]
+    return [Clip(clip.name, clip.subject, clip.rotations[a:b]) for a, b in ranges]
 
 
 def subject_of(path: Path) -> str:
