@@ -122,10 +122,10 @@ def _rotations_since_tpose(clip: RecordedClip, mapping: SkeletonMap) -> np.ndarr
 
 def _global_rotations(rotvec: np.ndarray, parents: np.ndarray) -> np.ndarray:
     local = exp_so3(rotvec)
-    turned: list[np.ndarray] = []
+    rotations: list[np.ndarray] = []
     for joint, parent in enumerate(parents):
-        turned.append(local[:, joint] if parent < 0 else turned[int(parent)] @ local[:, joint])
-    return np.stack(turned, axis=1)
+        rotations.append(local[:, joint] if parent < 0 else rotations[int(parent)] @ local[:, joint])
+    return np.stack(rotations, axis=1)
 
 
 def _relative(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
