@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_keys
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, joined_solution, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance
 from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import PosedFrames, select_frames
@@ -55,7 +55,7 @@ def solve_long(
     alive: Callable[[], None] = lambda: None,
     stretch: int = STRETCH_WINDOWS,
     overlap: int = OVERLAP_WINDOWS,
-) -> Keyframes:
+) -> KeySolution:
     """Solve all keys, stretch after stretch, each with the keys of the stretch before it held.
 
     A stretch goes on from the key at which the one before it ends, so that curves and their bends are joined exactly.
@@ -69,15 +69,16 @@ def solve_long(
         stretch: windows solved at a time.
         overlap: windows beyond them that are solved along.
     """
-    keys = hemisphere_aligned(start)
+    keys, found = hemisphere_aligned(start), []
     for part in parts_of(layout.num_windows, 1, stretch, overlap):
         layout_of_part = layout.part(part.solved)
         held = 3 if part.kept.start else 0
         free = np.arange(layout_of_part.num_keys) >= held
         some = keys.select(part.keys)
-        solved = solve_keys(model.part(part.keys), layout_of_part, some, schedule, free, alive).keys
-        keys = hemisphere_aligned(keys.replaced(part.keys, solved))
-    return keys
+        solved = solve_keys(model.part(part.keys), layout_of_part, some, schedule, free, alive)
+        keys = hemisphere_aligned(keys.replaced(part.keys, solved.keys))
+        found.append(solved)
+    return joined_solution(keys, found)
 
 
 def covariance_of_joints(

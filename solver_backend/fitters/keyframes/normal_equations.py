@@ -19,10 +19,10 @@ from solver_backend.fitters.model.keyframe_curve import (
 )
 from solver_backend.fitters.model.keyframe_gradient import frames_between, key_tangents
 from solver_backend.fitters.model.subject import FRAME_DOF, Subject, frame_equations
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
@@ -117,7 +117,7 @@ class DataEquations:
 
 
 def data_equations(
-    subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, scale: float,
+    subject: Subject, prior: PosePrior, objective: FrameObjective, keys: Keyframes, rows: WindowRows, scale: float,
     matrices: int = MATRICES, *, residuals: bool,
 ) -> DataEquations:  # fmt: skip
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
@@ -129,7 +129,7 @@ def data_equations(
     Args:
         subject: the person.
         prior: decoder of the codes.
-        term: data of all frames.
+        objective: of all frames.
         keys: 2 N + 1 keys.
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.
@@ -141,7 +141,7 @@ def data_equations(
 
     def block(windows: slice) -> tuple[Array, Array, Callable[[], Array]]:
         part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
-        return _block(subject, prior, term, part, rows.select(windows), columns, scale, residuals=residuals)
+        return _block(subject, prior, objective, part, rows.select(windows), columns, scale, residuals=residuals)
 
     blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
     parts = map_blocks(block, blocks, keys.z)
@@ -152,15 +152,15 @@ def data_equations(
 
 
 def _block(
-    subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, columns: np.ndarray,
-    scale: float, *, residuals: bool,
+    subject: Subject, prior: PosePrior, objective: FrameObjective, keys: Keyframes, rows: WindowRows,
+    columns: np.ndarray, scale: float, *, residuals: bool,
 ) -> tuple[Array, Array, Callable[[], Array]]:  # fmt: skip
     """Return the cost of some windows, its (2 N + 1, D) derivative by their keys, and what forms their matrices."""
     xp = array_namespace(keys.z)
     between = frames_between(prior, keys, rows, residuals=residuals)
     count, width = rows.frames.shape
     steering = (np.arange(count)[:, None] * width + columns).reshape(-1)
-    equations = frame_equations(subject, between.poses, term.select(rows.frames.reshape(-1)), scale, steering)
+    equations = frame_equations(subject, between.poses, objective.select(rows.frames.reshape(-1)), scale, steering)
     weight = constant(rows.weight.reshape(-1), keys.z)
     gradient = between.pull_back(equations.gradient * weight[:, None])
     form = _mixed if residuals else _exact

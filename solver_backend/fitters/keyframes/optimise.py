@@ -10,8 +10,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import MATRICES, Chain, data_equations
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.keyframe_curve import (
     KEY_DOF,
     RESIDUAL_DOF,
@@ -21,9 +21,9 @@ from solver_backend.fitters.model.keyframe_curve import (
     hemisphere_aligned,
 )
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import WhenAsked
 
@@ -52,6 +52,8 @@ class KeySolution:
     """2N + 1 keys."""
     cost: float
     """Of data and priors at the last robust scale."""
+    convergence: Convergence
+    """How the last robust scale ended."""
 
 
 @dataclass(frozen=True)
@@ -62,33 +64,30 @@ class BundleModel:
     """The person."""
     prior: PosePrior
     """Decoder of the codes."""
-    term: PointTerm
-    """Data of all frames."""
-    motion: MotionPrior | None
-    """What is known of motion; None for the data alone."""
+    objective: BundleObjective
+    """What is minimised."""
     residuals: bool = False
-    """Free the residual rotations of each key, held to zero by the prior's own statistics."""
+    """Free the residual rotations of each key."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
-        return self if self.motion is None else replace(self, motion=self.motion.part(keys))
+        return replace(self, objective=self.objective.part(keys))
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, matrices: int = MATRICES
     ) -> tuple[Array, Callable[[], Chain]]:
-        """Return the cost of data and priors at these keys, and what forms their equations."""
+        """Return the objective at these keys, and what forms their equations."""
         data = data_equations(
-            self.subject, self.prior, self.term, keys, rows, scale, matrices, residuals=self.residuals
+            self.subject, self.prior, self.objective.frames, keys, rows, scale, matrices, residuals=self.residuals
         )
 
         def form() -> Chain:
             chain = data.chain()
-            if self.motion is not None:
-                self.motion.add_to(chain, keys, residuals=self.residuals)
+            for term in self.objective.keys:
+                term.add_to(chain, keys)
             return chain
 
-        prior_cost = 0.0 if self.motion is None else self.motion.cost(keys, residuals=self.residuals)
-        return data.cost + prior_cost, form
+        return data.cost + sum(term.cost(keys) for term in self.objective.keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> Chain:
         """Return the equations at a solution, for what they tell of it, from the frames that form matrices alone."""
@@ -96,9 +95,15 @@ class BundleModel:
         return self.equations(rows.sampled(rows.columns(MATRICES)), keys, scale)[1]()
 
 
+def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
+    """Return the keys of all parts, solved one after the other; costs of what parts share count twice."""
+    convergence = Convergence.joined(part.convergence for part in parts)
+    return KeySolution(keys, sum(part.cost for part in parts), convergence)
+
+
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
-) -> Keyframes:
+) -> KeySolution:
     """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
@@ -108,14 +113,15 @@ def solve_sliding(
         schedule: robust scales and iterations.
         progress: called after each window.
     """
-    keys = start
+    keys, found = start, []
     for w in range(layout.num_windows):
         window = slice(2 * w, 2 * w + 3)
         free = np.array([False, True, True])
         solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, free)
         keys = keys.replaced(window, solved.keys)
+        found.append(solved)
         progress("Sliding bundle", w + 1, layout.num_windows)
-    return hemisphere_aligned(keys)
+    return joined_solution(hemisphere_aligned(keys), found)
 
 
 def solve_keys(
@@ -154,7 +160,7 @@ def solve_keys(
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)
         keys = result.state
-        solution = KeySolution(keys, float(result.cost[0]))
+        solution = KeySolution(keys, float(result.cost[0]), Convergence.of(result))
     assert solution is not None
     return solution
 
