@@ -26,8 +26,8 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
         if path is not None:
             check_output(path, overwrite=job.overwrite)
     capture = _load(job.capture, job.reading(), progress)
-    from solver_backend.fitters.solve import resolve_range
-    from solver_backend.fitters.solve import solve as solve_capture
+    from solver_backend.fitters.pipeline import resolve_range
+    from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion, write_motion
     from solver_backend.report.page import write_report
 

@@ -101,7 +101,7 @@ def test_code_is_what_a_method_imports() -> None:
     closure = {path.name for path in runs._closure("solver_backend.baselines.muvs")}
     assert {"muvs.py", "sequence.py", "gaussian_vae.py", "projection.py"} <= closure
     assert "bundle_method.py" not in closure and "report" not in closure
-    assert code_version("solver_backend.fitters.solve") != code_version("solver_backend.baselines.muvs")
+    assert code_version("solver_backend.fitters.pipeline") != code_version("solver_backend.baselines.muvs")
 
 
 def test_requirements_are_judged_by_ratio() -> None:

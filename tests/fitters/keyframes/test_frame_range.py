@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
-from solver_backend.fitters.keyframes.frame_range import Pin, Stretch
+from solver_backend.fitters import resolve_range, solve
+from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.posterior import CONSTANT_M
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solve import resolve, solve
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.fitters.test_solve import QUICK, cut
@@ -25,7 +25,7 @@ def capture() -> Capture:
 
 @pytest.fixture(scope="module")
 def solved(capture) -> Motion:
-    return solve(capture, QUICK)
+    return solve(capture, QUICK).motion
 
 
 def error_mm(motion: Motion, capture: Capture, frames: slice) -> float:
@@ -40,7 +40,7 @@ def spoiled(motion: Motion) -> Motion:
 
 
 def test_a_spoiled_stretch_is_mended_and_the_rest_stays_bit_for_bit(capture, solved):
-    mended = resolve(capture, spoiled(solved), Stretch(FIRST, LAST), QUICK)
+    mended = resolve_range(capture, spoiled(solved), FrameRange(FIRST, LAST), QUICK).motion
     outside = np.r_[0 : FIRST + 1, LAST : solved.num_frames]
     for name in (
         "global_orient",
@@ -66,7 +66,7 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     pose = solved.body_pose[frame].copy()
     pose[45:48] += [0.0, 0.0, 0.4]
     pin = Pin(frame, solved.global_orient[frame], pose, solved.transl[frame])
-    moved = resolve(capture, solved, Stretch(FIRST, LAST, (pin,)), QUICK)
+    moved = resolve_range(capture, solved, FrameRange(FIRST, LAST, (pin,)), QUICK).motion
     np.testing.assert_allclose(moved.body_pose[frame, :63], pose[:63], atol=1e-6)
     assert moved.joint_sigma[FIRST : LAST + 1].max() < 2 * solved.joint_sigma.max()
     assert moved.joint_sigma[frame].max() < 1.05 * CONSTANT_M, "a pinned pose is as certain as the shape"
@@ -76,35 +76,35 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
 
 
 def test_the_whole_take_can_be_the_stretch(capture, solved):
-    again = resolve(capture, solved, Stretch(0, solved.num_frames - 1), QUICK)
+    again = resolve_range(capture, solved, FrameRange(0, solved.num_frames - 1), QUICK).motion
     assert error_mm(again, capture, slice(None)) < 1.1 * error_mm(solved, capture, slice(None))
 
 
 @pytest.mark.parametrize(
     ("stretch", "message"),
     [
-        (Stretch(50, 50), "no stretch of a take of 100 frames"),
-        (Stretch(-1, 20), "no stretch"),
-        (Stretch(20, 100), r"0 <= first < last <= 99"),
-        (Stretch(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside"),
+        (FrameRange(50, 50), "no stretch of a take of 100 frames"),
+        (FrameRange(-1, 20), "no stretch"),
+        (FrameRange(20, 100), r"0 <= first < last <= 99"),
+        (FrameRange(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside"),
     ],
 )
 def test_a_stretch_outside_the_take_is_named(capture, solved, stretch, message):
     with pytest.raises(JobInvalid, match=message):
-        resolve(capture, solved, stretch, QUICK)
+        resolve_range(capture, solved, stretch, QUICK)
 
 
 def test_a_motion_of_another_take_or_body_is_named(capture, solved):
     with pytest.raises(MotionInvalid, match="has 100 frames at 60 fps, the capture 50"):
-        resolve(cut(capture, 0, 50), solved, Stretch(10, 20), QUICK)
+        resolve_range(cut(capture, 0, 50), solved, FrameRange(10, 20), QUICK)
     with pytest.raises(MotionInvalid, match="of the body smpl_male"):
-        resolve(capture, replace(solved, body="smpl_male"), Stretch(10, 20), QUICK)
+        resolve_range(capture, replace(solved, body="smpl_male"), FrameRange(10, 20), QUICK)
 
 
 def test_plain_values_are_checked_and_read_back():
     pin = {"frame": 5, "global_orient": [0.0] * 3, "body_pose": [0.1] * 69, "transl": [0.0, 0.0, 1.0]}
     values = {"first": 2, "last": 9, "pins": [pin]}
-    assert Stretch.from_dict(values).as_dict() == values
+    assert FrameRange.from_dict(values).as_dict() == values
     for change, message in (
         ({"first": 2.5}, "first is 2.5; a whole number"),
         ({"frames": 3}, "nothing unknown"),
@@ -112,24 +112,24 @@ def test_plain_values_are_checked_and_read_back():
         ({"pins": [{**pin, "body_pose": [0.0] * 63}]}, "body_pose must be 69"),
     ):
         with pytest.raises(JobInvalid, match=message):
-            Stretch.from_dict({**values, **change})
+            FrameRange.from_dict({**values, **change})
 
 
 def test_settings_without_residual_rotations_also_work(capture, solved):
-    again = resolve(capture, solved, Stretch(FIRST, LAST), SolveSettings(residual_rotations=False))
+    again = resolve_range(capture, solved, FrameRange(FIRST, LAST), SolveSettings(residual_rotations=False)).motion
     assert np.isfinite(again.joints).all()
 
 
 def test_feet_that_stand_beyond_the_stretch_do_not_slip_at_its_ends():
     """The left foot stands throughout, the right one at the start; hips and knees were bent by hand in the stretch."""
-    capture, stretch = cut(demo_capture(), 0, 120), Stretch(65, 105)
-    solved = solve(capture, QUICK)
+    capture, stretch = cut(demo_capture(), 0, 120), FrameRange(65, 105)
+    solved = solve(capture, QUICK).motion
     pose = solved.body_pose.copy()
     pose[66:105, [0, 3, 9, 12]] += 0.3
     spoiled = replace(solved, body_pose=pose)
 
     def slip_mm(contacts: bool) -> float:
-        points = resolve(capture, spoiled, stretch, replace(QUICK, contacts=contacts)).keypoints3d
+        points = resolve_range(capture, spoiled, stretch, replace(QUICK, contacts=contacts)).motion.keypoints3d
         stands = [points[3:117, BODY.index("left_big_toe")], points[43:86, BODY.index("right_big_toe")]]
         return 1000 * max(float(np.linalg.norm(stand - stand.mean(axis=0), axis=-1).max()) for stand in stands)
 
