@@ -14,8 +14,8 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import MarkerCloud
 
-SIGMA_M = 0.004
-"""Standard deviation of a marker against the skin, per axis."""
+SIGMA_M = 0.01
+"""Standard deviation of a marker against the body, per axis: skin that slides, and placement while it is learned."""
 
 
 def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M) -> Measurements:
@@ -25,7 +25,7 @@ def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float 
         cloud: every marker labelled, by a name of ``body.markers`` with or without a subject's name and a colon.
         body: on whose skin they sit.
         like: array that says kind, type and device.
-        sigma_m: standard deviation of a marker against the skin, per axis.
+        sigma_m: standard deviation of a marker against the body, per axis.
 
     Raises:
         MarkersUnknown: there are no labels, one stands twice or is of no known layout.
