@@ -12,14 +12,11 @@ from solver_backend.fitters.keyframes.chunked import covariance_of_joints, solve
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_sliding
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.keyframe_curve import (
-    KeyframeLayout,
-    Keyframes,
-    hemisphere_aligned,
-    key_poses,
-    resampled,
-)
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.keyframe_curve import key_poses, resampled
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import FrameStates
@@ -69,7 +66,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     keys = initial_keys(problem, subject, layout)
     model = BundleModel(subject, problem.prior, problem.term, motion_prior(problem, layout, coarse))
     scale, steps = settings.robust_scale, settings.iterations
-    schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, matrices=3)
+    schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3)
     keys = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", 0, 3))
 
     finer = KeyframeLayout.even(problem.num_frames, fine)

@@ -14,8 +14,12 @@ from solver_backend.fitters.keyframes.frame_range import Stretch
 from solver_backend.fitters.keyframes.global_method import initial_keys, motion_prior, spread_over
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import JOINTS_DOF
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -26,7 +30,7 @@ from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.symmetric import packed
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.types import Motion
+from solver_backend.types import NUM_BODY_JOINTS, Motion
 
 
 def solve_stretch(
@@ -69,7 +73,7 @@ def solve_stretch(
     found: list[KeySolution] = []
     for start in starts:
         schedule = Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3)
-        found.append(solve_keys(model, layout, start, schedule, free))
+        found.append(solve_keys(model, layout, start, schedule, ~free))
         progress("Solving the stretch", len(found), 3)
     keys = min(found, key=lambda solution: solution.cost).keys
     contacts = None
@@ -77,10 +81,10 @@ def solve_stretch(
         frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
         contacts = _contacts(problem, subject, before, frames, layout, stretch)
         standing = replace(model, term=contacts.held(term, keys.z))
-        keys = solve_keys(standing, layout, keys, Schedule((scale,), settings.iterations, tolerance=1e-3), free).keys
+        keys = solve_keys(standing, layout, keys, Schedule((scale,), settings.iterations, tolerance=1e-3), ~free).keys
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(subject, frames, problem.term.select(layout.frames), scale, max(1, window // 2))
-    system = model.information(layout, keys, scale).held(free).equations()
+    system = model.information(layout, keys, scale).with_fixed(~free).block_tridiagonal()
     covariance = packed(joint_covariance(model, layout, keys, frames, system, inflation))
     progress("Solving the stretch", 3, 3)
     solved = Resolved(layout, free, frames, to_numpy(covariance), contacts)
@@ -131,7 +135,7 @@ def _layout(stretch: Stretch, num_frames: int, window: int) -> tuple[KeyframeLay
 
 def _poses(motion: Motion, like: Array) -> PosedFrames:
     """Return the motion's poses."""
-    local = motion.body_pose[:, :63].reshape(-1, 21, 3)
+    local = motion.body_pose[:, :JOINTS_DOF].reshape(-1, NUM_BODY_JOINTS, 3)
     return PosedFrames(
         exp_so3(constant(motion.global_orient, like)), exp_so3(constant(local, like)), constant(motion.transl, like)
     )
@@ -139,14 +143,14 @@ def _poses(motion: Motion, like: Array) -> PosedFrames:
 
 def _with_bias(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> Subject:
     sample = spread_over(problem.num_frames)
-    frames, term = select_frames(before, sample), problem.term.select(sample)
+    frames, term = before.select(sample), problem.term.select(sample)
     return refit_shape(subject, frames, term, settings.robust_scale, ShapePrior(), free_betas=False)
 
 
 def _weighed(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> ReprojectionTerm:
     """Return the data with the reliability of each view's keypoints learned from the earlier motion."""
     sample = spread_over(problem.num_frames)
-    return reweighted(subject, select_frames(before, sample), problem.term, settings.robust_scale, sample)
+    return reweighted(subject, before.select(sample), problem.term, settings.robust_scale, sample)
 
 
 def _contacts(
@@ -180,7 +184,7 @@ def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, stretch: 
     """Return the keys with the pinned poses in their places."""
     for pin in stretch.pins:
         index = int(np.flatnonzero(layout.key_times == pin.frame)[0])
-        vectors = (pin.global_orient[None], pin.body_pose[:63].reshape(1, 21, 3))
+        vectors = (pin.global_orient[None], pin.body_pose[:JOINTS_DOF].reshape(1, NUM_BODY_JOINTS, 3))
         root, local = (exp_so3(constant(vector, keys.z)) for vector in vectors)
         pose = PosedFrames(root, local, constant(pin.transl[None], keys.z))
         keys = keys.replaced(slice(index, index + 1), _keys_at(problem, pose, np.zeros(1)))

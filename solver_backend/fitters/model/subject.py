@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, identity, index
 from solver_backend.residuals.point_term import PointTerm
 from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
-
-FRAME_DOF = 69
-"""Tangent of a posed frame: root rotation 3 (world), joints 1..21 63 (each in its parent's frame), translation 3."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +29,6 @@ class Subject:
     """(10,) shape."""
     offsets: Array
     """(L, 3) metres: bias of each landmark in its rest frame."""
-
-
-@dataclass(frozen=True)
-class PosedFrames:
-    """Poses of F frames."""
-
-    root: Array
-    """(F, 3, 3) body to world."""
-    local: Array
-    """(F, 21, 3, 3) rotations of joints 1..21."""
-    transl: Array
-    """(F, 3) metres."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +57,7 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> Po
 
 
 def frame_equations(
-    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float, steering: np.ndarray | None = None
+    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float, hessian_frames: np.ndarray | None = None
 ) -> FrameEquations:
     """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame by the 69 tangents of a pose, and what poses are like.
 
@@ -80,7 +66,7 @@ def frame_equations(
         frames: F poses.
         term: their data.
         scale: of Geman-McClure's penalty.
-        steering: the frames whose matrices are wanted, in single precision, as they only steer the steps; None: all.
+        hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all.
     """
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
@@ -91,11 +77,11 @@ def frame_equations(
     assert J is not None
     turned = xp.matrix_transpose(xp.reshape(J, (count, -1, J.shape[-1])))
     by_rotations = xp.matmul(turned, xp.reshape(pull, (count, -1, 1)))[..., 0]
-    by_rotations[:, 3:] += usual_pull
+    by_rotations[:, PoseTangent.JOINTS] += usual_pull
     gradient = xp.concat([by_rotations, xp.sum(pull, axis=1)], axis=-1)
     parts = J, evidence.information, shares
-    if steering is not None:
-        chosen = index(steering, J)
+    if hessian_frames is not None:
+        chosen = index(hessian_frames, J)
         parts = tuple(xp.astype(part[chosen], xp.float32) for part in parts)
     return FrameEquations(evidence.cost + energy, gradient, parts)
 
@@ -106,12 +92,7 @@ def _matrices(by_rotations: Array, information: Array, shares: Array) -> Array:
     count, num_landmarks = by_rotations.shape[:2]
     eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, FRAME_DOF))
+    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, PoseTangent.DOF))
     hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)
-    hessian[:, 3:66, 3:66] += usual_pose_curvature(shares)
+    hessian[:, PoseTangent.JOINTS, PoseTangent.JOINTS] += usual_pose_curvature(shares)
     return hessian
-
-
-def select_frames(frames: PosedFrames, index: Any) -> PosedFrames:
-    """Return the poses at these indices."""
-    return PosedFrames(frames.root[index], frames.local[index], frames.transl[index])

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.frame_flags import flagged
 from solver_backend.fitters.single_frame.start import Observations
 from solver_backend.geometry.arrays import to_numpy

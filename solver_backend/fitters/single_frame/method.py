@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import bridged_states, fit_frames, posed

@@ -9,9 +9,9 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.single_frame.fit import FrameStates, fit_frames, posed
-from solver_backend.fitters.single_frame.fit import select as select_states
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant, identity, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -106,7 +106,7 @@ def _fit_block(subject: Subject, prior: PosePrior, observations: Observations, f
     lifted = _lifted(subject, term)
     states, (scales, iterations) = _placed(subject, lifted), NEAR
     if not bool(array_namespace(lifted.usable).all(lifted.usable)):
-        states, (scales, iterations) = select_states(lifted.usable, states, _from_poses(subject, prior, term)), FAR
+        states, (scales, iterations) = states.where(lifted.usable, _from_poses(subject, prior, term)), FAR
     return fit_frames(subject, prior, term, states, scales, iterations, tolerance=TOLERANCE)[0]
 
 

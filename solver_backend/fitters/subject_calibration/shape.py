@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.single_frame import fit as single
-from solver_backend.fitters.single_frame.fit import FrameStates
+from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.single_frame.fit import FrameStates, posed
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
@@ -62,9 +64,7 @@ def fit_shape(
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
         xp = array_namespace(step)
-        return _State(
-            moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1)))
-        )
+        return _State(moved(s.subject, step[0, :m]), s.frames.retract(xp.reshape(step[0, m:], (len(start.z), -1))))
 
     for scale in scales:
 
@@ -85,26 +85,26 @@ def _arrowhead(
 ) -> tuple[Array, Arrowhead]:
     """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)
-    frames, chain = single.by_unknowns(prior, state.frames)
+    frames, d_pose_d_state = posed(prior, state.frames), d_pose_d_key(prior, state.frames.z)
     J, gradient, information, cost = _point_jacobian(state.subject, frames, term, scale)
     count = J.shape[0]
 
     def flat(matrices: Array) -> Array:
         return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
 
-    by_pose, by_shape = xp.matmul(J[..., :69], chain[:, None]), J[..., 69:]
+    by_pose, by_shape = xp.matmul(J[..., : PoseTangent.DOF], d_pose_d_state[:, None]), J[..., PoseTangent.DOF :]
     turned_pose = xp.permute_dims(flat(by_pose), (0, 2, 1))
     turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
     weighted_shape = flat(xp.matmul(information, by_shape))
     pull = xp.reshape(gradient, (count, -1, 1))
     energy, usual_pull, shares = usual_pose_term(frames.local)
-    by_joints = chain[:, 3:66]
+    by_joints = d_pose_d_state[:, PoseTangent.JOINTS]
     turned_joints = xp.permute_dims(by_joints, (0, 2, 1))
     value = _parameters(state.subject) - mean
     system = Arrowhead(
         blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
         + xp.matmul(turned_joints, xp.matmul(usual_pose_curvature(shares), by_joints))
-        + 1e-2 * identity(chain.shape[-1], J),
+        + 1e-2 * identity(d_pose_d_state.shape[-1], J),
         coupling=xp.matmul(turned_pose, weighted_shape),
         shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0) + precision[:, None] * identity(len(value), J),
         g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, usual_pull[..., None]))[..., 0],
@@ -127,7 +127,7 @@ def refit_shape(
     J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)
     xp = array_namespace(J)
     precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
-    by_shape = J[..., 69:]
+    by_shape = J[..., PoseTangent.DOF :]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
     deviation = _parameters(subject) - _prior_mean(subject, free_betas, free_offsets)
