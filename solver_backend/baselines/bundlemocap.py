@@ -15,8 +15,8 @@ from solver_backend.baselines.base import Baseline, BaselineResult
 from solver_backend.baselines.person import ROBUST_SCALE, Prepared, prepare
 from solver_backend.baselines.sequence import Sequence, States, pose_prior
 from solver_backend.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Window
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout
-from solver_backend.fitters.model.subject import PosedFrames
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.single_frame.fit import fit_frames
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.priors.base import PosePrior
@@ -117,9 +117,8 @@ class _Slider:
             iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
             parts.append(window.frames(found.state))
             key = _select(found.state, slice(-1, None))
-        joined = (np.concatenate([getattr(p, field) for p in parts]) for field in ("root", "local", "transl"))
         counts = {"windows": layout.num_windows, "iterations": iterations, "evaluations": evaluations}
-        return self.prepared.result(name, PosedFrames(*joined), times, counts)
+        return self.prepared.result(name, PosedFrames.concatenate(parts), times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
         """Return single-frame fits of the seen frames nearest to these times."""

@@ -15,7 +15,8 @@ from solver_backend.body.body import load_body
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.measurements.multiview import measurements_of
-from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings

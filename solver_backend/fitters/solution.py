@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array
 from solver_backend.solver.levenberg_marquardt import LMResult
 from solver_backend.types import Motion

@@ -18,7 +18,7 @@ from solver_backend.baselines.bundlemocap import MAX_ITERATIONS, BundleMoCapPlus
 from solver_backend.baselines.person import Prepared, prepare
 from solver_backend.baselines.windows import SPHERICAL, KeyState, Window
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.start import fit_to_points

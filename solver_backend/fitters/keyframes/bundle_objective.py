@@ -18,10 +18,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from solver_backend.fitters.keyframes.normal_equations import Chain
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array
@@ -39,8 +40,8 @@ class KeyTerm(Protocol):
         """Return the energy of these keys."""
         ...
 
-    def add_to(self, chain: Chain, keys: Keyframes) -> None:
-        """Add the equations of these keys to the chain, in place."""
+    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
+        """Add the equations of these keys to those of the data, in place."""
         ...
 
 

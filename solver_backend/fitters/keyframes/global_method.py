@@ -11,7 +11,9 @@ from solver_backend.fitters.keyframes.chunked import covariance_of_joints, solve
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes, key_poses, resampled
+from solver_backend.fitters.model.keyframe_curve import key_poses, resampled
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -31,7 +33,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     objective = bundle_objective(problem, layout, coarse, (data,), residuals=False)
     model = BundleModel(subject, problem.prior, objective)
     scale, steps = settings.robust_scale, settings.iterations
-    schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, matrices=3)
+    schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3)
     found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", 0, 3))
 
     finer = KeyframeLayout.even(problem.num_frames, fine)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.start import fit_to_points

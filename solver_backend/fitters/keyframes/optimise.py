@@ -11,21 +11,21 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
-from solver_backend.fitters.keyframes.normal_equations import MATRICES, Chain, data_equations
-from solver_backend.fitters.model.keyframe_curve import (
-    KEY_DOF,
-    RESIDUAL_DOF,
-    KeyframeLayout,
-    Keyframes,
-    WindowRows,
-    hemisphere_aligned,
+from solver_backend.fitters.keyframes.normal_equations import (
+    HESSIAN_FRAMES,
+    FrameData,
+    KeyframeNormalEquations,
+    data_equations,
 )
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import WhenAsked
+from solver_backend.solver.normal_equations import LazyNormalEquations
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Schedule:
     """Every how many frames the data are looked at."""
     tolerance: float = 1e-4
     """A scale is done when the cost changes by less than this share."""
-    matrices: int = MATRICES
-    """Frames of a window whose matrices are formed."""
+    hessian_frames: int = HESSIAN_FRAMES
+    """Frames of a window whose Hessians are formed."""
 
 
 @dataclass(frozen=True)
@@ -74,25 +74,24 @@ class BundleModel:
         return replace(self, objective=self.objective.part(keys))
 
     def equations(
-        self, rows: WindowRows, keys: Keyframes, scale: float, matrices: int = MATRICES
-    ) -> tuple[Array, Callable[[], Chain]]:
+        self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES
+    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
         """Return the objective at these keys, and what forms their equations."""
-        data = data_equations(
-            self.subject, self.prior, self.objective.frames, keys, rows, scale, matrices, residuals=self.residuals
-        )
+        frames = FrameData(self.subject, self.prior, self.objective.frames, self.residuals)
+        data = data_equations(frames, keys, rows, scale, hessian_frames)
 
-        def form() -> Chain:
-            chain = data.chain()
+        def form() -> KeyframeNormalEquations:
+            equations = data.normal_equations()
             for term in self.objective.keys:
-                term.add_to(chain, keys)
-            return chain
+                term.add_to(equations, keys)
+            return equations
 
         return data.cost + sum(term.cost(keys) for term in self.objective.keys), form
 
-    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> Chain:
-        """Return the equations at a solution, for what they tell of it, from the frames that form matrices alone."""
+    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
+        """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
         rows = layout.rows()
-        return self.equations(rows.sampled(rows.columns(MATRICES)), keys, scale)[1]()
+        return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
 
 
 def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
@@ -116,8 +115,8 @@ def solve_sliding(
     keys, found = start, []
     for w in range(layout.num_windows):
         window = slice(2 * w, 2 * w + 3)
-        free = np.array([False, True, True])
-        solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, free)
+        fixed = np.array([True, False, False])
+        solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, fixed)
         keys = keys.replaced(window, solved.keys)
         found.append(solved)
         progress("Sliding bundle", w + 1, layout.num_windows)
@@ -129,22 +128,22 @@ def solve_keys(
     layout: KeyframeLayout,
     start: Keyframes,
     schedule: Schedule,
-    free: np.ndarray | None = None,
+    fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve the free keyframes at once: normal equations are a chain of blocks, a step is linear in the take's length.
+    """Solve the free keyframes at once: normal equations are block-tridiagonal, a step is linear in the take's length.
 
     Args:
         model: what the keys are judged by.
         layout: windows of the frames.
         start: 2N + 1 keys.
         schedule: robust scales and iterations.
-        free: (2N + 1,) bool, the keys that move; None for all.
+        fixed: (2N + 1,) bool, the keys that stay; None for none.
         alive: called before each linearisation; it may raise to end the solve.
     """
     xp = array_namespace(start.z)
-    rows, dof = layout.rows(schedule.stride), KEY_DOF + (RESIDUAL_DOF if model.residuals else 0)
-    free = np.ones(layout.num_keys, dtype=bool) if free is None else free
+    rows, dof = layout.rows(schedule.stride), KEY.dof(residuals=model.residuals)
+    fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
     keys, solution = hemisphere_aligned(start), None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
@@ -152,10 +151,10 @@ def solve_keys(
 
     for scale in schedule.scales:
 
-        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, WhenAsked]:
+        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
             alive()
-            cost, form = model.equations(rows, state, scale, schedule.matrices)
-            return cost[None], WhenAsked(lambda: form().held(free).equations())
+            cost, form = model.equations(rows, state, scale, schedule.hessian_frames)
+            return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
 
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)

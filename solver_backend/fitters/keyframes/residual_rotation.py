@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.keyframes.normal_equations import Chain
-from solver_backend.fitters.model.keyframe_curve import Keyframes
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
+from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.geometry.arrays import Array, constant, identity
 
 
@@ -31,8 +31,8 @@ class ResidualRotationTerm:
         flat = xp.reshape(keys.residual, (keys.residual.shape[0], -1))
         return 0.5 * xp.sum(self._precision(flat) * flat * flat)
 
-    def add_to(self, chain: Chain, keys: Keyframes) -> None:
-        """Add the equations of these keys to the chain, in place."""
+    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
+        """Add the equations of these keys to those of the data, in place."""
         xp = array_namespace(keys.z)
         count = keys.z.shape[0]
         flat = xp.reshape(keys.residual, (count, -1))
@@ -40,9 +40,9 @@ class ResidualRotationTerm:
         diagonal = identity(size, flat) * precision
         for parity in (0, 1):
             index = np.arange(parity, count, 2) // 2
-            first = parity * chain.dof + chain.dof - size
-            chain.diagonal[: len(index), first : first + size, first : first + size] += diagonal
-            chain.g[: len(index), first : first + size] += (flat * precision)[parity::2]
+            first = parity * equations.dof + equations.dof - size
+            equations.diagonal[: len(index), first : first + size, first : first + size] += diagonal
+            equations.g[: len(index), first : first + size] += (flat * precision)[parity::2]
 
     def _precision(self, like: Array) -> Array:
         """Return the (63,) precision of a key's residual rotations."""

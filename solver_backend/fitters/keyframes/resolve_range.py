@@ -15,8 +15,12 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes, hemisphere_aligned, key_poses
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import JOINTS_DOF
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -28,7 +32,7 @@ from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.symmetric import packed
 from solver_backend.residuals.point_term import DataTerm
-from solver_backend.types import Motion
+from solver_backend.types import NUM_BODY_JOINTS, Motion
 
 STAGE = "Solving the stretch"
 
@@ -71,7 +75,7 @@ def solve_range(
     found: list[KeySolution] = []
     for start in (fixed, anew):
         schedule = Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3)
-        found.append(solve_keys(model, layout, start, schedule, free))
+        found.append(solve_keys(model, layout, start, schedule, ~free))
         progress(STAGE, len(found), 3)
     best, contacts = min(found, key=lambda solution: solution.cost), None
     if settings.contacts:
@@ -80,13 +84,13 @@ def solve_range(
         points = (data, contacts.term(best.keys.z))
         standing = bundle_objective(problem, layout, window, points, residuals=model.residuals)
         schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
-        best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, free)
+        best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
     keys = best.keys
     frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
     inflation = noise_inflation(
         subject, frames, problem.measurements.term.select(layout.frames), scale, max(1, window // 2)
     )  # fmt: skip
-    system = model.information(layout, keys, scale).held(free).equations()
+    system = model.information(layout, keys, scale).with_fixed(~free).block_tridiagonal()
     covariance = packed(joint_covariance(model, layout, keys, frames, system, inflation))
     progress(STAGE, 3, 3)
     whole = _SolvedRange(frame_range, layout, free, frames, to_numpy(covariance), contacts, best.convergence.status)
@@ -150,14 +154,14 @@ def _layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[Keyf
 
 def _poses(motion: Motion, like: Array) -> PosedFrames:
     """Return the motion's poses."""
-    local = motion.body_pose[:, :63].reshape(-1, 21, 3)
+    local = motion.body_pose[:, :JOINTS_DOF].reshape(-1, NUM_BODY_JOINTS, 3)
     return PosedFrames(
         exp_so3(constant(motion.global_orient, like)), exp_so3(constant(local, like)), constant(motion.transl, like)
     )
 
 
 def _with_bias(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> Subject:
-    frames, objective = select_frames(before, problem.sample), problem.objective.select(problem.sample)
+    frames, objective = before.select(problem.sample), problem.objective.select(problem.sample)
     return refit_shape(subject, frames, objective, settings.robust_scale, ShapePrior(free_betas=False))
 
 
@@ -166,7 +170,7 @@ def _with_learned_noise(problem: Problem, subject: Subject, before: PosedFrames,
     data, sample = problem.measurements.term, problem.sample
     if not settings.learn_noise:
         return data
-    return reweighted(subject, select_frames(before, sample), data, settings.robust_scale, sample)
+    return reweighted(subject, before.select(sample), data, settings.robust_scale, sample)
 
 
 def _contacts(
@@ -200,7 +204,7 @@ def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, frame_ran
     """Return the keys with the pinned poses in their places."""
     for pin in frame_range.pins:
         index = int(np.flatnonzero(layout.key_times == pin.frame)[0])
-        vectors = (pin.global_orient[None], pin.body_pose[:63].reshape(1, 21, 3))
+        vectors = (pin.global_orient[None], pin.body_pose[:JOINTS_DOF].reshape(1, NUM_BODY_JOINTS, 3))
         root, local = (exp_so3(constant(vector, keys.z)) for vector in vectors)
         pose = PosedFrames(root, local, constant(pin.transl[None], keys.z))
         keys = keys.replaced(slice(index, index + 1), _keys_at(problem, pose, np.zeros(1)))

@@ -6,7 +6,8 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_sliding
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, key_poses
+from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings

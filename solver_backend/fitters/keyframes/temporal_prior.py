@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.keyframes.normal_equations import Chain
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import Keyframes
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
@@ -51,11 +52,11 @@ class MotionPrior:
                 cost = cost + 0.5 * xp.sum(weights[:, None] * rest * rest)
         return cost
 
-    def add_to(self, chain: Chain, keys: Keyframes) -> None:
-        """Add the equations of these keys to the chain, in place."""
+    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
+        """Add the equations of these keys to those of the data, in place."""
         for value, tangents, sigma, first in self._smooth_parts(keys):
             for stencil, weight in self._stencils(sigma):
-                self._add_differences(chain, value, tangents, stencil, weight, first)
+                self._add_differences(equations, value, tangents, stencil, weight, first)
 
     def _stencils(self, sigma: float) -> list[tuple[tuple[int, ...], Array | float]]:
         """Return coefficients of what is bounded, and precisions: acceleration, and between unseen keys speed."""
@@ -68,33 +69,33 @@ class MotionPrior:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
         xp = array_namespace(keys.z)
         eye = identity(3, keys.z)
-        by_turn = quat_left_tangent(keys.quat)
         return [
-            (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, 0),
-            (keys.quat, by_turn, 0.5 * self.angular_sigma, 30),
-            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, 33),
+            (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, KEY.latent.start),
+            (keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma, KEY.root.start),
+            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, KEY.transl.start),
         ]
 
     def _add_differences(
-        self, chain: Chain, value: Array, tangents: Array, stencil: tuple[int, ...], weight: Array | float, first: int
-    ) -> None:
+        self, equations: KeyframeNormalEquations, value: Array, tangents: Array, stencil: tuple[int, ...],
+        weight: Array | float, first: int,
+    ) -> None:  # fmt: skip
         """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²`` with the coefficients c of a stencil."""
         xp = array_namespace(value)
         rest, weights = _differences(value, stencil, weight)
         count = rest.shape[0]
         parts = [(i, c * tangents[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
-            turned = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
-            gradient = xp.matmul(turned, rest[..., None])[..., 0]
+            left_T = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
+            gradient = xp.matmul(left_T, rest[..., None])[..., 0]
             for j, right in parts:
                 if j >= i:
-                    self._scatter(chain, i, j, xp.matmul(turned, right), first)
+                    self._scatter(equations, i, j, xp.matmul(left_T, right), first)
             for parity in range(min(2, count)):
                 keys = np.arange(i, i + count)[parity::2]
-                blocks, column = keys // 2, int(keys[0] % 2) * chain.dof + first
-                chain.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
+                blocks, column = keys // 2, int(keys[0] % 2) * equations.dof + first
+                equations.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
 
-    def _scatter(self, chain: Chain, i: int, j: int, blocks: Array, first: int) -> None:
+    def _scatter(self, equations: KeyframeNormalEquations, i: int, j: int, blocks: Array, first: int) -> None:
         """Add blocks that couple the keys k + i and k + j, k = 0, 1, ..."""
         xp = array_namespace(blocks)
         size = blocks.shape[-1]
@@ -104,15 +105,15 @@ class MotionPrior:
                 continue
             rows = np.arange(len(chosen)) * 2 + parity + i
             columns = np.arange(len(chosen)) * 2 + parity + j
-            row, column = int(rows[0] % 2) * chain.dof + first, int(columns[0] % 2) * chain.dof + first
+            row, column = int(rows[0] % 2) * equations.dof + first, int(columns[0] % 2) * equations.dof + first
             if rows[0] // 2 == columns[0] // 2:
                 block = rows // 2
-                chain.diagonal[block, row : row + size, column : column + size] += chosen
+                equations.diagonal[block, row : row + size, column : column + size] += chosen
                 if i != j:
-                    turned = xp.permute_dims(chosen, (0, 2, 1))
-                    chain.diagonal[block, column : column + size, row : row + size] += turned
+                    chosen_T = xp.permute_dims(chosen, (0, 2, 1))
+                    equations.diagonal[block, column : column + size, row : row + size] += chosen_T
             else:
-                chain.upper[rows // 2, row : row + size, column : column + size] += chosen
+                equations.upper[rows // 2, row : row + size, column : column + size] += chosen
 
 
 def _differences(value: Array, stencil: tuple[int, ...], weight: Array | float) -> tuple[Array, Array]:

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.residuals.pose_term import PoseTerm
-
-FRAME_DOF = 69
-"""Tangent of a posed frame: root rotation 3 (world), joints 1..21 63 (each in its parent's frame), translation 3."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +35,6 @@ class Subject:
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
         """Return the average person without bias, in arrays like ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
-
-
-@dataclass(frozen=True)
-class PosedFrames:
-    """Poses of F frames."""
-
-    root: Array
-    """(F, 3, 3) body to world."""
-    local: Array
-    """(F, 21, 3, 3) rotations of joints 1..21."""
-    transl: Array
-    """(F, 3) metres."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +72,7 @@ def frame_equations(
         frames: F poses.
         objective: what they are judged by.
         scale: of Geman-McClure's penalty.
-        hessian_frames: the frames whose matrices are wanted, in single precision, as they only steer the steps; None:
-            all.
+        hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all.
     """
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
@@ -100,7 +85,7 @@ def frame_equations(
     by_rotations = xp.matmul(J_T, xp.reshape(data.gradient, (count, -1, 1)))[..., 0]
     cost = data.cost
     for term in poses:
-        by_rotations[:, 3:] += term.gradient
+        by_rotations[:, PoseTangent.JOINTS] += term.gradient
         cost = cost + term.cost
     gradient = xp.concat([by_rotations, xp.sum(data.gradient, axis=1)], axis=-1)
     parts = [J, data.information, *(term.factors for term in poses)]
@@ -116,13 +101,8 @@ def _hessian(terms: tuple[PoseTerm, ...], by_rotations: Array, information: Arra
     count, num_landmarks = by_rotations.shape[:2]
     eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, FRAME_DOF))
+    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, PoseTangent.DOF))
     hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)
     for term, part in zip(terms, factors, strict=True):
-        hessian[:, 3:66, 3:66] += term.hessian(part)
+        hessian[:, PoseTangent.JOINTS, PoseTangent.JOINTS] += term.hessian(part)
     return hessian
-
-
-def select_frames(frames: PosedFrames, index: Any) -> PosedFrames:
-    """Return the poses at these indices."""
-    return PosedFrames(frames.root[index], frames.local[index], frames.transl[index])

@@ -8,11 +8,11 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import FrameStates, fit_frames, posed
-from solver_backend.fitters.single_frame.fit import select as select_states
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant, identity, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -84,8 +84,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
     lifted = _lifted(subject, term)
     states, (scales, iterations) = _placed(subject, lifted), NEAR
     if not bool(array_namespace(lifted.usable).all(lifted.usable)):
-        from_poses = _from_poses(subject, prior, term)
-        states, (scales, iterations) = select_states(lifted.usable, states, from_poses), FAR
+        states, (scales, iterations) = states.where(lifted.usable, _from_poses(subject, prior, term)), FAR
     objective = FrameObjective((term,), problem.pose_terms)
     return fit_frames(subject, prior, objective, states, scales, LMSettings(iterations, TOLERANCE)).state
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.single_frame import fit as single
-from solver_backend.fitters.single_frame.fit import FrameStates
+from solver_backend.fitters.single_frame.fit import FrameStates, posed
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
@@ -63,9 +65,7 @@ def fit_shape(
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
         xp = array_namespace(step)
-        return _State(
-            moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1)))
-        )
+        return _State(moved(s.subject, step[0, :m]), s.frames.retract(xp.reshape(step[0, m:], (len(start.z), -1))))
 
     for scale in scales:
 
@@ -85,19 +85,19 @@ def _arrowhead(
 ) -> tuple[Array, Arrowhead]:
     """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)
-    frames, chain = single.by_unknowns(prior, state.frames)
+    frames, d_pose_d_state = posed(prior, state.frames), d_pose_d_key(prior, state.frames.z)
     J, gradient, information, cost = _point_jacobian(state.subject, frames, objective, scale)
     count = J.shape[0]
 
     def flat(matrices: Array) -> Array:
         return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
 
-    by_pose, by_shape = xp.matmul(J[..., :69], chain[:, None]), J[..., 69:]
+    by_pose, by_shape = xp.matmul(J[..., : PoseTangent.DOF], d_pose_d_state[:, None]), J[..., PoseTangent.DOF :]
     by_pose_T, by_shape_T = xp.matrix_transpose(flat(by_pose)), xp.matrix_transpose(flat(by_shape))
     weighted_shape = flat(xp.matmul(information, by_shape))
     gradient = xp.reshape(gradient, (count, -1, 1))
     blocks, g_blocks = xp.matmul(by_pose_T, flat(xp.matmul(information, by_pose))), xp.matmul(by_pose_T, gradient)
-    by_joints = chain[:, 3:66]
+    by_joints = d_pose_d_state[:, PoseTangent.JOINTS]
     by_joints_T = xp.matrix_transpose(by_joints)
     for term in objective.poses:
         evidence = term(frames.local)
@@ -106,7 +106,7 @@ def _arrowhead(
         cost = cost + evidence.cost
     value = _parameters(state.subject) - mean
     system = Arrowhead(
-        blocks=blocks + 1e-2 * identity(chain.shape[-1], J),
+        blocks=blocks + 1e-2 * identity(d_pose_d_state.shape[-1], J),
         coupling=xp.matmul(by_pose_T, weighted_shape),
         shared=xp.sum(xp.matmul(by_shape_T, weighted_shape), axis=0) + precision[:, None] * identity(len(value), J),
         g_blocks=g_blocks[..., 0],
@@ -122,7 +122,7 @@ def refit_shape(
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
     xp = array_namespace(J)
     precision = _prior_precision(subject, shape_prior)
-    by_shape = J[..., 69:]
+    by_shape = J[..., PoseTangent.DOF :]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
     deviation = _parameters(subject) - _prior_mean(subject, shape_prior)

@@ -5,12 +5,12 @@ import pytest
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import FrameStates, posed
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
@@ -32,7 +32,7 @@ def scene():
     truth = Subject(body, landmarks, np.array([1.2, -0.7, *np.zeros(8)]), offsets)
     root = exp_so3(np.array([np.pi / 2, 0, 0])) @ exp_so3(0.3 * rng.normal(size=(FRAMES, 3)))
     transl = np.array([0, 0, 0.95]) + 0.1 * rng.normal(size=(FRAMES, 3))
-    states = FrameStates(CODES.nearest(rng.normal(size=(FRAMES, 32))), root, transl)
+    states = FrameStates(spherical_normalisation(rng.normal(size=(FRAMES, 32))), root, transl)
     points = pose(truth, posed(prior, states)).points
     cameras = tripods(np.array([0.0, 0.0, 0.95]))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)

@@ -8,13 +8,15 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.fitters.measurements.markers import measure_markers
-from solver_backend.fitters.model.subject import PosedFrames, Subject, frame_equations, pose, select_frames
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, frame_equations, pose
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import fit_frames, posed
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape, refit_shape
-from solver_backend.geometry.rotations import exp_so3, left_jacobian_inverse_so3, log_so3
+from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.sposer import SPoser
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
@@ -89,8 +91,8 @@ def free_joints(
 ) -> PosedFrames:
     """Fit every joint's rotation by itself, drawn to where it starts by the prior's own reconstruction error."""
     parts = [slice(i, i + block) for i in range(0, len(start.transl), block)]
-    fitted = [_free(subject, select_frames(start, p), objective.select(p), prior, scale, iterations) for p in parts]
-    return PosedFrames(*(np.concatenate([getattr(f, n) for f in fitted]) for n in ("root", "local", "transl")))
+    fitted = [_free(subject, start.select(p), objective.select(p), prior, scale, iterations) for p in parts]
+    return PosedFrames.concatenate(fitted)
 
 
 def _free(
@@ -102,27 +104,16 @@ def _free(
         equations = frame_equations(subject, frames, objective, scale)
         away = log_so3(frames.local @ np.swapaxes(start.local, -1, -2))
         back = left_jacobian_inverse_so3(away)
-        to_start = np.swapaxes(back, -1, -2) @ (precision * away)[..., None]
+        by_joints = np.swapaxes(back, -1, -2) @ (precision * away)[..., None]
         hessian, gradient = equations.hessian.copy(), equations.gradient.copy()
-        gradient[:, 3:66] += to_start.reshape(len(away), -1)
+        gradient[:, PoseTangent.JOINTS] += by_joints.reshape(len(away), -1)
         for j in range(away.shape[1]):
-            block = slice(3 + 3 * j, 6 + 3 * j)
+            block = PoseTangent.joint(j)
             hessian[:, block, block] += np.swapaxes(back[:, j], -1, -2) @ (precision[j, :, None] * back[:, j])
         cost = equations.cost + 0.5 * (precision * away * away).sum((1, 2))
         return cost, DenseBlocks(hessian + 1e-3 * np.eye(hessian.shape[-1]), gradient)
 
-    return levenberg_marquardt(start, linearise, _retract, _select, LMSettings(max_iterations=iterations)).state
-
-
-def _retract(frames: PosedFrames, step: np.ndarray) -> PosedFrames:
-    turn = exp_so3(step[:, 3:66].reshape(-1, 21, 3))
-    return PosedFrames(exp_so3(step[:, :3]) @ frames.root, turn @ frames.local, frames.transl + step[:, 66:])
-
-
-def _select(mask: np.ndarray, new: PosedFrames, old: PosedFrames) -> PosedFrames:
-    pick = mask[:, None, None]
-    return PosedFrames(
-        np.where(pick, new.root, old.root),
-        np.where(pick[..., None], new.local, old.local),
-        np.where(mask[:, None], new.transl, old.transl),
-    )
+    return levenberg_marquardt(
+        start, linearise, PosedFrames.retract, lambda mask, new, old: new.where(mask, old),
+        LMSettings(max_iterations=iterations),
+    ).state  # fmt: skip
