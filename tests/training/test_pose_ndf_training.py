@@ -24,8 +24,8 @@ from solver_backend.training.pose_ndf.nearest_poses import NearestPoses, unit_qu
 from solver_backend.training.pose_ndf.negatives import (
     NOBODY,
     Labelled,
-    Manifold,
     Poses,
+    RecordedPoses,
     blended,
     labelled,
     projected,
@@ -83,7 +83,7 @@ def test_nearest_poses_against_comparing_all(scale: float) -> None:
 
 
 def test_turned_poses_lie_as_far_as_they_are_turned() -> None:
-    manifold, generator = Manifold.of(random_quats(50, 0), torch.arange(50)), torch.Generator().manual_seed(0)
+    manifold, generator = RecordedPoses.of(random_quats(50, 0), torch.arange(50)), torch.Generator().manual_seed(0)
     near, far = (
         turned(manifold.drawn(300, generator), spread(300, degrees, generator), generator)
         for degrees in ((1.0, 2.0), (30.0, 60.0))
@@ -97,7 +97,7 @@ def test_turned_poses_lie_as_far_as_they_are_turned() -> None:
 
 def test_distances_are_to_the_poses_of_other_people() -> None:
     quats, people = random_quats(90, 0), torch.arange(90) % 3
-    manifold = Manifold.of(quats, people)
+    manifold = RecordedPoses.of(quats, people)
     asked = Poses(random_quats(12, 1), torch.tensor([0, 1, 2, NOBODY] * 3))
     found = labelled(asked, manifold).distance
     for pose, who, distance in zip(asked.quats, asked.people, found, strict=True):
@@ -152,7 +152,7 @@ def test_field_gradient_flows_to_every_parameter() -> None:
 
 def test_projected_poses_lie_nearer_than_they_started(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    manifold = Manifold.of(random_quats(30, 5), torch.arange(30))
+    manifold = RecordedPoses.of(random_quats(30, 5), torch.arange(30))
     prior = as_prior(PoseFieldNet(SMALL), manifold.spread)
     met = projected(prior, manifold, 31, torch.Generator().manual_seed(0))
     assert met.quats.shape == (30, 21, 4) and int((met.people == NOBODY).sum()) == 10

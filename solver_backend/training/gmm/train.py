@@ -15,6 +15,7 @@ from solver_backend.training.engine.export_weights import export_prior
 from solver_backend.training.engine.model_card import write_model_card
 from solver_backend.training.engine.recipe import Finished, Job
 from solver_backend.training.gmm.expectation_maximisation import fit_mixture
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 COMPONENTS = 8
 RIDGE = 1e-3
@@ -60,4 +61,4 @@ def rotation_vectors(corpus: Corpus) -> np.ndarray:
     vectors = log_so3(corpus.rotations[corpus.distinct].astype(np.float64))
     swapped = [MIRROR[joint] - 1 for joint in range(1, 22)]
     flipped = vectors[:, swapped] * np.array([1.0, -1.0, -1.0])
-    return np.concatenate((vectors, flipped)).reshape(-1, 63)
+    return np.concatenate((vectors, flipped)).reshape(-1, 3 * NUM_BODY_JOINTS)

@@ -20,7 +20,7 @@ NOBODY = -1
 
 
 @dataclass(frozen=True)
-class Manifold:
+class RecordedPoses:
     """The recorded poses that a distance is measured to."""
 
     quats: torch.Tensor
@@ -35,7 +35,7 @@ class Manifold:
         return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
-    def of(cls, quats: torch.Tensor, people: torch.Tensor) -> Manifold:
+    def of(cls, quats: torch.Tensor, people: torch.Tensor) -> RecordedPoses:
         """Take (M, 21, 4) poses and whose they are."""
         return cls(quats, people, NearestPoses(quats, people))
 
@@ -91,7 +91,7 @@ def turned(poses: Poses, sigma: torch.Tensor, generator: torch.Generator) -> Pos
     return Poses(quat_multiply(quat_from_rotvec(turn), poses.quats), poses.people)
 
 
-def blended(manifold: Manifold, count: int, generator: torch.Generator) -> Poses:
+def blended(manifold: RecordedPoses, count: int, generator: torch.Generator) -> Poses:
     """Return points between pairs of recorded poses, normalised."""
     a, b = (manifold.drawn(count, generator).quats for _ in range(2))
     b = torch.where((a * b).sum(-1, keepdim=True) < 0, -b, b)
@@ -99,7 +99,7 @@ def blended(manifold: Manifold, count: int, generator: torch.Generator) -> Poses
     return Poses(mixed / torch.linalg.vector_norm(mixed, dim=-1, keepdim=True), torch.full((count,), NOBODY))
 
 
-def projected(prior: PoseNDF, manifold: Manifold, count: int, generator: torch.Generator) -> Poses:
+def projected(prior: PoseNDF, manifold: RecordedPoses, count: int, generator: torch.Generator) -> Poses:
     """Return (about) ``count`` poses met on the way down the field, after 4, 12 and 40 steps.
 
     A third starts at random poses (60 degrees about every axis, at one sigma), the rest at turned recorded ones.
@@ -117,7 +117,7 @@ def projected(prior: PoseNDF, manifold: Manifold, count: int, generator: torch.G
     return Poses(quat_from_matrix(torch.cat(parts)), people)
 
 
-def labelled(poses: Poses, manifold: Manifold) -> Labelled:
+def labelled(poses: Poses, manifold: RecordedPoses) -> Labelled:
     """Return poses with their true distances to what was recorded of everybody but whose they were.
 
     Poses of somebody unseen lie as far from the recorded ones as somebody's do from all others'; with their own

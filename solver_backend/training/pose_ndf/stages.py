@@ -18,8 +18,8 @@ from solver_backend.training.pose_ndf.nearest_poses import unit_quats
 from solver_backend.training.pose_ndf.negatives import (
     NOBODY,
     Labelled,
-    Manifold,
     Poses,
+    RecordedPoses,
     blended,
     joined,
     labelled,
@@ -33,7 +33,7 @@ FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (0.5, 40.0), (1.0, 60.0)
 """Spread of the turns about each axis: of the first stage, the second, and the validation."""
 
 
-def manifold_of(training: Corpus) -> Manifold:
+def manifold_of(training: Corpus) -> RecordedPoses:
     """Return the distinct poses of a corpus that lie within the joints' limits, and their mirror images.
 
     Raises:
@@ -44,7 +44,7 @@ def manifold_of(training: Corpus) -> Manifold:
     if len(people.unique()) < 2:
         raise JobInvalid("Pose-NDF learns from the recordings of several people, and these are of one.", where="data")
     quats = torch.cat((unit_quats(rotations), unit_quats(mirrored(rotations))))
-    return Manifold.of(quats, people.repeat(2))
+    return RecordedPoses.of(quats, people.repeat(2))
 
 
 def possible_frames(corpus: Corpus) -> np.ndarray:
@@ -53,7 +53,7 @@ def possible_frames(corpus: Corpus) -> np.ndarray:
     return distinct[(excess_deg(corpus.rotations[distinct].astype(np.float64)) == 0).all(axis=1)]
 
 
-def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, even: bool = True) -> Labelled:
+def perturbed_validation(validation: Corpus, manifold: RecordedPoses, count: int, *, even: bool = True) -> Labelled:
     """Return poses of unseen subjects with their distance to the training poses, turned by 1 to 60 degrees.
 
     The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
@@ -69,7 +69,7 @@ def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, 
 class Stages:
     """The poses of every stage; those of a finished stage are made again only if a later one mixes them in."""
 
-    def __init__(self, manifold: Manifold, settings: PoseNdfSettings, seed: int) -> None:
+    def __init__(self, manifold: RecordedPoses, settings: PoseNdfSettings, seed: int) -> None:
         self._manifold, self._settings, self._seed = manifold, settings, seed
         self._pools: dict[int, Labelled] = {}
 
@@ -99,7 +99,7 @@ class Stages:
         return joined([labelled(part, manifold) for part in parts])
 
 
-def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> PoseFieldNet:
+def train_stages(job: Job, settings: PoseNdfSettings, manifold: RecordedPoses) -> PoseFieldNet:
     """Train stage after stage, each from where the last one ended, each with checkpoints in a folder of its own."""
     torch.manual_seed(job.settings.seed)
     model = PoseFieldNet(settings)

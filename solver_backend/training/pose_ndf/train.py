@@ -16,7 +16,7 @@ from solver_backend.training.engine.export_weights import export_prior
 from solver_backend.training.engine.model_card import write_model_card
 from solver_backend.training.engine.recipe import Finished, Job
 from solver_backend.training.pose_ndf.nearest_poses import unit_quats
-from solver_backend.training.pose_ndf.negatives import Manifold
+from solver_backend.training.pose_ndf.negatives import RecordedPoses
 from solver_backend.training.pose_ndf.network import PoseNdfSettings, field_arrays, spearman
 from solver_backend.training.pose_ndf.stages import manifold_of, perturbed_validation, train_stages
 
@@ -62,7 +62,7 @@ def train_pose_ndf(job: Job, settings: PoseNdfSettings = PoseNdfSettings()) -> F
     return Finished(path, metadata["metrics"])
 
 
-def measure(prior: PoseNDF, validation: Corpus, manifold: Manifold, settings: PoseNdfSettings) -> dict[str, float]:
+def measure(prior: PoseNDF, validation: Corpus, manifold: RecordedPoses, settings: PoseNdfSettings) -> dict[str, float]:
     """Return how well the field ranks, measures and projects perturbed poses, and what it samples."""
     perturbed = perturbed_validation(validation, manifold, settings.validation)
     truth = perturbed.distance.numpy().astype(np.float64)

@@ -16,9 +16,11 @@ from solver_backend.training.engine.devices import device_of
 from solver_backend.training.sposer.accuracy import reconstruction_accuracy
 from solver_backend.training.sposer.task import pose_loss
 from solver_backend.training.vae.latents import LATENTS, Kind
+from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 HIDDEN = 512
 _DROPOUT = 0.1
+_INPUTS = 3 * NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ class VariationalAutoencoder(nn.Module):
         super().__init__()
         published = kind == "vposer"
         self.latent = LATENTS[kind]()
-        self.norm = nn.BatchNorm1d(63) if published else nn.Identity()
+        self.norm = nn.BatchNorm1d(_INPUTS) if published else nn.Identity()
         self.encoder = nn.Sequential(
-            nn.Linear(63, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
+            nn.Linear(_INPUTS, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
             nn.Linear(HIDDEN, self.latent.outputs),
         )  # fmt: skip
         self.decoder = nn.Sequential(
