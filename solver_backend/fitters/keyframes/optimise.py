@@ -17,8 +17,10 @@ from solver_backend.fitters.keyframes.normal_equations import (
     KeyframeNormalEquations,
     data_equations,
 )
+from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.solution import Convergence
@@ -72,6 +74,10 @@ class BundleModel:
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
+
+    def poses(self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None) -> PosedFrames:
+        """Return the poses that the keys make of these frame numbers, or of all frames of the layout."""
+        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals)
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES

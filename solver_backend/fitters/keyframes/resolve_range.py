@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,23 +14,20 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
-from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, spliced
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import JOINTS_DOF
-from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solution import Solution, SolvedFrames
-from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts
-from solver_backend.fitters.subject_calibration.keypoint_variance import reweighted
+from solver_backend.fitters.solution import Solution
+from solver_backend.fitters.subject_calibration.keypoint_variance import with_learned_noise
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.symmetric import packed
-from solver_backend.residuals.point_term import DataTerm
 from solver_backend.types import NUM_BODY_JOINTS, Motion
 
 STAGE = "Solving the stretch"
@@ -63,11 +59,13 @@ def solve_range(
     _check_same_take(problem, subject, motion)
     frame_range.check(motion.num_frames)
     progress(STAGE, 0, 3)
-    before = _poses(motion, subject.betas)
-    subject = _with_bias(problem, replace(subject, betas=constant(motion.betas, subject.betas)), before, settings)
+    before, sample = _poses(motion, subject.betas), problem.sample
+    subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = problem.frames_of(settings.refine_window), settings.robust_scale
+    judged, objective = before.select(sample), problem.objective.select(sample)
+    subject = refit_shape(subject, judged, objective, scale, ShapePrior(free_betas=False))
+    data = with_learned_noise(problem, subject, judged, settings)
     layout, free = _layout(frame_range, motion.num_frames, window)
-    data = _with_learned_noise(problem, subject, before, settings)
     measured = bundle_objective(problem, layout, window, (data,), residuals=settings.residual_rotations)
     model = BundleModel(subject, problem.prior, measured, settings.residual_rotations)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
@@ -79,51 +77,25 @@ def solve_range(
         progress(STAGE, len(found), 3)
     best, contacts = min(found, key=lambda solution: solution.cost), None
     if settings.contacts:
-        frames = key_poses(problem.prior, best.keys, layout, residuals=model.residuals)
-        contacts = _contacts(problem, subject, before, frames, layout, frame_range)
+        contacts = contacts_in_place(problem, subject, before, model.poses(best.keys, layout), layout, frame_range)
         points = (data, contacts.term(best.keys.z))
         standing = bundle_objective(problem, layout, window, points, residuals=model.residuals)
         schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
         best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
-    keys = best.keys
-    frames = key_poses(problem.prior, keys, layout, residuals=model.residuals)
-    inflation = noise_inflation(
-        subject, frames, problem.measurements.term.select(layout.frames), scale, max(1, window // 2)
-    )  # fmt: skip
-    system = model.information(layout, keys, scale).with_fixed(~free).block_tridiagonal()
-    covariance = packed(joint_covariance(model, layout, keys, frames, system, inflation))
+    solved = SolvedRange(frame_range, layout, free, model.poses(best.keys, layout), contacts, best.convergence.status)
+    covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2))
     progress(STAGE, 3, 3)
-    whole = _SolvedRange(frame_range, layout, free, frames, to_numpy(covariance), contacts, best.convergence.status)
-    return Solution(_spliced(problem, subject, motion, before, whole, scale), whole.status)
+    return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), solved.status)
 
 
-@dataclass(frozen=True)
-class _SolvedRange:
-    """A frame range solved again, with the windows on either side of it."""
-
-    frame_range: FrameRange
-    """What was asked for."""
-    layout: KeyframeLayout
-    """Windows."""
-    free: np.ndarray
-    """(2N + 1,) bool: the keys that moved."""
-    frames: PosedFrames
-    """Poses of the frames of the layout."""
-    covariance: np.ndarray
-    """(n, 24, 6) of the joints in these frames (see ``packed``)."""
-    contacts: Contacts | None
-    """Of the whole take, if standing feet were looked for."""
-    status: str
-    """How the last pass ended."""
-
-    @property
-    def moved(self) -> np.ndarray:
-        """Numbers of the frames that take their new poses: all of the range but ends that no person pinned."""
-        wanted, frames = self.frame_range, self.layout.frames
-        inside = (frames >= wanted.first) & (frames <= wanted.last)
-        pinned = {pin.frame for pin in wanted.pins}
-        fixed = set(self.layout.key_times[~self.free]) & {wanted.first, wanted.last} - pinned
-        return frames[inside & ~np.isin(frames, list(fixed))]
+def _covariance(
+    problem: Problem, model: BundleModel, solved: SolvedRange, keys: Keyframes, scale: float, frames_per_key: int
+) -> np.ndarray:
+    """Return (n, 24, 6) of the joints in the frames of the layout (see ``packed``)."""
+    layout, data = solved.layout, problem.measurements.term.select(solved.layout.frames)
+    inflation = noise_inflation(model.subject, solved.frames, data, scale, frames_per_key)
+    system = model.information(layout, keys, scale).with_fixed(~solved.free).block_tridiagonal()
+    return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation)))
 
 
 def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:
@@ -160,32 +132,6 @@ def _poses(motion: Motion, like: Array) -> PosedFrames:
     )
 
 
-def _with_bias(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> Subject:
-    frames, objective = before.select(problem.sample), problem.objective.select(problem.sample)
-    return refit_shape(subject, frames, objective, settings.robust_scale, ShapePrior(free_betas=False))
-
-
-def _with_learned_noise(problem: Problem, subject: Subject, before: PosedFrames, settings: SolveSettings) -> DataTerm:
-    """Return the data with the reliability of each view's points learned from the earlier motion, if asked."""
-    data, sample = problem.measurements.term, problem.sample
-    if not settings.learn_noise:
-        return data
-    return reweighted(subject, before.select(sample), data, settings.robust_scale, sample)
-
-
-def _contacts(
-    problem: Problem, subject: Subject, before: PosedFrames, frames: PosedFrames, layout: KeyframeLayout,
-    frame_range: FrameRange,
-) -> Contacts:  # fmt: skip
-    """Return which points of the feet stand in the earlier motion with the new frames in their places."""
-    points = to_numpy(pose(subject, before).points)
-    points[layout.frames] = to_numpy(pose(subject, frames).points)
-    number = np.arange(problem.num_frames)
-    return find_contacts(
-        points, subject.landmarks.names, problem.fps, (number < frame_range.first) | (number > frame_range.last)
-    )
-
-
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:
     """Return keys that have exactly these poses at their times (half-way along the turn between two frames)."""
     early, late = np.floor(times).astype(int), np.ceil(times).astype(int)
@@ -216,34 +162,3 @@ def _mixed(free: np.ndarray, anew: Keyframes, fixed: Keyframes) -> Keyframes:
     order = np.where(free, np.arange(len(free)), len(free) + np.arange(len(free)))
     joined = anew.replaced(slice(len(free), len(free)), fixed)
     return joined.select(order)
-
-
-def _spliced(
-    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: _SolvedRange, scale: float
-) -> Motion:
-    """Return the earlier motion with the frames that moved replaced."""
-    layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
-    whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
-    for name in ("root", "local", "transl"):
-        getattr(whole, name)[moved] = getattr(solved.frames, name)[moved - layout.bounds[0]]
-    covariance = np.zeros((problem.num_frames, *solved.covariance.shape[1:]))
-    covariance[layout.frames] = solved.covariance
-    key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
-    contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
-    frames = SolvedFrames(subject, whole, key_times, covariance, contacts)
-    again = build_motion(problem.measurements, frames, scale=scale, provenance={})
-    values: dict[str, Any] = {}
-    for field in fields(Motion):
-        old, new = getattr(motion, field.name), getattr(again, field.name)
-        if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name != "betas":
-            values[field.name] = old.copy()
-            index = (slice(None), moved) if field.name == "reprojection_px" else moved
-            values[field.name][index] = new[index]
-    entry = {"first": wanted.first, "last": wanted.last, "pins": sorted({pin.frame for pin in wanted.pins})}
-    record = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
-    record |= {"statistics": again.provenance["statistics"], "status": solved.status}
-    return replace(motion, **values, provenance=record)
-
-
-def _copied(values: Array) -> Array:
-    return values.copy() if isinstance(values, np.ndarray) else values.clone()

@@ -7,6 +7,8 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.arrays import constant
 from solver_backend.residuals.point_term import DataTerm
 
@@ -14,6 +16,14 @@ PRIOR_FRAMES = 60.0
 """How many frames' worth of evidence says that all views are alike; errors of neighbouring frames are."""
 RANGE = (0.2, 5.0)
 """Least and largest variance of one view's keypoint, as a share of the keypoint's mean over the views."""
+
+
+def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
+    """Return the data; if asked, with the variances of each view's points learned from the sample's poses."""
+    data = problem.measurements.term
+    if not settings.learn_noise:
+        return data
+    return reweighted(subject, sample, data, settings.robust_scale, problem.sample)
 
 
 def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
