@@ -8,7 +8,8 @@ import pytest
 
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
-from solver_backend.fitters.keyframes.optimise import solve_keys
+from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
+from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations, pose
 from solver_backend.fitters.model.tangent import KEY, PoseTangent
@@ -18,9 +19,10 @@ from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.pose_term import PoseEvidence
 from solver_backend.solver.levenberg_marquardt import LMSettings
-from tests.fitters.keyframes.test_optimise import SCHEDULE, Scene, prior_of_motion
+from tests.support.stick_scene import StickScene as Scene
 
 HEIGHT_M = 1.4
+SMOOTH = MotionPrior(10 / 60, accel_sigma=20.0, angular_sigma=90.0, latent_sigma=60.0)
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ def test_frames_obey_terms_on_points_and_on_poses(scene):
 def test_keys_obey_a_term_over_keys(scene):
     keys = {}
     for name, terms in (("plain", ()), ("level", (Level(1e9),))):
-        model = replace(scene.model(), objective=BundleObjective(scene.objective, (prior_of_motion(), *terms)))
-        keys[name] = solve_keys(model, scene.layout, scene.start, SCHEDULE).keys
+        model = replace(scene.model(), objective=BundleObjective(scene.objective, (SMOOTH, *terms)))
+        keys[name] = solve_keys(model, scene.layout, scene.start, Schedule((12.0, 3.0), 8)).keys
     assert np.abs(keys["plain"].transl[:, 2] - HEIGHT_M).min() > 0.1
     np.testing.assert_allclose(keys["level"].transl[:, 2], HEIGHT_M, atol=1e-3)

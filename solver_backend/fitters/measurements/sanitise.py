@@ -12,14 +12,9 @@ from solver_backend.cameras.view_checks.synchronisation import estimate_delays, 
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.exchange.progress import Progress
-<<<<<<< HEAD
 from solver_backend.fitters.measurements.base import seen_frames
-from solver_backend.people.bystanders import leave_out_strangers
-=======
-from solver_backend.fitters.single_frame.start import Observations, observations_of
 from solver_backend.geometry.runs import true_runs
 from solver_backend.people.bystanders import exclude_bystanders
->>>>>>> h/A1
 from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
 
 STAGE = "Checking the cameras"
@@ -62,11 +57,7 @@ def check_capture(
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
-<<<<<<< HEAD
-    views = reconcile(cameras, keypoints, triangulation)
-=======
-    views = repair_views(cameras, keypoints, observations.triangulation)
->>>>>>> h/A1
+    views = repair_views(cameras, keypoints, triangulation)
     progress(STAGE, 1, STEPS)
     timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
     progress(STAGE, 2, STEPS)
@@ -74,12 +65,7 @@ def check_capture(
     progress(STAGE, 3, STEPS)
     sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
     progress(STAGE, 4, STEPS)
-<<<<<<< HEAD
-    rest = leave_out(cameras, sides.keypoints, sides.triangulation)
-=======
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
-    observations = observations_of(rest.triangulation)
->>>>>>> h/A1
     progress(STAGE, 5, STEPS)
     faults = [_fault_of(cameras, fault) for fault in views.found] + late
     for swap in sides.found:
@@ -114,13 +100,8 @@ def _in_time(
 
 
 def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
-<<<<<<< HEAD
     """Return what is said about a view that was repaired."""
-    where = cameras.names[fault.stretch.view], fault.stretch.first, fault.stretch.last
-=======
-    """Return what is said about a view that was put right."""
     where = cameras.names[fault.view_range.view], fault.view_range.first, fault.view_range.last
->>>>>>> h/A1
     cause = fault.explanation
     if isinstance(cause, Mirrored):
         kind = FaultKind.IMAGE_MIRRORED if cause.image else FaultKind.SIDES_EXCHANGED

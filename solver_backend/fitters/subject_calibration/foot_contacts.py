@@ -6,16 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-<<<<<<< HEAD
 from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.runs import true_runs
 from solver_backend.residuals.foot_contact import foot_contact_term
 from solver_backend.residuals.positions import PositionTerm
-=======
-from solver_backend.geometry.arrays import constant
-from solver_backend.geometry.runs import true_runs
-from solver_backend.residuals.foot_contact import StandingTerm
-from solver_backend.residuals.point_term import PointTerm
->>>>>>> h/A1
 
 SPEED_M_S = 0.25
 """A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
