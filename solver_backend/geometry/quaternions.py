@@ -38,6 +38,11 @@ def quat_conjugate(q: Array) -> Array:
     return q * constant((1.0, -1.0, -1.0, -1.0), q)
 
 
+def upper_hemisphere(q: Array) -> Array:
+    """Return the same rotations as quaternions wxyz with ``w >= 0``; (..., 4) -> (..., 4)."""
+    return array_namespace(q).where(q[..., :1] < 0, -q, q)
+
+
 def matrix_from_quat(q: Array) -> Array:
     """Return the rotation matrices of quaternions of any length but zero.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -16,7 +17,6 @@ from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, 
 from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 
 _SIDED = {
     "arm": ("shoulder", "elbow", "wrist"),

@@ -17,8 +17,8 @@ from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals import pose_mixture
-from tests.fitters.keyframes.test_optimise import FRAMES, Scene
 from tests.support.random_keys import random_keys
+from tests.support.stick_scene import FRAMES, StickScene
 from tests.support.toy_prior import ToyPrior
 
 LAYOUT = KeyframeLayout.even(33, 8)
@@ -111,7 +111,7 @@ def dense(equations: KeyframeNormalEquations) -> np.ndarray:
 
 
 def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
-    scene = Scene()
+    scene = StickScene()
     layout = KeyframeLayout.even(FRAMES, 5)
     keys, rows = resampled(scene.start, scene.layout, layout), layout.rows()
     keys = replace(keys, residual=0.02 * np.random.default_rng(2).normal(size=keys.residual.shape))
@@ -134,7 +134,7 @@ def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
 
 
 def test_fixing_keys_changes_nothing_but_the_returned_equations():
-    scene, fixed = Scene(), np.isin(np.arange(7), (0, 3))
+    scene, fixed = StickScene(), np.isin(np.arange(7), (0, 3))
     equations = scene.model(residuals=True).equations(scene.layout.rows(), scene.start, 3.0)[1]()
     before = [part.copy() for part in (equations.diagonal, equations.upper, equations.g)]
     held = equations.with_fixed(fixed)
