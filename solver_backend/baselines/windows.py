@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
@@ -21,7 +22,6 @@ from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.manifold import SO3, Euclidean, Product
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 SPHERICAL = Product((CODES, SO3(), Euclidean()))
 """Where the free keys of a window live: SPoser's."""

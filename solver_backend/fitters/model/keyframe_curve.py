@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.codes import CODES, decoded, decoded_with_vjp, decoder_jacobian
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
@@ -22,7 +23,6 @@ from solver_backend.geometry.arrays import Array, constant, zeros
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import matrix_from_quat, quat_left_tangent
 from solver_backend.priors.base import PosePrior
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 BLOCK_POSES = 2000
 """Frames posed at a time."""

@@ -8,10 +8,10 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, identity, zeros
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 JOINTS_DOF = 3 * NUM_BODY_JOINTS
 """Three for each of the joints 1..21."""

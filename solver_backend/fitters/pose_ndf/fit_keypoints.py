@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BETAS, NUM_BODY_JOINTS
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.model.tangent import PoseTangent
@@ -18,7 +19,6 @@ from solver_backend.residuals.point_term import PointTerm
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead
-from solver_backend.types.joint_sets import NUM_BETAS, NUM_BODY_JOINTS
 
 BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1, 1.0), (18, 1, -1.0))
 """Column of each knee and elbow, axis of its rotation vector, and sign of the way it does not bend."""

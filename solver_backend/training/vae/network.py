@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.windows import WindowSampler
@@ -16,7 +17,6 @@ from solver_backend.training.engine.accuracy import VALIDATION_POSES, reconstruc
 from solver_backend.training.engine.devices import device_of
 from solver_backend.training.engine.pose_loss import pose_loss
 from solver_backend.training.vae.latents import LATENTS, Kind
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 HIDDEN = 512
 _DROPOUT = 0.1
