@@ -1,0 +1,54 @@
+"""Labels of markers: subjects, points that nobody named, and labels that must be made unique."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+# Vicon writes *0, *1, ...; Motive 'Unlabeled 1189'; Cortex U_1; Qualisys unnames; others number their points.
+_UNNAMED = re.compile(r"(\*\d*|unlabell?ed[ _-]?\d*|u_?\d+|uname\*?\d*|unnamed[ _-]?\d*|new ?\d{4})", re.IGNORECASE)
+# Plug-in Gait: LHipAngles, RGroundReactionForce, LKneeMoment, RAnklePower.
+_MODEL_OUTPUT = re.compile(r".+[a-z](Angles?|Forces?|Moments?|Powers?)")
+
+
+def prefix_of(label: str) -> str:
+    """Return the subject in 'Subject:LASI', empty where there is none."""
+    prefix, found, _ = label.rpartition(":")
+    return prefix.strip() if found else ""
+
+
+def subjects_of(labels: Sequence[str]) -> tuple[str, ...]:
+    """Return the subjects that labels name, in their order, leaving unnamed points out."""
+    return tuple(dict.fromkeys(prefix_of(label) for label in labels if prefix_of(label) and not is_unnamed(label)))
+
+
+def is_unnamed(label: str) -> bool:
+    """Return whether a program numbered the point because nobody named it."""
+    name = label.rpartition(":")[2].strip()
+    return not name or _UNNAMED.fullmatch(name) is not None
+
+
+def is_model_output(label: str) -> bool:
+    """Return whether a point is no position but what a model computed, by its name: 'LHipAngles'."""
+    return _MODEL_OUTPUT.fullmatch(label.rpartition(":")[2].strip()) is not None
+
+
+def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return labels that are neither empty nor there twice, and those that were there twice.
+
+    An empty label becomes '*' and its number from 1; the second 'LASI' becomes 'LASI (2)'.
+    """
+    found: dict[str, int] = {}
+    unique: list[str] = []
+    taken = set(labels)
+    for number, label in enumerate(labels, 1):
+        name = label or f"*{number}"
+        found[name] = found.get(name, 0) + 1
+        if found[name] > 1 or (not label and name in taken):
+            count = max(found[name], 2)
+            while f"{name} ({count})" in taken:
+                count += 1
+            name = f"{name} ({count})"
+        taken.add(name)
+        unique.append(name)
+    return tuple(unique), tuple(name for name, count in found.items() if count > 1)
