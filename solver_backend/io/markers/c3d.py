@@ -162,17 +162,16 @@ def _points(
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
     decode = floats if layout.word == 4 else integers
-    values = decode(raw, parameters.processor).reshape(layout.frames, layout.points, 4)[:, kept]
-    positions = values[..., :3].astype(np.float64)
-    if layout.word == 2:
-        positions *= scale
+    values = decode(raw, parameters.processor).reshape(layout.frames, layout.points, 4)
+    values = values if len(kept) == layout.points else values[:, kept]
+    positions = values[..., :3] * (1.0 if layout.word == 4 else scale)
     fourth = np.nan_to_num(values[..., 3].astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
     missing = fourth < 0
     problems: tuple[str, ...] = ()
     if missing.all() and positions.any():
-        missing, problems = (positions == 0).all(axis=-1), ("Every residual says that the point was not seen.",)
+        missing, problems = np.zeros_like(missing), ("Every residual says that the point was not seen.",)
     positions[missing] = np.nan
-    residual = np.fmod(fourth.clip(0, 32767), 256.0) // 1.0 * scale
+    residual = (fourth.clip(0, 32767).astype(np.int64) & 255) * scale
     residual[missing] = np.nan
     return positions, residual, problems
 

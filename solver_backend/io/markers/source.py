@@ -148,10 +148,12 @@ def _seen(source: MarkerSource, labels: Sequence[str]) -> tuple[np.ndarray, tupl
 
     Many programs write 0 0 0 for a marker that is not seen; no measured one is exactly there.
     """
-    positions = np.array(source.positions, dtype=np.float64)
-    origin = (positions == 0).all(axis=-1)
-    positions[origin | ~(np.abs(positions) < LARGEST).all(axis=-1)] = np.nan
-    if np.isnan(positions).all():
+    # One coordinate after the other: NumPy is slow to reduce an axis of three.
+    x, y, z = np.moveaxis(source.positions, -1, 0)
+    origin = (x == 0) & (y == 0) & (z == 0)
+    seen = (np.abs(x) < LARGEST) & (np.abs(y) < LARGEST) & (np.abs(z) < LARGEST) & ~origin
+    positions = np.where(seen[..., None], source.positions, np.nan)
+    if not seen.any():
         raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
     at_origin = [label for label, frames in zip(labels, origin.sum(axis=0), strict=True) if frames]
     if not at_origin:
@@ -200,7 +202,7 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> list[str]:
         return []
     seen = np.isfinite(positions[..., 0])
     first = positions[np.argmax(seen, axis=0), np.arange(positions.shape[1])]
-    moved = (seen & (positions != first).any(axis=-1)).any(axis=0)
-    still = [labels[i] for i in np.flatnonzero(~moved & (seen.sum(axis=0) >= STILL_FRAMES)).tolist()]
+    moved = np.any([(seen & (positions[..., k] != first[:, k])).any(axis=0) for k in range(3)], axis=0)
+    still = [labels[int(i)] for i in np.flatnonzero(~moved & (seen.sum(axis=0) >= STILL_FRAMES))]
     more = f" and {len(still) - 8} others" if len(still) > 8 else ""
     return [f"Markers that never move: {listing(still[:8])}{more}."] if still else []
