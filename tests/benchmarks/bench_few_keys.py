@@ -15,7 +15,7 @@ from blender_addon.animation.few_keys import thin_channels
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.rig import create_rig
 from blender_addon.files.motion_file import MotionFile
-from tests.benchmarks.captures import filmed
+from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric
 
 TAKES = {"exercises": "13_29:600+600", "dance": "salsa_07:20+600"}

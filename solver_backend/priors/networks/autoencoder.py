@@ -90,7 +90,7 @@ class PoseAutoencoder(AutoencodingPrior):
 
     def _distance_to_reconstruction(self, rotations: Array) -> Array:
         """Return the mean squared rotation of poses to their reconstructions by ``residual_sigma``: (N,)."""
-        return reconstruction_energy(rotations, self.decode(self.encode(rotations)), self.residual_sigma)
+        return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def _decoder_for(self, z: Array) -> DenseStack:
         check_codes(z, self.latent_dim)
