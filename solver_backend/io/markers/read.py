@@ -1,102 +1,81 @@
-"""Read a file of markers, whichever of the known formats it has."""
+"""Every kind of file of markers that is read, and reading one whichever it is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
-from solver_backend.io.files import require_file
+from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.c3d_parameters import KEY
 from solver_backend.io.markers.motive_csv import read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
 from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_tsv
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.trc import read_trc
+from solver_backend.io.reader import Reader, ReadOptions
 
 _HEAD_BYTES = 65536
 """So much of a file tells its format."""
 
 
-@dataclass(frozen=True)
-class MarkerFormat:
-    """A format: how its files look, and what reads them."""
+def _row(
+    kind: str,
+    suffixes: tuple[str, ...],
+    read: Callable[..., MarkerTake],
+    begins: Callable[[str], bool] | None = None,
+) -> Reader[MarkerTake]:
+    """Return the reader of files with these endings, where several formats share one that begin as this one does."""
 
-    name: str
-    """For messages."""
-    suffixes: tuple[str, ...]
-    """Endings of its files' names."""
-    begins: Callable[[bytes, str], bool]
-    """Whether a file that begins with these bytes, and this text, has the format."""
-    read: Callable[..., MarkerTake]
-    """Its reader."""
+    def recognises(path: Path) -> bool:
+        return path.suffix.lower() in suffixes and path.is_file() and (begins is None or begins(_head(path)))
 
+    def with_options(path: Path, options: ReadOptions) -> MarkerTake:
+        return read(path, fps=options.fps, unit=options.unit, up_axis=options.up_axis)
 
-FORMATS = (
-    MarkerFormat("C3D", (".c3d",), lambda head, text: head[1:2] == bytes([KEY]), read_c3d),
-    MarkerFormat("TRC", (".trc",), lambda head, text: text.lower().startswith("pathfiletype"), read_trc),
-    MarkerFormat(
-        "OptiTrack Motive CSV",
-        (".csv",),
-        lambda head, text: text.lstrip('"').lower().startswith("format version"),
-        read_motive_csv,
-    ),
-    MarkerFormat(
-        "Vicon Nexus CSV", (".csv", ".txt"), lambda head, text: bool(sections_of(text.splitlines())), read_nexus_csv
-    ),
-    MarkerFormat(
-        "Qualisys TSV",
-        (".tsv", ".txt"),
-        lambda head, text: text.lstrip().upper().startswith(FIRST_LINE),
-        read_qualisys_tsv,
-    ),
-)
-"""Every format of markers that is read."""
+    return Reader(f"{kind} ({', '.join(suffixes)})", recognises, with_options)
 
 
-def format_of(path: Path | str) -> MarkerFormat | None:
-    """Return the format of a file of markers by its ending and its beginning, None where it has none of them.
-
-    A file whose ending is of one format alone is taken to have that format, damaged or not.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: the file cannot be read.
-    """
-    path = require_file(path)
-    candidates = [known for known in FORMATS if path.suffix.lower() in known.suffixes]
-    if len(candidates) == 1:
-        return candidates[0]
+def _head(path: Path) -> str:
+    """Return how the file begins, empty where it cannot be read."""
     try:
         with open(path, "rb") as stream:
-            head = stream.read(_HEAD_BYTES)
-    except OSError as error:
-        raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
-    text = head.decode("utf-8-sig", "replace")
-    return next((known for known in candidates if known.begins(head, text)), None)
+            return stream.read(_HEAD_BYTES).decode("utf-8-sig", "replace").lstrip(' "\r\n\t')
+    except OSError:
+        return ""
 
 
-def read_markers(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+MARKERS: tuple[Reader[MarkerTake], ...] = (
+    _row("C3D", (".c3d",), read_c3d),
+    _row("TRC", (".trc",), read_trc),
+    _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, lambda head: head.lower().startswith("format version")),
+    _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
+    _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
+)
+"""Asked in this order; the first that recognises a path reads it."""
+
+
+def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MARKERS, **options: Any) -> MarkerTake:
     """Read a file of markers.
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
-        up_axis: its axis that points up; None takes what the file says, or how the body stands.
+        readers: asked in this order.
+        options: fields of ``ReadOptions``: fps, unit and up_axis count.
 
     Raises:
-        CaptureNotRecognised: it has none of the known formats.
-        FileMissing, FileDamaged, NoDetections, JobInvalid: see the readers.
+        FileMissing: there is no such file.
+        CaptureNotRecognised: no reader knows the path.
+        JobInvalid: the frame rate, unit or axis is impossible.
+        MocapError: whatever else the reader raises.
     """
-    found = format_of(path)
-    if found is None:
-        names = ", ".join(f"{known.name} ({'/'.join(known.suffixes)})" for known in FORMATS)
+    path, chosen = Path(path), ReadOptions(**options)
+    if not path.is_file():
+        raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+    reader = next((reader for reader in readers if reader.recognises(path)), None)
+    if reader is None:
+        kinds = "; ".join(reader.kind for reader in readers)
         raise CaptureNotRecognised(
-            "The file is no recording of markers that can be read.", where=str(path), hint=f"Readable are {names}."
+            "The file is no recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
         )
-    return found.read(path, fps=fps, unit=unit, up_axis=up_axis)
+    return reader.read(path, chosen)

@@ -15,7 +15,7 @@ from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import is_unnamed, subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import Unit, find_unit
 from solver_backend.io.recognition.marker_up_axis import UpAxis, find_up_axis
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
 STILL_FRAMES = 10
@@ -85,7 +85,7 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
     found_unit = find_unit(positions, source.unit, unit, source.default_unit)
     positions *= found_unit.metres
     found_axis = find_up_axis(positions, labels, source.up_axis, up_axis, source.default_up_axis)
-    positions = (positions.reshape(-1, 3) @ turn_to_z_up(found_axis.name).T).reshape(positions.shape)
+    positions = (positions.reshape(-1, 3) @ rotation_to_z_up(found_axis.name).T).reshape(positions.shape)
     rate = _rate(source, fps)
     gaps, missing = gaps_of(np.isfinite(positions[..., 0]))
     unlabelled = tuple(label for label in labels if is_unnamed(label))

@@ -49,7 +49,7 @@ def read_trc(
     header = _header(lines[:at])
     labels = _labels(lines[at])
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
-    rows = [row for line in lines[first:] if any(row := _cells(line))]
+    rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     values = number_table(_without_doubled_tabs(rows, len(labels)), first + 1, path)
     columns = max(values.shape[1] - 2, 0)
     count = max(len(labels), -(-columns // 3))
@@ -111,7 +111,7 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
     """Return the rows without their odd cells where a second tab follows every number."""
     sample = rows[:100]
     too_long = markers and any(len(row) > 3 + 3 * markers for row in sample)
-    if too_long and not any(cell for row in sample for cell in row[1::2]):
+    if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
         return [row[::2] for row in rows]
     return rows
 

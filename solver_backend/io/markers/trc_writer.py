@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData
-from solver_backend.io.calibration.units import METRES
 from solver_backend.io.files import write_text
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.recognition.length_unit import METRES
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
 
@@ -35,7 +35,7 @@ def write_trc(
     positions = np.asarray(cloud.positions, dtype=np.float64)
     frames, markers = positions.shape[:2]
     labels = cloud.labels or tuple(f"*{i}" for i in range(1, markers + 1))
-    values = (positions.reshape(-1, 3) @ turn_to_z_up(up_axis) / METRES[unit]).reshape(frames, 3 * markers)
+    values = (positions.reshape(-1, 3) @ rotation_to_z_up(up_axis) / METRES[unit]).reshape(frames, 3 * markers)
     times = np.arange(frames) / cloud.fps
     # Single numbers as plain as they are: 100, not 100.000000, but 119.88012 in full.
     rate = f"{cloud.fps:.10g}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.io.calibration.units import METRES
+from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.quantile import quantile
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.io.recognition.quantile import quantile
-from solver_backend.io.recognition.up_axis import UP_AXES, turn_to_z_up
+from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
 
 UPRIGHT = 2.0
 """A body stands along an axis if its length along it is this many times that along every other."""
@@ -56,7 +56,7 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
         JobInvalid: the given axis is unknown.
     """
     if given is not None:
-        turn_to_z_up(given)
+        rotation_to_z_up(given)
         return UpAxis(given.lower().lstrip("+"), "as given")
     expected = stated or default
     body = _standing_along(positions, labels)
@@ -118,7 +118,7 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
     """Return the height below which this share of all markers is, were this axis up; NaN where none are seen."""
-    heights = positions[:: max(1, len(positions) // 500)] @ turn_to_z_up(axis)[2]
+    heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, axis=0))
 
 

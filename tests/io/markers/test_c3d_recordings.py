@@ -12,7 +12,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, MocapError, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.take import MarkerTake
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 
 FOLDERS = {
     "btkdata": 64,
@@ -101,7 +101,7 @@ def test_values_equal_those_of_another_reader(shared_data: Path, name: str) -> N
 def _as_stored(found: MarkerTake) -> np.ndarray:
     """Return the positions in the file's unit and axes."""
     metres = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[found.report.unit]
-    return found.cloud.positions @ turn_to_z_up(found.report.up_axis) / metres
+    return found.cloud.positions @ rotation_to_z_up(found.report.up_axis) / metres
 
 
 def _kept(found: MarkerTake, oracle: ezc3d.c3d) -> list[int]:

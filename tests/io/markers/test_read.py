@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, FileMissing, NoDetections
 from solver_backend.io.markers.c3d_writer import write_c3d
-from solver_backend.io.markers.read import FORMATS, format_of, read_markers
+from solver_backend.io.markers.read import MARKERS, read_markers
 from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.types import MarkerCloud
 
@@ -18,32 +18,31 @@ TEXTS = {
     "b.csv": ("Vicon Nexus CSV", "\n\nTrajectories\n100\n"),
     "c.txt": ("Vicon Nexus CSV", "Devices\n1000\n"),
     "d.txt": ("Qualisys TSV", "NO_OF_FRAMES\t3\n"),
-    "e.tsv": ("Qualisys TSV", "anything"),
+    "e.tsv": ("Qualisys TSV", "NO_OF_FRAMES\t3\n"),
     "f.TRC": ("TRC", ""),
     "g.c3d": ("C3D", ""),
 }
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_formats(tmp_path: Path, name: str) -> None:
+def test_one_reader_knows_each_file(tmp_path: Path, name: str) -> None:
     expected, text = TEXTS[name]
     (tmp_path / name).write_text(text)
-    found = format_of(tmp_path / name)
-    assert found is not None
-    assert found.name == expected
+    known = [reader.kind for reader in MARKERS if reader.recognises(tmp_path / name)]
+    assert [kind.split(" (")[0] for kind in known] == [expected]
     with pytest.raises((FileDamaged, NoDetections)):
         read_markers(tmp_path / name)
 
 
-def test_what_has_none(tmp_path: Path) -> None:
-    for name in ("a.csv", "b.bvh", "c"):
+def test_what_none_knows(tmp_path: Path) -> None:
+    for name in ("a.csv", "b.bvh", "c", "d.tsv"):
         (tmp_path / name).write_bytes(b"\xff\x00 1,2,3\n")
-        assert format_of(tmp_path / name) is None
-        with pytest.raises(CaptureNotRecognised, match="Readable are C3D") as caught:
+        with pytest.raises(CaptureNotRecognised, match="no recording of markers") as caught:
             read_markers(tmp_path / name)
-        assert all(known.name in caught.value.hint for known in FORMATS)
+        assert all(reader.kind in caught.value.hint for reader in MARKERS)
     with pytest.raises(FileMissing):
         read_markers(tmp_path / "none.c3d")
+    assert not any(reader.recognises(tmp_path / "none.c3d") for reader in MARKERS)
 
 
 def test_options_reach_the_reader(tmp_path: Path) -> None:
