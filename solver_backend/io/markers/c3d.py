@@ -4,7 +4,7 @@ Source: the C3D file format user guide (Motion Lab Systems, c3d.org). A frame is
 and one that holds the residual in its low byte and a mask of the cameras in its high one; then the analog samples. A
 word has two bytes in a file of integers and four in a file of floats, where the fourth is the same integer as a float.
 It is negative for a point that was not seen. The header's numbers count where a parameter differs, as what cannot be
-read without them is kept right by every writer, but counts above 65,535 are in parameters only.
+read without them is kept right by every writer, but counts above 65,535 are in parameters or nowhere.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from solver_backend.io.recognition.marker_labels import is_model_output
 
 MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 """Lists of points that are no positions: programs keep what their models compute (joint angles) as points."""
+
+MOST = 65535
+"""Largest count in the header."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +101,14 @@ def read_c3d(
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
     """Find the frames; no count is trusted beyond the file's own length.
 
+    Where there are more than ``MOST`` frames and no parameter says so, the header's last frame stays at ``MOST`` or
+    begins again at 0: the length of the file tells.
+
     Raises:
         FileDamaged: the file ends before the first frame is complete.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
-    points = header.points or int(min(parameters.number("POINT:USED") or 0, 65535))
+    points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
     block = header.data_block or int(parameters.number("POINT:DATA_START") or 0)
     start = (block - 1) * BLOCK if block > 1 else parameters.end
     room = max(len(data) - start, 0)
@@ -117,6 +123,10 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     complete = room // stride
     fitting = [count for count in claims if 0 < count <= complete]
     frames = max(fitting) if fitting else complete
+    if header.last == MOST and frames <= MOST:
+        frames = complete
+    elif (complete - frames) % (MOST + 1) <= BLOCK // stride:
+        frames += (complete - frames) // (MOST + 1) * (MOST + 1)
     if not frames:
         raise FileDamaged(
             f"The file ends before its first frame of {points} points.", where=str(path), hint="Export it again."

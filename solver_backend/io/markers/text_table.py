@@ -19,7 +19,11 @@ LARGEST = 1e30
 
 def header_cells(line: str, delimiter: str) -> list[str]:
     """Return a header line's cells without blanks and quotes around them."""
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:
+        cells = line.split(delimiter)
+    return [cell.strip() for cell in cells]
 
 
 def is_number(cell: str) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData
 from solver_backend.io.files import write_text
-from solver_backend.io.recognition.length_unit import METRES
+from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
@@ -28,14 +28,14 @@ def write_trc(
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
         NonFiniteData: the frame rate is not positive.
-        JobInvalid: the axis is unknown.
+        JobInvalid: the unit or the axis is unknown.
     """
     if not (np.isfinite(cloud.fps) and cloud.fps > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=str(path))
     positions = np.asarray(cloud.positions, dtype=np.float64)
     frames, markers = positions.shape[:2]
     labels = cloud.labels or tuple(f"*{i}" for i in range(1, markers + 1))
-    values = (positions.reshape(-1, 3) @ rotation_to_z_up(up_axis) / METRES[unit]).reshape(frames, 3 * markers)
+    values = (positions.reshape(-1, 3) @ rotation_to_z_up(up_axis) / metres_in(unit)).reshape(frames, 3 * markers)
     times = np.arange(frames) / cloud.fps
     # Single numbers as plain as they are: 100, not 100.000000, but 119.88012 in full.
     rate = f"{cloud.fps:.10g}"

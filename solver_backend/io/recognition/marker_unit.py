@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.exchange.errors import JobInvalid
-from solver_backend.io.recognition.length_unit import METRES
+from solver_backend.io.recognition.length_unit import METRES, metres_in
 from solver_backend.io.recognition.quantile import quantile
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0
@@ -68,8 +67,7 @@ def find_unit(positions: np.ndarray, stated: str, given: str | None, default: st
         JobInvalid: the given unit is unknown.
     """
     if given is not None:
-        if given not in METRES:
-            raise JobInvalid(f"Unknown unit '{given}'; known are {', '.join(METRES)}.", where="unit")
+        metres_in(given)
         return Unit(given, "as given")
     size = spread(positions)
     name = unit_named(stated)

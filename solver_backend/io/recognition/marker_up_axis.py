@@ -69,12 +69,15 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
         if floor is not None:
             return UpAxis(floor, "as the markers are above a floor at 0")
         return UpAxis(expected, "assumed, as files of this kind mostly have it")
-    if not stated:
+    feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
+    if not stated and (feet_at_zero or body.lstrip("-") != expected.lstrip("-")):
         return UpAxis(body, "as the body stands")
-    problem = f"The file states that {stated.upper()} points up, but the body stands along {body.upper()}"
-    if abs(_lowest(positions, body)) < FLOOR_M:
+    states = "The file states that" if stated else "Files of this kind mostly say that"
+    problem = f"{states} {expected.upper()} points up, but the body stands along {body.upper()}"
+    if feet_at_zero:
         return UpAxis(body, "as the body stands, against the file's statement", f"{problem}, which is used.")
-    return UpAxis(stated, "as the file states", f"{problem}; {stated.upper()} is used. Give the axis if that is wrong.")
+    reason = "as the file states" if stated else "assumed, as files of this kind mostly have it"
+    return UpAxis(expected, reason, f"{problem}; {expected.upper()} is used. Give the axis if that is wrong.")
 
 
 def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:

@@ -126,6 +126,10 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(turned, LABELS))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-7)
     assert "states that Z points up, but the body stands along Y, which is used" in found.report.problems[0]
+    handstand = standing() * [1, 1, -1] + [0, 0, 1900]
+    found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
+    np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
+    assert found.report.problems[0].startswith("Files of this kind mostly say that Z points up, but the body stands")
     high = turned + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert found.report.up_axis == "z"
@@ -147,7 +151,7 @@ def test_more_labels_than_one_parameter_holds(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-6)
 
 
-@pytest.mark.parametrize("place", ["TRIAL", "LONG_FRAMES", "FRAMES"])
+@pytest.mark.parametrize("place", ["TRIAL", "LONG_FRAMES", "FRAMES", "LENGTH", "WRAPPED"])
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
 def test_more_frames_than_the_header_can_say(tmp_path: Path, place: str, processor: int) -> None:
     frames = 66_000
@@ -156,7 +160,9 @@ def test_more_frames_than_the_header_can_say(tmp_path: Path, place: str, process
     if place == "TRIAL":
         last = file.ints(frames % 65536, frames // 65536)
         file.more = {"TRIAL": {"ACTUAL_START_FIELD": file.ints(1, 0), "ACTUAL_END_FIELD": last}}
-    else:
+    elif place == "WRAPPED":
+        file.last, file.more = frames % 65536, {"POINT": {"FRAMES": file.ints(frames % 65536)}}
+    elif place != "LENGTH":
         file.more = {"POINT": {place: file.reals(frames)}}
     found = take(tmp_path / "take.c3d", file)
     assert found.report.frames == frames
