@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from itertools import count
 
 # Vicon writes *0, *1, ...; Motive 'Unlabeled 1189'; Cortex U_1; Qualisys unnames; others number their points.
 _UNNAMED = re.compile(r"(\*\d*|unlabell?ed[ _-]?\d*|u_?\d+|uname\*?\d*|unnamed[ _-]?\d*|new ?\d{4})", re.IGNORECASE)
@@ -38,17 +40,16 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
 
     An empty label becomes '*' and its number from 1; the second 'LASI' becomes 'LASI (2)'.
     """
-    found: dict[str, int] = {}
+    counts = Counter(label for label in labels if label)
+    taken: set[str] = set(counts)
+    numbers: dict[str, int] = {}
     unique: list[str] = []
-    taken = set(labels)
     for number, label in enumerate(labels, 1):
-        name = label or f"*{number}"
-        found[name] = found.get(name, 0) + 1
-        if found[name] > 1 or (not label and name in taken):
-            count = max(found[name], 2)
-            while f"{name} ({count})" in taken:
-                count += 1
-            name = f"{name} ({count})"
+        name = base = label or f"*{number}"
+        if base in numbers or (not label and base in taken):
+            k = next(k for k in count(numbers.get(base, 2)) if f"{base} ({k})" not in taken)
+            name, numbers[base] = f"{base} ({k})", k + 1
+        numbers.setdefault(base, 2)
         taken.add(name)
         unique.append(name)
-    return tuple(unique), tuple(name for name, count in found.items() if count > 1)
+    return tuple(unique), tuple(label for label, times in counts.items() if times > 1)
