@@ -10,8 +10,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, constant, identity
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 ORTHONORMAL_WITHIN = 1e-3
 """Largest entry of ``R^T R - I`` that still counts as a rotation (float32 files round to 1e-7)."""

@@ -9,11 +9,11 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations, in_own_columns
 from solver_backend.priors.weights import ASSETS, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 _DIM = 3 * NUM_BODY_JOINTS
 

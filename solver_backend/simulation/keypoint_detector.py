@@ -11,14 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.cameras.view_checks.label_swaps import EXCHANGED, limb_columns
 from solver_backend.synthetic.temporal_noise import autoregressive, bursts
 from solver_backend.types import JointSet
 
-EXCHANGED: dict[str, tuple[str, ...]] = {
-    "arms": ("shoulder", "elbow", "wrist"),
-    "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
-}
-"""Keypoints that are exchanged together."""
 _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
 """Of a bias that turns with the person: constant, cos and sin of the angle and of its double; variance 1 everywhere."""
 
@@ -158,7 +154,7 @@ def _swaps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (C, F, K) where limbs are exchanged, and (N, 4) the exchanges; they never touch within a view and limb."""
     mask, swaps = np.zeros(shape, dtype=bool), []
-    for limb, columns in enumerate(limb_columns(joint_set).values()):
+    for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
             for _ in range(rng.poisson(model.swaps_per_minute * shape[1] / fps / 60.0)):
                 start = int(rng.integers(shape[1]))
@@ -171,8 +167,6 @@ def _swaps(
     return mask, np.array(swaps, dtype=np.int64).reshape(-1, 4)
 
 
-def limb_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return the columns of each of ``EXCHANGED``, both sides."""
-    names = joint_set.keypoints
-    sided = [(k, name.split("_", 1)[1]) for k, name in enumerate(names) if name.startswith(("left_", "right_"))]
-    return {limb: [k for k, part in sided if part in parts] for limb, parts in EXCHANGED.items()}
+def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
+    """Return the columns that are exchanged together, those of both sides of each pair of limbs."""
+    return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}

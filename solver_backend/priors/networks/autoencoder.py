@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, device_of
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.base import AutoencodingPrior, check_codes, check_rotations
@@ -18,7 +19,6 @@ from solver_backend.priors.networks.decoder import (
     reconstruction_energy,
 )
 from solver_backend.priors.networks.dense import DenseStack
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 
 class PoseAutoencoder(AutoencodingPrior):

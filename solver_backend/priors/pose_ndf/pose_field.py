@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.networks.softplus_stack import SoftplusStack, softplus
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
 from solver_backend.priors.base import PosePrior, check_codes, check_rotations, in_own_columns
@@ -19,7 +20,6 @@ from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS
 from solver_backend.priors.pose_ndf.pose_field import PoseField
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 _DIM = 4 * NUM_BODY_JOINTS
 _UNIT_WITHIN = 1e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
 
 _LEFT = {
     1: (0.085, -0.088, 0.0), 4: (0.098, -0.470, 0.002), 7: (0.100, -0.865, -0.030), 10: (0.112, -0.922, 0.095),

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.quaternions import upper_hemisphere
 from solver_backend.metrics.rank_correlation import spearman
 from solver_backend.priors.joint_spread import JointSpread
@@ -21,7 +22,6 @@ from solver_backend.priors.pose_ndf.pose_field import PoseField
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, in_metric, metric_length
 from solver_backend.training.engine.devices import device_of
 from solver_backend.training.pose_ndf.negatives import Labelled
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)

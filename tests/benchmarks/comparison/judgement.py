@@ -21,7 +21,7 @@ from solver_backend.metrics import (
     reprojection_px,
     rmse_mm,
 )
-from solver_backend.simulation.keypoint_detector import limb_columns
+from solver_backend.simulation.keypoint_detector import exchanged_columns
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, JointSet, Motion
 
 Row = dict[str, float]
@@ -93,7 +93,7 @@ def exchanges_undone(capture: Capture, points: np.ndarray) -> float:
     """Return the percentage of exchanges of sides that left no trace in the (F, K, 3) points; NaN without any."""
     swaps = capture.truth.get("swaps", np.zeros((0, 4), dtype=int))
     error = np.linalg.norm(points - capture.truth["keypoints3d"], axis=-1)
-    limbs = list(limb_columns(JointSet.BODY_25).values())
+    limbs = list(exchanged_columns(JointSet.BODY_25).values())
     free = np.ones((len(points), len(limbs)), dtype=bool)
     for _, limb, start, stop in swaps:
         free[start:stop, limb] = False

@@ -65,10 +65,10 @@ def render(folder: Path, out: Path) -> None:
 
 def _true_view(path: Path):
     """Return the true joints and a view that holds all of the passage."""
+    from blender_addon._exchange.motion_file import read_motion
+    from blender_addon._exchange.so3 import matrix_from_rotvec
     from blender_addon.body.body_file import default_body_path, read_body
     from blender_addon.body.posed_body import pose_joints
-    from blender_addon.conventions.rotations import matrix_from_rotvec
-    from blender_addon.files.motion_file import read_motion
     from blender_addon.render.view import View, three_quarter_view
 
     motion, body = read_motion(path), read_body(default_body_path())
@@ -80,8 +80,8 @@ def _true_view(path: Path):
 
 def _pane(path: Path, truth: np.ndarray, view, folder: Path) -> list[np.ndarray]:
     """Return the pictures of one motion, in a fresh Blender file."""
+    from blender_addon._exchange.motion_file import read_motion
     from blender_addon.body.body_file import default_body_path, read_body
-    from blender_addon.files.motion_file import read_motion
     from blender_addon.render.lettering import open_lettering
     from blender_addon.render.picture import blend, draw_dots, gradient, layer_from_render, soften_edges
     from blender_addon.render.stage import Look, open_stage
