@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData, ShapeMismatch
-from solver_backend.io.files import atomic_output
+from solver_backend.exchange.outputs import atomic_output
 from solver_backend.io.markers.c3d_numbers import Processor
 from solver_backend.io.markers.c3d_parameters import BLOCK, KEY, MOST_BLOCKS
 from solver_backend.io.markers.take import MarkerEvent

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData
-from solver_backend.io.files import write_text
+from solver_backend.exchange.outputs import write_text
 from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud

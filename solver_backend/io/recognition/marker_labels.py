@@ -46,10 +46,13 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     unique: list[str] = []
     for number, label in enumerate(labels, 1):
         name = base = label or f"*{number}"
-        if base in numbers or (not label and base in taken):
-            k = next(k for k in count(numbers.get(base, 2)) if f"{base} ({k})" not in taken)
-            name, numbers[base] = f"{base} ({k})", k + 1
-        numbers.setdefault(base, 2)
+        if label in numbers or (not label and base in taken):
+            next_number = next(k for k in count(numbers.get(label, 2)) if f"{base} ({k})" not in taken)
+            name = f"{base} ({next_number})"
+            if label:
+                numbers[label] = next_number
+        elif label:
+            numbers[label] = 2
         taken.add(name)
         unique.append(name)
     return tuple(unique), tuple(label for label, times in counts.items() if times > 1)
