@@ -102,7 +102,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     """Find the frames; no count is trusted beyond the file's own length.
 
     Where there are more than ``MOST`` frames and no parameter says so, the header's last frame stays at ``MOST`` or
-    begins again at 0: the length of the file tells.
+    begins again at 0: the file's length decides.
 
     Raises:
         FileDamaged: the file ends before the first frame is complete.

@@ -16,7 +16,7 @@ from solver_backend.io.markers.trc import read_trc
 from solver_backend.io.reader import Reader, ReadOptions
 
 _HEAD_BYTES = 65536
-"""So much of a file tells its format."""
+"""A file's format is recognised from so much of it."""
 
 
 def _row(

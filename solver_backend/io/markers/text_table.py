@@ -90,7 +90,7 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Return the frames per second of a column of seconds, None where it tells none."""
+    """Return the frames per second of a column of seconds, None where it gives none."""
     steps = np.diff(times[np.isfinite(times)])
     step = float(np.median(steps)) if len(steps) else 0.0
     return 1.0 / step if step > 0 else None

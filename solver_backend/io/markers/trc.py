@@ -35,7 +35,7 @@ def read_trc(
         path: the file.
         fps: frames per second; None takes what the file says.
         unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
-        up_axis: its axis that points up, which no TRC file states; None tells it by how the body stands.
+        up_axis: its axis that points up, which no TRC file states; None infers it from how the body stands.
 
     Raises:
         FileMissing: there is no such file.

@@ -1,4 +1,4 @@
-"""Which axis of a file of markers points up: given, stated, or told by how the body stands in it."""
+"""Which axis of a file of markers points up: given, stated, or inferred from how the body stands in it."""
 
 from __future__ import annotations
 

@@ -7,26 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import FileDamaged, FileMissing, JobInvalid, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.take import MarkerTake, of_subject
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
-
-LABELS = ("LFHD", "C7", "LANK", "LTOE")
-
-
-def standing(frames: int = 12, labels: tuple[str, ...] = LABELS) -> np.ndarray:
-    """Return (F, M, 3) millimetres, in whole tenths, of markers above each other that walk along x."""
-    points = np.zeros((frames, len(labels), 3))
-    points[..., 2] = np.linspace(1700, 30, len(labels)).round(1)
-    points[..., 0] = np.arange(frames)[:, None] * 12.3 + np.arange(len(labels))
-    points[..., 1] = -45.7
-    return points
-
-
-def take(path: Path, file: C3dBytes, **options: float | str) -> MarkerTake:
-    path.write_bytes(file.to_bytes())
-    return read_c3d(path, **options)  # type: ignore[arg-type]
+from tests.support.c3d_takes import LABELS, standing, take
 
 
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
@@ -114,23 +97,23 @@ def test_no_unit_is_estimated(tmp_path: Path) -> None:
 @pytest.mark.parametrize("stated", [("+X", "+Y"), None])
 def test_y_up_by_the_file_or_by_the_body(tmp_path: Path, stated: tuple[str, str] | None) -> None:
     points = standing()
-    turned = points[..., [0, 2, 1]] * [1, 1, -1]
-    found = take(tmp_path / "take.c3d", C3dBytes(turned, LABELS, screen=stated))
+    rotated = points[..., [0, 2, 1]] * [1, 1, -1]
+    found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS, screen=stated))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
     reason = "as the file states" if stated else "as the body stands"
     assert (found.report.up_axis, found.report.up_axis_reason) == ("y", reason)
 
 
 def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
-    turned = standing()[..., [0, 2, 1]] * [1, 1, -1]
-    found = take(tmp_path / "take.c3d", C3dBytes(turned, LABELS))
+    rotated = standing()[..., [0, 2, 1]] * [1, 1, -1]
+    found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-7)
     assert "states that Z points up, but the body stands along Y, which is used" in found.report.problems[0]
     handstand = standing() * [1, 1, -1] + [0, 0, 1900]
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
     assert found.report.problems[0].startswith("Files of this kind mostly say that Z points up, but the body stands")
-    high = turned + [0, 2500, 900]
+    high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert found.report.up_axis == "z"
     assert "Z is used. Give the axis if that is wrong." in found.report.problems[0]
@@ -218,94 +201,3 @@ def test_computed_points_are_left_out(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", file)
     assert found.cloud.labels == LABELS
     assert any(note.startswith("2 points that are no positions") for note in found.report.notes)
-
-
-def test_subjects_by_prefix(tmp_path: Path) -> None:
-    labels = ("Ann:LFHD", "Ann:C7", "Bob:LFHD", "Bob:C7", "Bob:LTOE", "*7")
-    found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
-    assert (found.report.subjects, found.report.unlabelled) == (("Ann", "Bob"), ("*7",))
-    with pytest.raises(JobInvalid, match=r"2 subjects: Ann \(2 markers\), Bob \(3 markers\)"):
-        of_subject(found)
-    with pytest.raises(JobInvalid, match="no subject 'Eve'"):
-        of_subject(found, "Eve")
-    bob = of_subject(found, "Bob")
-    assert bob.cloud.labels == labels[2:5]
-    assert bob.cloud.residual is not None
-    assert bob.cloud.positions.shape == (12, 3, 3)
-    assert of_subject(bob) is bob
-
-
-def test_labels_that_are_empty_or_twice(tmp_path: Path) -> None:
-    labels = ("LFHD", "", "LFHD", "LTOE")
-    found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
-    assert found.cloud.labels == ("LFHD", "*2", "LFHD (2)", "LTOE")
-    assert found.report.problems == (
-        "Labels are there more than once: LFHD; the later ones are numbered.",
-        "1 of 4 points have no label.",
-    )
-
-
-def test_unlabelled_points_only(tmp_path: Path) -> None:
-    labels = ("*0", "*1", "", "Unlabeled 1189")
-    found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
-    assert found.cloud.labels is None
-    assert "None of the 4 points is named. Label them in the recording program" in found.report.problems[0]
-
-
-def test_a_marker_that_never_moves(tmp_path: Path) -> None:
-    points = standing(40)
-    points[:, 2] = points[0, 2]
-    assert take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).report.problems == ("Markers that never move: LANK.",)
-
-
-def test_forces_only(tmp_path: Path) -> None:
-    file = C3dBytes(np.zeros((12, 0, 3)), (), channels=("Fz1", "Fz2"))
-    with pytest.raises(NoDetections, match=r"no markers but 2 analog channels \(forces, muscles\)"):
-        take(tmp_path / "take.c3d", file)
-
-
-def test_nothing_seen(tmp_path: Path) -> None:
-    with pytest.raises(NoDetections, match="No marker is seen in any frame"):
-        take(tmp_path / "take.c3d", C3dBytes(np.zeros((12, 2, 3)), ("A", "B")))
-
-
-@pytest.mark.parametrize("rate", [0.0, -5.0, np.nan, np.inf])
-def test_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
-    file = C3dBytes(standing(), LABELS, rate=rate)
-    with pytest.raises(FileDamaged, match=r"states a frame rate of .* Give the frame rate."):
-        take(tmp_path / "take.c3d", file)
-    assert take(tmp_path / "take.c3d", file, fps=50.0).cloud.fps == 50.0
-    with pytest.raises(JobInvalid, match="positive number, not 0"):
-        take(tmp_path / "take.c3d", file, fps=0.0)
-
-
-def test_given_values_that_are_unknown(tmp_path: Path) -> None:
-    with pytest.raises(JobInvalid, match="Unknown unit 'ell'"):
-        take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS), unit="ell")
-    with pytest.raises(JobInvalid, match="Unknown up-axis 'q'"):
-        take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS), up_axis="q")
-
-
-def test_locked_parameters_are_read(tmp_path: Path) -> None:
-    assert take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, locked=True)).cloud.labels == LABELS
-
-
-def test_files_that_are_none(tmp_path: Path) -> None:
-    with pytest.raises(FileMissing):
-        read_c3d(tmp_path / "none.c3d")
-    path, whole = tmp_path / "take.c3d", C3dBytes(standing(), LABELS).to_bytes()
-    for data, message in [
-        (b"", "is empty"),
-        (b"\2\x50", "truncated or is not a C3D"),
-        (b"PathFileType" + bytes(600), "truncated or is not a C3D"),
-        (whole[:512], "ends before its parameter section"),
-        (whole[:515] + b"\0" + whole[516:], "Unknown processor 0"),
-        (whole[:1080], "before its first frame of 4 points"),
-    ]:
-        path.write_bytes(data)
-        with pytest.raises(FileDamaged, match=message):
-            read_c3d(path)
-    path.write_bytes(whole[:-65])
-    found = read_c3d(path)
-    assert found.report.frames == 10
-    assert found.report.problems == ("The file states 12 frames but holds 10: it is truncated.",)

@@ -11,6 +11,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, MocapError, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.nexus_csv import read_nexus_csv
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 
@@ -154,8 +155,6 @@ def test_what_is_recognised(shared_data: Path) -> None:
 
 @pytest.mark.shared
 def test_the_same_trial_from_c3d_and_from_csv(shared_data: Path) -> None:
-    from solver_backend.io.markers.nexus_csv import read_nexus_csv
-
     folder = shared_data / "markers/pycgm/ROM"
     binary, text = read_c3d(folder / "Sample_Static.c3d"), read_nexus_csv(folder / "Sample_Static.csv")
     assert (binary.report.frames, binary.report.fps) == (text.report.frames, text.report.fps)

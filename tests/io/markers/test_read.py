@@ -1,4 +1,4 @@
-"""A file's format is told by its ending and by how it begins."""
+"""A file's format is recognised by its ending and by how it begins."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.trc import read_trc
 
 KEYS = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
@@ -193,8 +194,6 @@ def test_every_real_file_is_read_or_refused_by_name(shared_data: Path) -> None:
 
 @pytest.mark.shared
 def test_the_same_trial_as_c3d(shared_data: Path) -> None:
-    from solver_backend.io.markers.c3d import read_c3d
-
     folder = shared_data / "markers/btkdata/Input"
     text = read_trc(folder / "TRCSamples/Res16bits.trc")
     binary = read_c3d(folder / "C3DSamples/others/Res16bits.c3d")

@@ -84,13 +84,13 @@ def test_units() -> None:
 @pytest.mark.parametrize("default", ["z", "y"])
 @pytest.mark.parametrize("named", [True, False])
 def test_up_axis_by_how_the_body_stands(axis: str, default: str, named: bool) -> None:
-    turned = standing() @ rotation_to_z_up(axis)
+    rotated = standing() @ rotation_to_z_up(axis)
     labels = tuple(BODY) if named else tuple(f"M{i}" for i in range(len(BODY)))
-    found = find_up_axis(turned, labels, "", None, default)
+    found = find_up_axis(rotated, labels, "", None, default)
     assert (found.name, found.reason, found.problem) == (axis, "as the body stands", "")
 
 
-def test_up_axis_of_what_tells_none() -> None:
+def test_up_axis_of_what_says_none() -> None:
     ball = np.random.default_rng(1).uniform(-1, 1, (20, 9, 3))
     for default in ("z", "y"):
         found = find_up_axis(ball, ("A",) * 9, "", None, default)
