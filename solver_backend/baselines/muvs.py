@@ -72,9 +72,9 @@ class DCT(Baseline):
 def by_frame(prepared: Prepared, latent_weight: float, iterations: int) -> tuple[Sequence, States]:
     """Return all frames with the seen ones fitted on their own, through the stages."""
     prior = pose_prior()
-    sequence = Sequence(prepared.subject, prior, prepared.problem.term, latent_weight)
+    sequence = Sequence(prepared.subject, prior, prepared.problem.objective, latent_weight)
     states = initial_states(prepared, prior)
-    part = Sequence(prepared.subject, prior, prepared.problem.term.select(prepared.seen), latent_weight)
+    part = Sequence(prepared.subject, prior, prepared.problem.objective.select(prepared.seen), latent_weight)
     fitted = states.select(prepared.seen)
     for scale, weight in STAGES:
         fitted = with_weight(part, weight * latent_weight).solve(fitted, scale * ROBUST_SCALE, iterations)

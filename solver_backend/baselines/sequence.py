@@ -19,12 +19,12 @@ from solver_backend.fitters.model.codes import decoded, decoder_jacobian
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations
 from solver_backend.fitters.model.tangent import PoseTangent, StateTangent, d_pose_d_state
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import bridged_states, posed
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
@@ -98,8 +98,8 @@ class Sequence:
 
     subject: Subject
     prior: PosePrior
-    term: PointTerm
-    """Data of the F frames."""
+    objective: FrameObjective
+    """Of the F frames."""
     latent_weight: float
     """w."""
 
@@ -114,7 +114,7 @@ class Sequence:
     def equations(self, states: States, scale: float, link: Link | None) -> Equations:
         """Return the Gauss-Newton model at the states."""
         poses, C = self.poses(states), self.d_pose_d_state(states)
-        data = frame_equations(self.subject, poses, self.term, scale)
+        data = frame_equations(self.subject, poses, self.objective, scale)
         C_T = C.swapaxes(-1, -2)
         H = C_T @ (data.hessian @ C) + _FLOOR * np.eye(DOF)
         g = (C_T @ data.gradient[..., None])[..., 0]
@@ -149,7 +149,7 @@ def _masked(states: States, mask: np.ndarray) -> States:
 def initial_states(prepared: Prepared, prior: PosePrior) -> States:
     """Return the codes of poses fitted to the triangulated points; unseen frames are bridged."""
     problem = prepared.problem
-    fitted = fit_to_points(prepared.subject, problem.prior, problem.observations, prepared.seen)
+    fitted = fit_to_points(problem, prepared.subject, prepared.seen)
     start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))
     return States(prior.encode(start.local), start.root, start.transl)
 

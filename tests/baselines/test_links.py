@@ -10,7 +10,9 @@ from solver_backend.baselines.sequence import DOF, Equations, Link, Sequence, St
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import JointSet
 
@@ -24,7 +26,7 @@ def sequence() -> Sequence:
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     subject = Subject(body, landmarks, np.zeros(10), np.zeros((len(landmarks), 3)))
     term = PositionTerm(rng.normal(size=(FRAMES, len(landmarks), 3)), np.ones((FRAMES, len(landmarks))))
-    return Sequence(subject, pose_prior(), term, 0.5)
+    return Sequence(subject, pose_prior(), FrameObjective((term,), (PoseMixtureTerm(),)), 0.5)
 
 
 def _states(seed: int) -> States:

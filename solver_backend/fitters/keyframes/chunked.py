@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_keys
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, joined_solution, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
@@ -56,7 +56,7 @@ def solve_long(
     alive: Callable[[], None] = lambda: None,
     windows: int = CHUNK_WINDOWS,
     overlap: int = OVERLAP_WINDOWS,
-) -> Keyframes:
+) -> KeySolution:
     """Solve all keys, chunk after chunk, each with the keys of the chunk before it fixed.
 
     A chunk goes on from the key at which the one before it ends, so that curves and their bends are joined exactly.
@@ -70,13 +70,14 @@ def solve_long(
         windows: how many are solved at a time.
         overlap: how many beyond them are solved along.
     """
-    keys = hemisphere_aligned(start)
+    keys, found = hemisphere_aligned(start), []
     for chunk in chunks_of(layout.num_windows, 1, windows, overlap):
         part = layout.part(chunk.solved)
         fixed = np.arange(part.num_keys) < (3 if chunk.kept.start else 0)
-        solved = solve_keys(model.part(chunk.keys), part, keys.select(chunk.keys), schedule, fixed, alive).keys
-        keys = hemisphere_aligned(keys.replaced(chunk.keys, solved))
-    return keys
+        solved = solve_keys(model.part(chunk.keys), part, keys.select(chunk.keys), schedule, fixed, alive)
+        keys = hemisphere_aligned(keys.replaced(chunk.keys, solved.keys))
+        found.append(solved)
+    return joined_solution(keys, found)
 
 
 def covariance_of_joints(

@@ -15,10 +15,10 @@ from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
 from solver_backend.fitters.model.tangent import KEY, PoseTangent
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
@@ -93,8 +93,8 @@ class FrameData:
     """The person."""
     prior: PosePrior
     """Decoder of the codes."""
-    term: PointTerm
-    """Data of all frames."""
+    objective: FrameObjective
+    """Of all frames."""
     residuals: bool
     """The residual rotations act and are unknowns."""
 
@@ -170,7 +170,7 @@ def _block(
     curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=data.residuals)
     poses, vjp = curve.poses_with_vjp(data.prior)
     chosen = (np.arange(count)[:, None] * width + columns).reshape(-1)
-    equations = frame_equations(data.subject, poses, data.term.select(rows.frames.reshape(-1)), scale, chosen)
+    equations = frame_equations(data.subject, poses, data.objective.select(rows.frames.reshape(-1)), scale, chosen)
     weight = constant(rows.weight.reshape(-1), keys.z)
     gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys)
     form = _mixed if data.residuals else _exact

@@ -10,20 +10,22 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import (
     HESSIAN_FRAMES,
     FrameData,
     KeyframeNormalEquations,
     data_equations,
 )
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
+from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import KEY
+from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import LazyNormalEquations
 
@@ -52,6 +54,8 @@ class KeySolution:
     """2N + 1 keys."""
     cost: float
     """Of data and priors at the last robust scale."""
+    convergence: Convergence
+    """How the last robust scale ended."""
 
 
 @dataclass(frozen=True)
@@ -62,32 +66,33 @@ class BundleModel:
     """The person."""
     prior: PosePrior
     """Decoder of the codes."""
-    term: PointTerm
-    """Data of all frames."""
-    motion: MotionPrior | None
-    """What is known of motion; None for the data alone."""
+    objective: BundleObjective
+    """What is minimised."""
     residuals: bool = False
-    """Free the residual rotations of each key, held to zero by the prior's own statistics."""
+    """Free the residual rotations of each key."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
-        return self if self.motion is None else replace(self, motion=self.motion.part(keys))
+        return replace(self, objective=self.objective.part(keys))
+
+    def poses(self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None) -> PosedFrames:
+        """Return the poses that the keys make of these frame numbers, or of all frames of the layout."""
+        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals)
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES
     ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
-        """Return the cost of data and priors at these keys, and what forms their equations."""
-        frames = FrameData(self.subject, self.prior, self.term, self.residuals)
+        """Return the objective at these keys, and what forms their equations."""
+        frames = FrameData(self.subject, self.prior, self.objective.frames, self.residuals)
         data = data_equations(frames, keys, rows, scale, hessian_frames)
 
         def form() -> KeyframeNormalEquations:
             equations = data.normal_equations()
-            if self.motion is not None:
-                self.motion.add_to(equations, keys, residuals=self.residuals)
+            for term in self.objective.keys:
+                term.add_to(equations, keys)
             return equations
 
-        prior_cost = 0.0 if self.motion is None else self.motion.cost(keys, residuals=self.residuals)
-        return data.cost + prior_cost, form
+        return data.cost + sum(term.cost(keys) for term in self.objective.keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
@@ -95,9 +100,15 @@ class BundleModel:
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
 
 
+def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
+    """Return the keys of all parts, solved one after the other; costs of what parts share count twice."""
+    convergence = Convergence.joined(part.convergence for part in parts)
+    return KeySolution(keys, sum(part.cost for part in parts), convergence)
+
+
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
-) -> Keyframes:
+) -> KeySolution:
     """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
@@ -107,14 +118,15 @@ def solve_sliding(
         schedule: robust scales and iterations.
         progress: called after each window.
     """
-    keys = start
+    keys, found = start, []
     for w in range(layout.num_windows):
         window = slice(2 * w, 2 * w + 3)
         fixed = np.array([True, False, False])
         solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, fixed)
         keys = keys.replaced(window, solved.keys)
+        found.append(solved)
         progress("Sliding bundle", w + 1, layout.num_windows)
-    return hemisphere_aligned(keys)
+    return joined_solution(hemisphere_aligned(keys), found)
 
 
 def solve_keys(
@@ -153,7 +165,7 @@ def solve_keys(
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)
         keys = result.state
-        solution = KeySolution(keys, float(result.cost[0]))
+        solution = KeySolution(keys, float(result.cost[0]), Convergence.of(result))
     assert solution is not None
     return solution
 

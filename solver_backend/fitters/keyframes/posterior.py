@@ -18,7 +18,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
-from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types import JointSet
 
@@ -98,13 +98,11 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
     return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, PoseTangent.DOF, PoseTangent.DOF))
 
 
-def noise_inflation(
-    subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, num_frames: int
-) -> float:
+def noise_inflation(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, num_frames: int) -> float:
     """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     A detector errs alike in neighbouring frames. r, the lag-one correlation of first-order autoregressive noise, is
-    measured on the reprojection residuals of inliers; n is the number of frames that a key averages over.
+    measured on the residuals of inliers; n is the number of frames that a key averages over.
 
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".
@@ -114,7 +112,8 @@ def noise_inflation(
     for start in range(0, count, BLOCK_POSES):
         part = np.arange(start, min(start + BLOCK_POSES + 1, count))
         points = pose(subject, frames.select(index(part, frames.transl))).points
-        error, inlier = term.select(part).residuals(points, scale)
+        found = term.select(part).residuals(points)
+        error, inlier = found.error, found.inliers(scale)
         pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
         product += float(xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair))
         power += float(xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair))

@@ -1,4 +1,4 @@
-"""What holds keyframes where the data say nothing: bounded acceleration, fading speed, residuals near the manifold."""
+"""What smooths keyframes where the data say nothing: bounded acceleration, fading speed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FADING_S = 0.15
 
 @dataclass(frozen=True)
 class MotionPrior:
-    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s² + 1/2 sum_k rhoᵀ P rho``.
+    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
     Bounded acceleration alone carries speed on through a gap: people would lean ever further and drift off. So between
     unseen keys speed is bounded too, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` with keys h apart: the least of both
@@ -29,10 +29,6 @@ class MotionPrior:
 
     spacing_s: float
     """Time between keys."""
-    residual_sigma: np.ndarray
-    """(21, 3) radians: how far the prior's own reconstructions are from true poses."""
-    frames_per_key: float = 1.0
-    """How many frames' worth of evidence a key carries: residual rotations are priors on frames."""
     accel_sigma: float = 6.0
     """m/s², of the root's translation."""
     angular_sigma: float = 32.0
@@ -46,7 +42,7 @@ class MotionPrior:
         """Return the priors on some of the keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
-    def cost(self, keys: Keyframes, *, residuals: bool) -> Array:
+    def cost(self, keys: Keyframes) -> Array:
         """Return the energy of these keys."""
         xp = array_namespace(keys.z)
         cost = zeros((), keys.z)
@@ -54,18 +50,13 @@ class MotionPrior:
             for stencil, weight in self._stencils(sigma):
                 rest, weights = _differences(value, stencil, weight)
                 cost = cost + 0.5 * xp.sum(weights[:, None] * rest * rest)
-        if residuals:
-            flat = xp.reshape(keys.residual, (keys.residual.shape[0], -1))
-            cost = cost + 0.5 * xp.sum(self._precision(flat) * flat * flat)
         return cost
 
-    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes, *, residuals: bool) -> None:
+    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the equations of these keys to those of the data, in place."""
         for value, tangents, sigma, first in self._smooth_parts(keys):
             for stencil, weight in self._stencils(sigma):
                 self._add_differences(equations, value, tangents, stencil, weight, first)
-        if residuals:
-            self._add_residual(equations, keys)
 
     def _stencils(self, sigma: float) -> list[tuple[tuple[int, ...], Array | float]]:
         """Return coefficients of what is bounded, and precisions: acceleration, and between unseen keys speed."""
@@ -73,10 +64,6 @@ class MotionPrior:
         if self.unseen is None or not self.unseen.any():
             return [((1, -2, 1), weight)]
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
-
-    def _precision(self, like: Array) -> Array:
-        """Return the (63,) precision of a key's residual rotations."""
-        return constant((1.0 / self.residual_sigma.reshape(-1) ** 2) * self.frames_per_key, like)
 
     def _smooth_parts(self, keys: Keyframes) -> list[tuple[Array, Array, float, int]]:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
@@ -127,18 +114,6 @@ class MotionPrior:
                     equations.diagonal[block, column : column + size, row : row + size] += chosen_T
             else:
                 equations.upper[rows // 2, row : row + size, column : column + size] += chosen
-
-    def _add_residual(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        xp = array_namespace(keys.z)
-        count = keys.z.shape[0]
-        flat = xp.reshape(keys.residual, (count, -1))
-        size, precision = flat.shape[1], self._precision(flat)
-        diagonal = identity(size, flat) * precision
-        for parity in (0, 1):
-            index = np.arange(parity, count, 2) // 2
-            first = parity * equations.dof + equations.dof - size
-            equations.diagonal[: len(index), first : first + size, first : first + size] += diagonal
-            equations.g[: len(index), first : first + size] += (flat * precision)[parity::2]
 
 
 def _differences(value: Array, stencil: tuple[int, ...], weight: Array | float) -> tuple[Array, Array]:

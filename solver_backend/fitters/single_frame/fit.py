@@ -12,13 +12,13 @@ from solver_backend.fitters.model.codes import CODES, d_pose_d_key, decoded
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations
 from solver_backend.fitters.model.tangent import KEY
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
 
 
@@ -59,31 +59,25 @@ def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
 def fit_frames(
     subject: Subject,
     prior: PosePrior,
-    term: PointTerm,
+    objective: FrameObjective,
     start: FrameStates,
     scales: tuple[float, ...],
-    iterations: int,
+    settings: LMSettings,
     progress: Progress = silent,
-    stage: str = "Fitting frames",
-    tolerance: float = 1e-4,
-) -> tuple[FrameStates, Array]:
-    """Fit each frame, through a falling schedule of robust scales.
-
-    Returns:
-        The states and the (F,) costs at the last scale.
-    """
-    states, cost = start, None
+) -> LMResult[FrameStates]:
+    """Fit each frame, through a falling schedule of robust scales, and return how the last one ended."""
+    states, result = start, None
     for done, scale in enumerate(scales):
 
         def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, DenseBlocks]:
-            equations = frame_equations(subject, posed(prior, s), term, scale)
+            equations = frame_equations(subject, posed(prior, s), objective, scale)
             return equations.cost, _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
 
-        settings = LMSettings(iterations, tolerance)
         result = levenberg_marquardt(states, linearise, FrameStates.retract, _where, settings)
-        states, cost = result.state, result.cost
-        progress(stage, done + 1, len(scales))
-    return states, cost
+        states = result.state
+        progress("Fitting frames", done + 1, len(scales))
+    assert result is not None
+    return result
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:

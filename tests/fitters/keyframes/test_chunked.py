@@ -7,23 +7,18 @@ from solver_backend.fitters.keyframes import normal_equations, posterior
 from solver_backend.fitters.keyframes.chunked import chunks_of, covariance_of_joints, solve_long
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import noise_inflation
+from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model import keyframe_curve
 from solver_backend.fitters.model.keyframe_curve import key_poses, resampled
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import pose
 from solver_backend.geometry.symmetric import mean_sigma, unpacked
-from solver_backend.residuals import pose_mixture as usual_poses
 from tests.support.stick_scene import FRAMES
 from tests.support.stick_scene import StickScene as Scene
 
 TIGHT = Schedule((3.0,), 12, tolerance=1e-7)
-MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0, unseen=np.arange(30) // 6 == 2)
-
-
-@pytest.fixture(autouse=True)
-def _a_figure_that_is_no_person(monkeypatch):
-    monkeypatch.setattr(usual_poses, "STRENGTH", 0.0)
+MOTION = MotionPrior(2 / 60, unseen=np.arange(30) // 6 == 2), ResidualRotationTerm(np.full((21, 3), 0.05), 2.0)
 
 
 @pytest.fixture
@@ -36,18 +31,18 @@ def scene():
 
 
 def test_chunks_agree_with_the_whole_and_are_joined_at_their_keys(scene):
-    model = scene.model(MOTION, residuals=True)
+    model = scene.model(*MOTION)
     whole = solve_keys(model, scene.layout, scene.start, TIGHT).keys
-    cut = solve_long(model, scene.layout, scene.start, TIGHT, windows=5, overlap=4)
+    cut = solve_long(model, scene.layout, scene.start, TIGHT, windows=5, overlap=4).keys
     points = [pose(scene.subject, scene.poses(keys)).points for keys in (whole, cut)]
     np.testing.assert_allclose(points[1], points[0], atol=2e-4)
-    alone = solve_long(model, scene.layout, scene.start, TIGHT, windows=5, overlap=0)
+    alone = solve_long(model, scene.layout, scene.start, TIGHT, windows=5, overlap=0).keys
     rough = pose(scene.subject, scene.poses(alone)).points
     assert np.abs(rough - points[0]).max() > 5 * np.abs(points[1] - points[0]).max()
 
 
 def test_covariance_of_chunks_is_that_of_the_whole(scene):
-    model = scene.model(MOTION, residuals=True)
+    model = scene.model(*MOTION)
     frames = scene.poses(scene.start)
     one, cut = (
         covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, windows, overlap=4)
@@ -67,7 +62,7 @@ def test_chunks_hold_every_window_once():
 
 
 def test_blocks_of_frames_add_up_to_all_of_them(scene, monkeypatch):
-    model, found = scene.model(MOTION, residuals=True), []
+    model, found = scene.model(*MOTION), []
     for frames in (10_000, 9):
         monkeypatch.setattr(normal_equations, "BLOCK_FRAMES", frames)
         monkeypatch.setattr(keyframe_curve, "BLOCK_POSES", frames)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
+from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import FADING_S, MotionPrior
 from solver_backend.fitters.model.tangent import KEY
 from tests.support.random_keys import random_keys
@@ -37,23 +38,24 @@ def dense(equations: KeyframeNormalEquations) -> np.ndarray:
 @pytest.mark.parametrize("residuals", [False, True])
 def test_gradient_equals_central_differences(residuals, unseen):
     keys, dof = random_keys(KEYS), KEY.dof(residuals=residuals)
-    prior = MotionPrior(0.2, np.full((21, 3), 0.1), 1.0, 2.0, 3.0, 4.0, unseen)
+    terms = [MotionPrior(0.2, 2.0, 3.0, 4.0, unseen), *[ResidualRotationTerm(np.full((21, 3), 0.1), 1.0)] * residuals]
     equations = no_equations(dof)
-    prior.add_to(equations, keys, residuals=residuals)
+    for term in terms:
+        term.add_to(equations, keys)
     gradient = equations.g.reshape(-1)[: KEYS * dof]
     rng = np.random.default_rng(0)
     for _ in range(5):
         direction = rng.normal(size=(KEYS, dof))
-        costs = [prior.cost(keys.retract(s * 1e-5 * direction), residuals=residuals) for s in (1, -1)]
+        costs = [sum(term.cost(keys.retract(s * 1e-5 * direction)) for term in terms) for s in (1, -1)]
         numeric = (costs[0] - costs[1]) / 2e-5
         assert gradient @ direction.reshape(-1) == pytest.approx(numeric, rel=1e-6)
 
 
 def test_hessian_is_symmetric_positive_and_exact_for_translations():
     keys = random_keys(KEYS)
-    prior = MotionPrior(0.2, np.full((21, 3), 0.1), accel_sigma=2.0, angular_sigma=1e9, latent_sigma=1e9)
+    prior = MotionPrior(0.2, accel_sigma=2.0, angular_sigma=1e9, latent_sigma=1e9)
     equations = no_equations(36)
-    prior.add_to(equations, keys, residuals=False)
+    prior.add_to(equations, keys)
     full = dense(equations)[: KEYS * 36, : KEYS * 36]
     np.testing.assert_allclose(full, full.T, atol=1e-12)
     assert np.linalg.eigvalsh(full).min() > -1e-8
@@ -68,12 +70,12 @@ def test_between_unseen_keys_speed_fades():
     """A body that goes at 1 m/s when it is last seen goes on for about the way of ``FADING_S``."""
     spacing, count = 0.05, 41
     keys = replace(random_keys(count), transl=np.zeros((count, 3)))
-    prior = MotionPrior(spacing, np.full((21, 3), 0.1), unseen=np.ones(count - 1, dtype=bool))
+    prior = MotionPrior(spacing, unseen=np.ones(count - 1, dtype=bool))
     blocks = (count + 1) // 2
     equations = KeyframeNormalEquations(
         np.zeros((blocks, 72, 72)), np.zeros((blocks - 1, 72, 72)), np.zeros((blocks, 72)), 36
     )
-    prior.add_to(equations, keys, residuals=False)
+    prior.add_to(equations, keys)
     along_x = np.arange(count) * 36 + KEY.transl.start
     H = dense(equations)[np.ix_(along_x, along_x)]
     start = np.array([0.0, spacing])
