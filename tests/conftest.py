@@ -13,6 +13,8 @@ from pathlib import Path  # noqa: E402
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 
+from tests.support.recordings import recordings_folder  # noqa: E402
+
 hypothesis.settings.register_profile(
     "mocap",
     deadline=None,
@@ -33,8 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Return the folder of recordings kept beside the repository; skip where it is missing."""
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("MOCAP_SHARED_DATA", default))
+    folder = recordings_folder()
     if not folder.is_dir():
         pytest.skip(f"no recordings at {folder.name}: set MOCAP_SHARED_DATA to their folder")
     return folder

@@ -47,9 +47,7 @@ def distort_with_jacobian(xy: Array, distortion: Array, model: str) -> tuple[Arr
     return array_namespace(xy).stack((x, y), axis=-1), jacobian
 
 
-def distorted(
-    x: Array, y: Array, distortion: Array, model: str
-) -> tuple[Array, Array, tuple[Array, Array, Array]]:  # fmt: skip
+def distorted(x: Array, y: Array, distortion: Array, model: str) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Return ``distort_with_jacobian`` of (C, ...) coordinates that lie apart, as fast loops want them."""
     k = _coefficients(distortion, x)
     u = x * x + y * y
@@ -161,8 +159,8 @@ def _invert_fisheye(xy: Array, distortion: Array) -> Array:
         angle = angle - (value - bent) / xp.where(xp.abs(growth) < 1e-3, xp.full_like(growth, 1e-3), growth)
         angle = xp.clip(angle, 0.0, 1.57)
     small = bent < 1e-8
-    stretch = xp.where(small, xp.ones_like(bent), xp.tan(angle) / xp.where(small, xp.ones_like(bent), bent))
-    return xy * stretch[..., None]
+    factor = xp.where(small, xp.ones_like(bent), xp.tan(angle) / xp.where(small, xp.ones_like(bent), bent))
+    return xy * factor[..., None]
 
 
 def _radial(u: Array, k: list[Array], model: str) -> tuple[Array, Array]:

@@ -11,10 +11,10 @@ from typing import Any
 from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid
+from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import Stretch
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.io.files import check_output
 from solver_backend.job import Job, Resolve, joint_set_named, positive_fps
 from solver_backend.types import Capture
 
@@ -65,7 +65,8 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the bodies that can be chosen by name, and the folder they are looked for in."""
-    from solver_backend.body.files.choices import bodies_folder, list_bodies
+    from solver_backend.body.files.choices import list_bodies
+    from solver_backend.exchange.body_choice import bodies_folder
 
     found = {body.name: str(body.path) for body in list_bodies()}
     width = max(map(len, found))
@@ -107,10 +108,9 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
         ) from error
     names = ("steps", "batch", "learning_rate", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    finished = train_prior(
-        args.prior, args.data, args.out, seed=args.seed, settings=TrainingSettings(**chosen), hidden=args.hidden,
-        work=args.work, progress=progress,
-    )  # fmt: skip
+    options = {"seed": args.seed, "hidden": args.hidden, "work": args.work}
+    settings = TrainingSettings(**chosen)
+    finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **options)
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
     return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
@@ -118,22 +118,8 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _job(args: argparse.Namespace) -> Job:
     """Return the job of the command line: a job file, or the options that would stand in one."""
-    names = (
-        "capture",
-        "out",
-        "report",
-        "overwrite",
-        "fps",
-        "trim",
-        "joint_set",
-        "unit",
-        "up_axis",
-        "method",
-        "backend",
-        "body",
-        "resolve",
-        "frames",
-    )
+    files, chosen = ("capture", "out", "report", "overwrite"), ("method", "backend", "body")
+    names = (*files, "fps", "trim", "joint_set", "unit", "up_axis", *chosen, "resolve", "frames")
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:
         if given:
@@ -143,14 +129,13 @@ def _job(args: argparse.Namespace) -> Job:
         return Job.read(args.job)
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
-    chosen = {name: getattr(args, name) for name in ("method", "backend", "body") if getattr(args, name) is not None}
     return Job(
         capture=args.capture,
         out=args.out,
         report=args.report,
         overwrite=bool(args.overwrite),
         **_reading(args),
-        settings=SolveSettings.from_dict(chosen),
+        settings=SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given}),
         resolve=_resolve(args),
     )
 

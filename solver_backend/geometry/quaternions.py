@@ -16,6 +16,8 @@ def quat_multiply(a: Array, b: Array) -> Array:
     Args:
         a: (..., 4) wxyz.
         b: (..., 4) wxyz, broadcast against ``a``.
+
+    Reference: Hamilton 1844, "On quaternions".
     """
     xp = array_namespace(a, b)
     aw, ax, ay, az = (a[..., i] for i in range(4))
@@ -36,6 +38,11 @@ def quat_conjugate(q: Array) -> Array:
     return q * constant((1.0, -1.0, -1.0, -1.0), q)
 
 
+def upper_hemisphere(q: Array) -> Array:
+    """Return the same rotations as quaternions wxyz with ``w >= 0``; (..., 4) -> (..., 4)."""
+    return array_namespace(q).where(q[..., :1] < 0, -q, q)
+
+
 def matrix_from_quat(q: Array) -> Array:
     """Return the rotation matrices of quaternions of any length but zero.
 
@@ -46,6 +53,8 @@ def matrix_from_quat(q: Array) -> Array:
 
     Returns:
         (..., 3, 3).
+
+    Reference: Shoemake 1985, "Animating rotation with quaternion curves", appendix.
     """
     xp = array_namespace(q)
     s = 2.0 / xp.sum(q * q, axis=-1)
@@ -89,7 +98,7 @@ def quat_from_matrix(R: Array) -> Array:
 
 
 def quat_from_rotvec(v: Array) -> Array:
-    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz."""
+    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
     xp = array_namespace(v)
     square = xp.sum(v * v, axis=-1)
     small = square < _SMALL_SQUARE
@@ -102,7 +111,7 @@ def quat_from_rotvec(v: Array) -> Array:
 def rotvec_from_quat(q: Array) -> Array:
     """Return the rotation vector, of length 0..π, of quaternions of any length but zero.
 
-    ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π.
+    ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π (Grassia 1998).
 
     Args:
         q: (..., 4) wxyz.
@@ -132,6 +141,8 @@ def quat_left_tangent(q: Array) -> Array:
 
     Returns:
         (..., 4, 3).
+
+    Reference: Solà 2017, "Quaternion kinematics for the error-state Kalman filter" (global rates).
     """
     xp = array_namespace(q)
     w, x, y, z = (0.5 * q[..., i] for i in range(4))

@@ -53,6 +53,8 @@ def rmse_mm(found: np.ndarray, truth: np.ndarray) -> float:
 
     Raises:
         ShapeMismatch: the shapes differ.
+
+    Reference: thesis 6.3.4.
     """
     return 1000.0 * float(np.sqrt(mean_or_nan(distances_m(found, truth) ** 2)))
 
@@ -96,6 +98,8 @@ def pck_percent(found: np.ndarray, truth: np.ndarray, threshold_m: float) -> flo
 
     Raises:
         ShapeMismatch: the shapes differ.
+
+    Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts"; thesis 6.3.4.
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)

@@ -11,7 +11,7 @@ SKATING_HEIGHT_M = 0.025
 
 
 def accelerations_m_s2(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return second differences times fps squared.
+    """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` (thesis 6.3.4).
 
     Args:
         points: (F, N, 3) metres.

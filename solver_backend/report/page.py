@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
-from solver_backend.io.files import write_text
+from solver_backend.exchange.outputs import write_text
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections
 from solver_backend.report.findings import findings_of
@@ -117,6 +117,6 @@ def _subtitle(capture: Capture, motion: Motion) -> str:
 
 
 def _compared(capture: Capture, motion: Motion) -> Evaluation | None:
-    """Return the comparison with the truth and the yardstick, where the capture knows its truth."""
+    """Return the comparison with the truth and the baseline, where the capture knows its truth."""
     known = {"joints", "keypoints3d"} <= set(capture.truth)
     return evaluate(capture, motion) if known and motion.keypoints3d is not None else None
