@@ -16,6 +16,7 @@ from ..conventions.timing import TakeTiming
 from .confidence_lane import write_confidence
 from .curves import create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
+from .retiming import RATE
 
 
 def bake_action(
@@ -58,6 +59,7 @@ def bake_action(
     armature["body"], armature["provenance"] = motion.body, motion.provenance
     action["fps"] = motion.fps
     action["frames"], action["frame_start"] = motion.num_frames, timing.start
+    action[RATE] = timing.scene_fps
     action["body"] = motion.body
     action["provenance"] = motion.provenance
     action.use_fake_user = True

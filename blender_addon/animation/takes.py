@@ -9,6 +9,7 @@ import bpy
 
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
+from ..conventions.file_paths import file_of, stored
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files it came from and went to."""
@@ -28,12 +29,24 @@ class SolveFiles:
     def write(self, action: bpy.types.Action) -> None:
         """Keep the paths as custom properties of the action."""
         for key, path in zip(PATHS, (self.motion, self.capture, self.report or "", self.job), strict=True):
-            action[key] = str(path)
+            action[key] = stored(path)
+
+
+def take_file(action: bpy.types.Action, key: str) -> Path:
+    """Return one of the files of a take, an empty path for none.
+
+    Args:
+        action: the take.
+        key: of ``PATHS``.
+    """
+    return file_of(action.get(key) or "", action.library)
 
 
 def takes_of(capture_file: str) -> list[bpy.types.Action]:
     """Return the solved actions of a capture, by name."""
-    return [action for action in bpy.data.actions if action.get("capture_file") == capture_file]
+    if not capture_file:
+        return []
+    return [action for action in bpy.data.actions if _is_of(action, capture_file)]
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
@@ -79,3 +92,8 @@ def mark_as_asset(action: bpy.types.Action) -> None:
     data.description = f"Solved take: {end - start + 1:g} frames, solved at {action['fps']:g} fps"
     for tag in ("motion capture", "take"):
         data.tags.new(tag, skip_if_exists=True)
+
+
+def _is_of(action: bpy.types.Action, capture_file: str) -> bool:
+    own = action.get("capture_file")
+    return bool(own) and (own == capture_file or take_file(action, "capture_file") == file_of(capture_file))

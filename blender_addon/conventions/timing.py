@@ -28,6 +28,24 @@ class TakeTiming:
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 
+def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, *, take_over: bool) -> TakeTiming:
+    """Return where a recording of so many frames lies in a scene that takes over its rate and range, or keeps its own."""
+    if take_over:
+        set_scene_frame_rate(scene, fps)
+        timing = TakeTiming(start, fps)
+        scene.frame_start, scene.frame_end = start, timing.last_frame(frames, fps)
+        return timing
+    return TakeTiming(start, scene_frame_rate(scene))
+
+
+def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
+    """Show a frame; None for the current one, to the fraction, evaluated anew."""
+    if frame is None:
+        scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+    else:
+        scene.frame_set(frame)
+
+
 def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
     """Show a scene at a frame that need not be whole."""
     whole = int(np.floor(frame))

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import bpy
 import numpy as np
 
 from .._exchange.job_file import Pin, Resolve
 from ..animation.pose import read_pose
-from ..animation.takes import BETAS
+from ..animation.retiming import laid_rate
+from ..animation.takes import BETAS, take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
-from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
 
 
@@ -32,19 +31,19 @@ class FrameRange:
     """Scene frame and ``pinned_values`` of each pinned pose."""
 
 
-def resolve_of(frames: FrameRange, scene: bpy.types.Scene) -> Resolve:
+def resolve_of(frames: FrameRange) -> Resolve:
     """Return the part of a job that solves a frame range again; pins outside it are left out.
 
     Raises:
         TakeMissing: the take's motion file is gone, or the range lies outside the take.
     """
-    motion = Path(frames.action["motion_file"])
+    motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         raise TakeMissing(
             "The motion file of this take is gone.", where=str(motion), hint="Solve the whole capture again."
         )
     count = int(frames.action["frames"])
-    first, last = (capture_frame(frames.action, scene, frame) for frame in (frames.first, frames.last))
+    first, last = (capture_frame(frames.action, frame) for frame in (frames.first, frames.last))
     if last < 0 or first > count - 1 or first > last:
         raise TakeMissing(
             f"The frames {frames.first} to {frames.last} lie outside the take or are in the wrong order.",
@@ -52,14 +51,14 @@ def resolve_of(frames: FrameRange, scene: bpy.types.Scene) -> Resolve:
             hint="Set First and Last inside the take.",
         )
     first, last = max(first, 0), min(last, count - 1)
-    pins = [(capture_frame(frames.action, scene, frame), values) for frame, values in frames.pins]
+    pins = [(capture_frame(frames.action, frame), values) for frame, values in frames.pins]
     kept = tuple(Pin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
     return Resolve(motion, first, last, kept)
 
 
-def capture_frame(action: bpy.types.Action, scene: bpy.types.Scene, frame: float) -> int:
+def capture_frame(action: bpy.types.Action, frame: float) -> int:
     """Return the capture's frame, from 0, that lies nearest to a scene frame."""
-    return round((frame - action["frame_start"]) * action["fps"] / scene_frame_rate(scene))
+    return round((frame - action["frame_start"]) * action["fps"] / laid_rate(action))
 
 
 def pinned_values(armature: bpy.types.Object) -> str:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import bpy
 
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
 from ..animation.curves import current_action
-from ..animation.takes import BETAS, PATHS, show_take
+from ..animation.takes import BETAS, PATHS, show_take, take_file
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
-from ..conventions.timing import TakeTiming, scene_frame_rate
+from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .bake import BakeSettings, bake_take
 
 
@@ -45,7 +44,7 @@ def add_take(
         BodyMismatch: the motion belongs to another body.
     """
     require_body(motion, body)
-    if armature is not None and _body_played(armature) not in ("", motion.body):
+    if armature is not None and not plays_body(armature, motion.body):
         armature = None
     if armature is None:
         settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
@@ -58,7 +57,7 @@ def add_take(
         action = bake_action(name, motion, armature, body.rest_joints(motion.betas)[0], timing)
     action[BETAS] = motion.betas.tolist()
     show_take(armature, action)
-    scene.frame_set(scene.frame_current)
+    show_frame(scene)
     return armature, action
 
 
@@ -70,7 +69,7 @@ def thinned_take(
     Raises:
         MocapError: the take's motion or body can no longer be read.
     """
-    motion = read_motion(Path(take["motion_file"]))
+    motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance))
     require_body(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
@@ -79,11 +78,11 @@ def thinned_take(
     for key in (*PATHS, BETAS):
         action[key] = take[key]
     show_take(armature, action)
-    scene.frame_set(scene.frame_current)
+    show_frame(scene)
     return action
 
 
-def _body_played(armature: bpy.types.Object) -> str:
-    """Return the id of the body an armature's action was solved for, "" if it does not say."""
+def plays_body(armature: bpy.types.Object, body: str) -> bool:
+    """Return whether an armature's action was solved for a body, or does not say for which."""
     action = current_action(armature)
-    return "" if action is None else str(action.get("body", ""))
+    return action is None or str(action.get("body", "")) in ("", body)

@@ -15,7 +15,8 @@ from ..body.body_file import BodyFile
 from ..body.rig import create_rig
 from ..conventions.collections import child_collection
 from ..conventions.materials import KEYPOINT_COLOUR
-from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
+from ..conventions.timing import TakeTiming, set_up_time, show_frame
+from ..conventions.units import fit_units
 from .cameras import look_through
 from .capture_stage import create_cameras, create_detections
 from .floor import create_floor
@@ -81,7 +82,8 @@ def bake_take(
     settings = settings or BakeSettings()
     require_body(motion, body)
     notes = _differences(motion, capture)
-    timing = _set_time(scene, motion, settings)
+    start, fps = settings.frame_start, motion.fps
+    timing = set_up_time(scene, motion.num_frames, fps, start, take_over=settings.set_scene)
     take = child_collection(motion.name, parent or scene.collection)
     rest = body.rest_joints(motion.betas)
     figure = child_collection("Body", take)
@@ -95,7 +97,8 @@ def bake_take(
     floor = None
     if settings.floor:
         floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take))
-    scene.frame_set(settings.frame_start)
+    fit_units(scene, (rig.armature, *cameras, *overlays, *((floor,) if floor is not None else ())))
+    show_frame(scene, settings.frame_start if settings.set_scene else None)
     return BakedTake(take, figure, rig.armature, rig.mesh, action, cameras, overlays, floor, timing, tuple(notes))
 
 
@@ -112,16 +115,6 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     return notes
 
 
-def _set_time(scene: bpy.types.Scene, motion: MotionFile, settings: BakeSettings) -> TakeTiming:
-    if settings.set_scene:
-        set_scene_frame_rate(scene, motion.fps)
-        timing = TakeTiming(settings.frame_start, motion.fps)
-        scene.frame_start = settings.frame_start
-        scene.frame_end = timing.last_frame(motion.num_frames, motion.fps)
-        return timing
-    return TakeTiming(settings.frame_start, scene_frame_rate(scene))
-
-
 def _bake_capture(
     scene: bpy.types.Scene,
     capture: CaptureFile | None,
@@ -132,7 +125,7 @@ def _bake_capture(
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[bpy.types.Object, ...]]:
     if capture is None:
         return (), ()
-    cameras, missing = create_cameras(capture, take, frame_start=settings.frame_start, backgrounds=settings.backgrounds)
+    cameras, missing = create_cameras(capture, take, timing, backgrounds=settings.backgrounds)
     notes += missing
     if settings.set_scene and cameras:
         look_through(scene, cameras[0])

@@ -13,7 +13,10 @@ from mathutils import Matrix
 
 from .._exchange.capture_file import CameraFile
 from ..conventions.coordinates import SENSOR_WIDTH_MM, camera_to_world, lens_from_intrinsics
+from ..conventions.file_paths import stored
+from ..conventions.timing import TakeTiming
 from .footage import Footage, find_footage
+from .footage_timing import lay_footage, remember_footage
 
 
 def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:
@@ -49,8 +52,14 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
     scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = camera.data["pixel_aspect"]
 
 
-def add_background(camera: bpy.types.Object, source: CameraFile, *, frame_start: int) -> str:
-    """Show the footage behind the camera's view, its first image on ``frame_start``.
+def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
+    """Show the footage behind the camera's view, by time, its first image on the take's first frame.
+
+    Args:
+        camera: from ``create_camera``.
+        source: its calibrated camera, which knows the footage.
+        fps: pictures per second.
+        timing: where the take lies in the scene.
 
     Returns:
         A sentence on what is missing, "" if nothing is.
@@ -67,17 +76,19 @@ def add_background(camera: bpy.types.Object, source: CameraFile, *, frame_start:
     background.display_depth = "BACK"
     background.frame_method = "STRETCH"
     user = background.image_user
-    user.frame_start = frame_start
+    user.frame_start = int(timing.start)
     user.frame_duration = max(1, image.frame_duration if footage.is_video else len(footage.files))
     user.frame_offset = 0 if footage.is_video else _first_number(footage.files[0]) - 1
     user.use_auto_refresh = True
     camera.data.show_background_images = True
+    remember_footage(camera.data, fps)
+    lay_footage(camera.data, timing)
     return ""
 
 
 def _load(footage: Footage) -> bpy.types.Image | None:
     try:
-        image = bpy.data.images.load(str(footage.files[0]), check_existing=True)
+        image = bpy.data.images.load(stored(footage.files[0]), check_existing=True)
     except RuntimeError:
         return None
     if image.size[0] == 0:

@@ -10,7 +10,8 @@ import numpy as np
 from .._exchange.capture_file import CameraFile, CaptureFile
 from ..conventions.collections import child_collection
 from ..conventions.materials import MARKER_COLOUR
-from ..conventions.timing import TakeTiming, set_scene_frame_rate
+from ..conventions.timing import TakeTiming, set_up_time, show_frame
+from ..conventions.units import fit_units
 from .cameras import add_background, create_camera, look_through
 from .floor import create_floor
 from .overlay import PointLook, create_point_overlay, create_view_overlay
@@ -32,29 +33,33 @@ class CaptureStage:
     """What was missing, one sentence each."""
 
 
-def set_stage(scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int) -> CaptureStage:
-    """Set up a capture in a scene, which takes over its frame rate, length and first camera.
+def set_stage(
+    scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
+) -> CaptureStage:
+    """Set up a capture in a scene.
 
     Args:
         scene: the scene to add to; nothing that is there is changed.
         capture: the capture.
         frame_start: scene frame of the capture's first frame.
+        take_over: the scene takes over frame rate, length and first camera; without, they and the frame shown stay,
+            and the capture is laid by time.
     """
-    set_scene_frame_rate(scene, capture.fps)
-    timing = TakeTiming(frame_start, capture.fps)
-    scene.frame_start, scene.frame_end = frame_start, timing.last_frame(max(1, capture.num_frames), capture.fps)
+    frames = max(1, capture.num_frames)
+    timing = set_up_time(scene, frames, capture.fps, frame_start, take_over=take_over)
     collection = child_collection(capture.name, scene.collection)
-    cameras, notes = create_cameras(capture, collection, frame_start=frame_start)
-    if cameras:
+    cameras, notes = create_cameras(capture, collection, timing)
+    if cameras and take_over:
         look_through(scene, cameras[0])
     overlays = create_detections(capture, cameras, timing, child_collection("Detections", collection))
     floor = create_floor(_ground_points(capture), child_collection("Floor", collection), margin_m=1.0)
-    scene.frame_set(frame_start)
+    fit_units(scene, (*cameras, *overlays, floor))
+    show_frame(scene, frame_start if take_over else None)
     return CaptureStage(collection, cameras, overlays, floor, timing, notes)
 
 
 def create_cameras(
-    capture: CaptureFile, parent: bpy.types.Collection, *, frame_start: int, backgrounds: bool = True
+    capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
     """Create a capture's cameras, with their footage behind the view, and say what is missing."""
     if not capture.cameras:
@@ -64,7 +69,7 @@ def create_cameras(
     notes: list[str] = []
     for camera, source in zip(cameras, capture.cameras, strict=True):
         notes += _lens_notes(source)
-        note = add_background(camera, source, frame_start=frame_start) if backgrounds else ""
+        note = add_background(camera, source, capture.fps, timing) if backgrounds else ""
         notes += [note] if note else []
     return cameras, tuple(notes)
 

@@ -12,7 +12,7 @@ from .._exchange.lens import normalised, undistort
 from ..conventions.coordinates import camera_rays
 from ..conventions.materials import DETECTION_COLOUR, Colour, create_material
 from ..conventions.timing import TakeTiming
-from .point_player import SEEN, PlayerSettings, create_player
+from .point_player import MODIFIER, SEEN, PlayerSettings, create_player
 
 _PLANE_M = 0.5
 """Distance of a view's detections from its camera."""
@@ -60,7 +60,8 @@ def create_point_overlay(
         points=count, rows=rows, frame_start=timing.start, rows_per_frame=fps / timing.scene_fps,
         radius_m=look.radius_m, material=create_material(name, look.colour),
     )  # fmt: skip
-    overlay.modifiers.new("Points of this frame", "NODES").node_group = create_player(name, settings)
+    overlay["fps"] = fps
+    overlay.modifiers.new(MODIFIER, "NODES").node_group = create_player(name, settings)
     overlay.hide_render = True
     overlay.show_in_front = True
     overlay.hide_select = True

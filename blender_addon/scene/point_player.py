@@ -13,6 +13,8 @@ from typing import Any
 
 import bpy
 
+MODIFIER = "Points of this frame"
+"""Name of the modifier."""
 SEEN = "seen"
 """Name of the point attribute that is 0 where a point was not seen."""
 
@@ -55,6 +57,31 @@ def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
     balls = _balls(tree, kept.outputs[0], settings)
     tree.links.new(balls, tree.nodes.new("NodeGroupOutput").inputs[0])
     return tree
+
+
+def player_of(obj: bpy.types.Object) -> bpy.types.NodeTree | None:
+    """Return the node group that plays an object's points, None if it has none."""
+    modifier = obj.modifiers.get(MODIFIER)
+    return modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+
+
+def played_rate(obj: bpy.types.Object) -> float:
+    """Return how many rows pass in one scene frame."""
+    return float(_rate_socket(obj).default_value)
+
+
+def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
+    """Let so many rows pass in one scene frame; the first row's frame stays."""
+    if abs(played_rate(obj) - rows_per_frame) > 1e-9:
+        _rate_socket(obj).default_value = rows_per_frame
+
+
+def _rate_socket(obj: bpy.types.Object) -> Any:
+    """Return the second factor of ``(frame - first) * rows per frame``, the tree's one difference."""
+    tree = player_of(obj)
+    assert tree is not None
+    difference = next(node for node in tree.nodes if getattr(node, "operation", "") == "SUBTRACT")
+    return difference.outputs[0].links[0].to_node.inputs[1]
 
 
 def _vertex_index(tree: bpy.types.NodeTree, settings: PlayerSettings) -> Any:

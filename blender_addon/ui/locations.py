@@ -1,16 +1,16 @@
-"""Paths of a scene: those that begin with ``//``, and where captures and takes are written."""
+"""Where a scene's captures and takes are written."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
 import bpy
 
 from .._exchange.errors import OutputNotWritable
 from .._exchange.outputs import probe
-from . import ADDON
+from ..conventions.file_paths import BESIDE, absolute, sessions_folder
 
-_BESIDE = "mocap"
 RELATIVE = (
     {"PATH_SUPPORTS_BLEND_RELATIVE"}
     if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
@@ -19,21 +19,23 @@ RELATIVE = (
 """Option of a path property that may begin with ``//``; before Blender 4.5 every one may."""
 
 
-def absolute(text: str) -> Path:
-    """Return the path that a property means."""
-    return Path(bpy.path.abspath(text))
-
-
 def files_folder(scene: bpy.types.Scene) -> Path:
     """Return the folder of captures and takes, made if need be.
 
-    That is what the scene says; else ``mocap`` beside the .blend file; else, in a file that was never saved, a folder
-    of the user's that outlives the session.
+    That is what the scene says; else ``mocap`` beside the .blend file; else, in a file that was never saved, a session
+    folder of the user's, from where saving moves them beside the file.
 
     Raises:
         OutputNotWritable: the folder cannot be made or written to.
     """
-    return usable(_wanted(scene))
+    settings = scene.mocap
+    if settings.folder and (bpy.data.filepath or not settings.folder.startswith("//")):
+        return usable(absolute(settings.folder))
+    if bpy.data.filepath:
+        return usable(Path(bpy.data.filepath).parent / BESIDE)
+    if not settings.session:
+        settings.session = str(_new_session())
+    return usable(Path(settings.session))
 
 
 def usable(folder: Path) -> Path:
@@ -54,17 +56,16 @@ def usable(folder: Path) -> Path:
     return folder
 
 
-def is_beside_file(scene: bpy.types.Scene) -> bool:
-    """Return whether takes land where the user expects them: in a chosen folder or beside the saved file."""
-    return bool(scene.mocap.folder or bpy.data.filepath)
+def waits_for_saving(scene: bpy.types.Scene) -> str:
+    """Return the session folder in which an unsaved scene's takes wait, "" if they lie where they belong."""
+    settings = scene.mocap
+    if bpy.data.filepath or (settings.folder and not settings.folder.startswith("//")):
+        return ""
+    return settings.session or str(sessions_folder())
 
 
-def _wanted(scene: bpy.types.Scene) -> Path:
-    if scene.mocap.folder:
-        return absolute(scene.mocap.folder)
-    if bpy.data.filepath:
-        return Path(bpy.data.filepath).parent / _BESIDE
-    try:
-        return Path(bpy.utils.extension_path_user(ADDON, path=_BESIDE))
-    except ValueError:  # run from the source tree: not an installed extension
-        return Path(bpy.utils.user_resource("DATAFILES", path=_BESIDE))
+def _new_session() -> Path:
+    """Return a folder named after the time of day that nobody has used."""
+    name = f"unsaved {datetime.now():%Y-%m-%d %H.%M.%S}"
+    names = (name if n == 1 else f"{name} ({n})" for n in range(1, 1000))
+    return next(path for path in map(sessions_folder().__truediv__, names) if not path.exists())

@@ -48,6 +48,13 @@ _JOINT_SET_ITEMS = (
 )
 
 
+SCENE_SETUP_ITEMS = (
+    ("NEW", "New Scenes Alone", "Set up a scene that is as new; keep what is set in every other"),
+    ("KEEP", "Keep the Shot's", "Keep frame rate, range, resolution and camera; the recording is laid by time"),
+    ("TAKE", "Take the Recording's", "Take over the recording's frame rate, length, resolution and first camera"),
+)
+
+
 class MocapMessage(bpy.types.PropertyGroup):
     """One sentence about a capture."""
 
@@ -77,6 +84,9 @@ class MocapReading(bpy.types.PropertyGroup):
     up_axis: bpy.props.EnumProperty(
         name="Up Axis", description="Axis of the calibration's world that points up", items=_UP_ITEMS
     )
+    scene_setup: bpy.props.EnumProperty(
+        name="Scene Set-Up", description="Whose frame rate, range, resolution and camera count", items=SCENE_SETUP_ITEMS
+    )
     trim: bpy.props.BoolProperty(
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
     )
@@ -93,8 +103,12 @@ class MocapReading(bpy.types.PropertyGroup):
 class MocapCapture(bpy.types.PropertyGroup):
     """The capture of this scene."""
 
-    source: bpy.props.StringProperty(name="Source", description="File or folder it was read from", subtype="FILE_PATH")
-    file: bpy.props.StringProperty(name="Capture File", description="Capture file made of it", subtype="FILE_PATH")
+    source: bpy.props.StringProperty(
+        name="Source", description="File or folder it was read from", subtype="FILE_PATH", options=RELATIVE
+    )
+    file: bpy.props.StringProperty(
+        name="Capture File", description="Capture file made of it", subtype="FILE_PATH", options=RELATIVE
+    )
     name: bpy.props.StringProperty(name="Name")
     frames: bpy.props.IntProperty(name="Frames")
     fps: bpy.props.FloatProperty(name="Frame Rate")
@@ -219,6 +233,9 @@ class MocapSettings(bpy.types.PropertyGroup):
         name="Folder", subtype="DIR_PATH", options=RELATIVE,
         description="Where captures and takes are written; empty for 'mocap' beside the .blend file",
     )  # fmt: skip
+    session: bpy.props.StringProperty(
+        name="Session Folder", description="Where the takes of this unsaved scene wait until it is saved"
+    )
     reading: bpy.props.PointerProperty(type=MocapReading)
     capture: bpy.props.PointerProperty(type=MocapCapture)
     solve: bpy.props.PointerProperty(type=MocapSolve)

@@ -11,6 +11,7 @@ from ..headless.blender_command import command
 from . import (
     bone_colours,
     preferences,
+    project_files,
     properties,
 )
 from .operators import (
@@ -86,6 +87,9 @@ TABLE: tuple[Entry, ...] = (
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
+    _handler(bpy.app.handlers.save_pre, project_files.before_save),
+    _handler(bpy.app.handlers.save_post, project_files.after_save),
+    _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),

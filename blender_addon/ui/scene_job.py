@@ -7,10 +7,12 @@ from pathlib import Path
 
 import bpy
 
+from .._exchange.capture_file import portable_path
 from .._exchange.errors import OutputNotWritable
 from .._exchange.job_file import JobFile
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
+from ..conventions.file_paths import file_of
 from ..errors import TakeMissing
 from ..review.pinning import FrameRange, resolve_of
 from ..solving.take_paths import next_take
@@ -27,7 +29,7 @@ def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[JobF
         TakeMissing: the capture, or the motion to solve again, is no longer on the disk.
     """
     settings = scene.mocap
-    capture = Path(settings.capture.file)
+    capture = file_of(settings.capture.file)
     if not capture.is_file():
         raise TakeMissing("The capture file is gone.", where=str(capture), hint="Import the capture again.")
     take = next_take(_folder_of_takes(scene, capture.parent))
@@ -39,8 +41,16 @@ def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[JobF
         capture=capture, out=take.motion, report=take.report if settings.solve.report else None, settings=values
     )
     if frames is not None:
-        job = replace(job, resolve=resolve_of(frames, scene))
+        job = replace(job, resolve=resolve_of(frames))
     return job, take.job
+
+
+def portable_job(job: JobFile, folder: Path) -> JobFile:
+    """Return a job as a file in this folder says it: what lies in the folder by its name, so that it may move."""
+    resolve = job.resolve and replace(job.resolve, motion=Path(portable_path(job.resolve.motion, folder)))
+    report = job.report and Path(portable_path(job.report, folder))
+    capture, out = (Path(portable_path(path, folder)) for path in (job.capture, job.out))
+    return replace(job, capture=capture, out=out, report=report, resolve=resolve)
 
 
 def _folder_of_takes(scene: bpy.types.Scene, beside_capture: Path) -> Path:

@@ -5,7 +5,8 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..._exchange.errors import MocapError
 from ...export.formats import FORMATS
-from ..locations import RELATIVE, absolute
+from ...conventions.file_paths import absolute
+from ..locations import RELATIVE
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):

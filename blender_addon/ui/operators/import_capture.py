@@ -8,7 +8,8 @@ from typing import Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..locations import RELATIVE, absolute, files_folder, usable
+from ...conventions.file_paths import absolute, stored
+from ..locations import RELATIVE, files_folder, usable
 from .solver_operator import SolverOperator
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml")
@@ -32,7 +33,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Read what was dropped, or let the user choose."""
-        if self.files or (self.filepath and Path(self.filepath).exists()):
+        if self.files or (self.filepath and absolute(self.filepath).exists()):
             return self.execute(context)
         return ImportHelper.invoke(self, context, event)
 
@@ -41,17 +42,19 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from ...solving.take_paths import capture_folder, capture_root
-        from .import_results import add_motion
+        from .import_results import add_motion, set_up_said, takes_over
 
         chosen = self._chosen()
         if is_motion(chosen):
-            take = add_motion(context, chosen, BakeSettings(frame_start=context.scene.frame_start))
-            self.report({"INFO"}, f"Baked '{take.action.name}'")
+            take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
+            settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over)
+            take = add_motion(context, chosen, settings)
+            self.report({"INFO"}, f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}")
             return {"FINISHED"}
         settings, source = context.scene.mocap, capture_root(chosen)
         folder = usable(capture_folder(files_folder(context.scene), source))
         out = ["--out", str(folder / "capture.npz"), "--overwrite"]
-        settings.capture.source = str(source)
+        settings.capture.source = stored(source)
         return self.launch(context, "convert", [str(source), *out, *settings.reading.arguments()], folder)
 
     def _chosen(self) -> Path:
@@ -62,12 +65,14 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage, and keep what was recognised for the panels."""
-        from .import_results import frame_capture, take_capture
+        from .import_results import frame_capture, set_up_said, take_capture, takes_over
 
+        take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
         stage = take_capture(context.scene, result)
         frame_capture(context, stage)
         problems = len(result["problems"])
         found = f"{len(stage.cameras)} cameras, {result['frames']} frames"
+        found += f"; {set_up_said(context.scene, take_over=take_over)}"
         self.report(
             {"WARNING"} if problems else {"INFO"},
             f"Capture '{result['name']}': {found}" + (f"; {problems} problems, see the panel" if problems else ""),
@@ -94,7 +99,7 @@ class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
         from .import_results import frame_capture, take_capture
 
         stage = take_capture(context.scene, result)
-        context.scene.mocap.capture.source = result["capture"]
+        context.scene.mocap.capture.source = stored(result["capture"])
         frame_capture(context, stage)
         return {"FINISHED"}
 

@@ -5,7 +5,9 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..locations import RELATIVE, absolute
+from ...conventions.file_paths import absolute
+from ..locations import RELATIVE
+from ..properties import SCENE_SETUP_ITEMS
 from .base import MocapOperator
 
 
@@ -26,10 +28,8 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
     body_path: bpy.props.StringProperty(
         name="Body", description="Body file; empty for the one the motion was solved for"
     )
-    set_scene: bpy.props.BoolProperty(
-        name="Set Up Scene",
-        description="Take over the motion's frame rate, length and first camera; otherwise keys are placed by time",
-        default=True,
+    scene_setup: bpy.props.EnumProperty(
+        name="Scene Set-Up", description="Whose frame rate, range, resolution and camera count", items=SCENE_SETUP_ITEMS
     )
     floor: bpy.props.BoolProperty(name="Floor", description="Add a floor of metre tiles", default=True)
 
@@ -44,13 +44,15 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Bake, select the armature and say what was made."""
         from ...scene.bake import BakeSettings
-        from .import_results import add_motion
+        from .import_results import add_motion, set_up_said, takes_over
 
-        settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=self.set_scene, floor=self.floor)
+        take_over = takes_over(context.scene, self.scene_setup)
+        settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over, floor=self.floor)
         take = add_motion(context, absolute(self.filepath), settings, _path(self.capture_path), _path(self.body_path))
         for note in take.notes:
             self.report({"WARNING"}, note)
-        self.report({"INFO"}, f"Baked '{take.action.name}' with {len(take.cameras)} cameras")
+        said = f"Baked '{take.action.name}' with {len(take.cameras)} cameras"
+        self.report({"INFO"}, f"{said}; {set_up_said(context.scene, take_over=take_over)}")
         return {"FINISHED"}
 
 

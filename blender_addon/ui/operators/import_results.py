@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,13 @@ from ..._exchange.motion_file import read_motion
 from ...animation.takes import SolveFiles
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
-from ...scene.add_take import add_take
+from ...conventions.file_paths import stored
+from ...conventions.timing import scene_frame_rate
+from ...scene.add_take import add_take, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.capture_stage import CaptureStage, set_stage
+from ...scene.users_state import is_untouched, undisturbed
+from ..project_files import bring_home
 
 
 def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage:
@@ -30,8 +35,9 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
     """
     file = read_capture(Path(result["capture"]))
     capture, review = scene.mocap.capture, scene.mocap.review
-    stage = set_stage(scene, file, frame_start=scene.frame_start)
-    capture.name, capture.file = result["name"], result["capture"]
+    take_over = takes_over(scene, scene.mocap.reading.scene_setup)
+    stage = set_stage(scene, file, frame_start=scene.frame_start, take_over=take_over)
+    capture.name, capture.file = result["name"], stored(result["capture"])
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], scene.frame_start
     capture.joint_set, capture.markers = result["joint_set"] or "", result["markers"] or 0
     capture.collection, capture.floor = stage.collection, stage.floor
@@ -48,8 +54,10 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         item.seen_percent = said["seen_percent"] or 0.0
         item.has_footage = bool(camera.data.background_images)
     review.armature = None
-    review.first, review.last = scene.frame_start, scene.frame_end
+    review.first = scene.frame_start
+    review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     review.pins.clear()
+    bring_home()
     return stage
 
 
@@ -74,14 +82,15 @@ def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Acti
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
     body = read_body(body_path_of(motion.provenance))
-    armature = settings.review.armature
-    if armature is None and context.mode != "OBJECT":
-        bpy.ops.object.mode_set(mode="OBJECT")
     name = f"{settings.capture.name} {files.motion.stem.replace('_', ' ')}"
     parent = settings.capture.collection
-    armature, action = add_take(scene, name, motion, body, armature, parent, settings.capture.frame_start)
+    armature, start = settings.review.armature, settings.capture.frame_start
+    needs_body = armature is None or not plays_body(armature, motion.body)
+    with undisturbed(context) if needs_body else nullcontext():
+        armature, action = add_take(scene, name, motion, body, armature, parent, start)
     files.write(action)
     settings.review.armature = armature
+    bring_home()
     return action
 
 
@@ -92,7 +101,7 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add a motion from its file as a body of its own, and select it alone.
+    """Add a motion from its file as a body of its own; where the scene takes over its set-up, it is selected alone.
 
     Args:
         context: in object mode.
@@ -106,11 +115,28 @@ def add_motion(
     """
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance))
-    take = bake_take(context.scene, motion, figure, read_capture(capture) if capture else None, settings)
+    source = read_capture(capture) if capture else None
+    if not settings.set_scene:
+        with undisturbed(context):
+            return bake_take(context.scene, motion, figure, source, settings)
+    take = bake_take(context.scene, motion, figure, source, settings)
     for obj in context.selected_objects:
         obj.select_set(False)
     take.armature.select_set(True)
     return take
+
+
+def takes_over(scene: bpy.types.Scene, setup: str) -> bool:
+    """Return whether a scene takes over a recording's set-up, by the user's choice among ``SCENE_SETUP_ITEMS``."""
+    return setup == "TAKE" or (setup == "NEW" and is_untouched(scene))
+
+
+def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
+    """Return what became of the scene's set-up, for people."""
+    rate = f"{scene_frame_rate(scene):g} fps"
+    if take_over:
+        return f"the scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"
+    return f"laid by time into the scene's {rate}"
 
 
 def _say(capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+
+import math
 
 import bpy
 
@@ -33,8 +34,9 @@ class MOCAP_OT_next_bad_range(NeedsTake, bpy.types.Operator):
         if found is None:
             self.report({"INFO"}, "No frame is below the bound")
             return {"CANCELLED"}
-        review.first = max(found[0] - _MARGIN, scene.frame_start)
-        review.last = min(found[1] + _MARGIN, scene.frame_end)
+        first, last = review.take.frame_range
+        review.first = max(found[0] - _MARGIN, math.floor(first))
+        review.last = min(found[1] + _MARGIN, math.ceil(last))
         scene.frame_set(found[0])
         self.report({"INFO"}, f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}")
         return {"FINISHED"}
@@ -116,7 +118,9 @@ class MOCAP_OT_open_report(NeedsTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Open it in the system's browser."""
-        path = Path(context.scene.mocap.review.take.get("report_file") or "")
+        from ...animation.takes import take_file
+
+        path = take_file(context.scene.mocap.review.take, "report_file")
         if not path.is_file():
             raise FileMissing(
                 "This take has no report.", where=str(path), hint="Solve again with Report switched on under Advanced."

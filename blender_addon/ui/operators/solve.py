@@ -20,10 +20,10 @@ class _Solves(SolverOperator):
         """Write the job and start the solver."""
         from ..._exchange.job_file import write_job
         from ...animation.takes import SolveFiles
-        from ..scene_job import prepare_job
+        from ..scene_job import portable_job, prepare_job
 
         job, path = prepare_job(context.scene, frames)
-        write_job(path, job)
+        write_job(path, portable_job(job, path.parent))
         self._files = SolveFiles(job.out, job.capture, job.report, path)
         return self.launch(context, "solve", ["--job", str(path)], path.parent)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...errors import TakeMissing
-from .base import NeedsBody, NeedsTake
+from .base import MocapOperator, NeedsBody, NeedsTake
 
 
 class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
@@ -20,13 +20,14 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Play it."""
         from ...animation.takes import show_take, takes_of
+        from ...conventions.timing import show_frame
 
         scene, settings = context.scene, context.scene.mocap
         action = next((a for a in takes_of(settings.capture.file) if a.name == self.name), None)
         if action is None:
             raise TakeMissing(f"There is no take '{self.name}' for this body.")
         show_take(settings.review.armature, action)
-        scene.frame_set(scene.frame_current)
+        show_frame(scene)
         return {"FINISHED"}
 
 
@@ -89,4 +90,35 @@ class MOCAP_OT_mark_take(NeedsTake, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)
+class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
+    """Lays everything anew at the scene's frame rate."""
+
+    bl_idname = "mocap.follow_rate"
+    bl_label = "Follow Frame Rate"
+    bl_description = "Lay takes, detections, footage, confidence and pins by time at the scene's frame rate"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Lay them."""
+        from ...conventions.timing import scene_frame_rate, show_frame
+        from ...scene.frame_rate import relay
+
+        scene, settings = context.scene, context.scene.mocap
+        start, review = settings.capture.frame_start, settings.review
+        ratio = relay(scene, takes_of_capture(scene))
+        for pin in review.pins:
+            pin.frame = round(start + (pin.frame - start) * ratio)
+        review.first, review.last = (round(start + (frame - start) * ratio) for frame in (review.first, review.last))
+        show_frame(scene)
+        self.report({"INFO"}, f"Everything is laid by time at {scene_frame_rate(scene):g} fps")
+        return {"FINISHED"}
+
+
+def takes_of_capture(scene: bpy.types.Scene) -> list[bpy.types.Action]:
+    """Return the takes of a scene's capture, played or not."""
+    from ...animation.retiming import is_take
+    from ...animation.takes import takes_of
+
+    return [action for action in takes_of(scene.mocap.capture.file) if is_take(action)]
+
+
+CLASSES = (MOCAP_OT_follow_rate, MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)

@@ -7,7 +7,7 @@ import bpy
 from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
 from ..operators.solver_operator import current
 from ..properties import MocapCapture
-from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -25,6 +25,7 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         if draw_progress(layout, _VERBS):
             return
         draw_failure(layout, context, _VERBS)
+        draw_rate(layout, context)
         if not capture.file:
             draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
         column = layout.column(align=True)
@@ -50,7 +51,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.enabled = not current.busy
-        for name in ("fps", "joint_set", "unit", "up_axis", "trim"):
+        for name in ("scene_setup", "fps", "joint_set", "unit", "up_axis", "trim"):
             layout.prop(settings.reading, name)
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")

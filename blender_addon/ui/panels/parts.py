@@ -9,6 +9,7 @@ import bpy
 from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import MOCAP_OT_cancel, current
+from ..operators.takes import MOCAP_OT_follow_rate, takes_of_capture
 
 _LETTER_PX = 6.0
 _MARGIN_PX = 62
@@ -86,6 +87,19 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
     wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
     if not cancelled:
         box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+
+
+def draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw that the scene's frame rate is not the one that everything is laid by, and what to press."""
+    from ...conventions.timing import scene_frame_rate
+    from ...scene.frame_rate import needs_relaying
+
+    if not needs_relaying(context.scene, takes_of_capture(context.scene)):
+        return
+    box = layout.box()
+    text = f"The scene runs at {scene_frame_rate(context.scene):g} fps now: motion or detections play at a wrong speed."
+    wrapped(box, context, text, "ERROR", alert=True)
+    box.operator(MOCAP_OT_follow_rate.bl_idname, icon="TIME")
 
 
 def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:

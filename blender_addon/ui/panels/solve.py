@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import bpy
 
-from ..locations import is_beside_file
+from ..locations import waits_for_saving
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
+from ..project_files import following
 from ..properties import CHOSEN_BY_PRESETS
 from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
@@ -34,8 +35,11 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.6
         button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY")
-        if not is_beside_file(context.scene):
-            wrapped(layout, context, "Save the file first to keep its takes beside it.", "INFO")
+        if folder := waits_for_saving(context.scene):
+            text = f"This file is not saved. Its takes wait in {folder}; saving moves them beside the file."
+            wrapped(layout, context, text, "INFO")
+        if following.failure:
+            wrapped(layout, context, following.failure, "ERROR", alert=True)
         draw_failure(layout, context, _VERBS)
         _draw_outcome(layout)
 

@@ -1,0 +1,80 @@
+"""Paths as a .blend file keeps them: relative to it (``//``), so that a project's folder may move."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import bpy
+
+BESIDE = "mocap"
+"""Folder of captures and takes beside a saved .blend file."""
+_MOVED = "moved.json"
+
+
+def absolute(text: str, library: bpy.types.Library | None = None) -> Path:
+    """Return the path that a property means, of this file or of a library's."""
+    return Path(os.path.normpath(bpy.path.abspath(text, library=library))) if text else Path()
+
+
+def stored(path: Path | str, start: Path | None = None) -> str:
+    """Return how a file in a folder keeps a path: relative to the folder, in full without one or on another drive.
+
+    Args:
+        path: the path, "" for none.
+        start: the folder; None for that of the open .blend file.
+    """
+    if start is None and bpy.data.filepath:
+        start = Path(bpy.data.filepath).parent
+    if not str(path) or start is None:
+        return str(path)
+    try:
+        return "//" + Path(os.path.relpath(path, start)).as_posix()
+    except ValueError:  # another drive
+        return str(path)
+
+
+def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
+    """Return the file that a property means, looked for where it went if it is no longer there.
+
+    A file of an unsaved scene moved when the scene was saved, which undo does not know; files that older versions
+    kept by their full path moved with their project's folder.
+    """
+    path = absolute(text, library)
+    if not text or path.exists():
+        return path
+    moved = [Path(text) for text in (moved_files().get(str(path)),) if text]
+    if bpy.data.filepath and BESIDE in path.parts:
+        tail = path.parts[len(path.parts) - path.parts[::-1].index(BESIDE) :]
+        moved.append(Path(bpy.data.filepath).parent.joinpath(BESIDE, *tail))
+    return next((candidate for candidate in moved if candidate.exists()), path)
+
+
+def sessions_folder() -> Path:
+    """Return the folder of the user's that holds what unsaved scenes write: outside the extension's, which may go."""
+    documents = Path.home() / "Documents"
+    return (documents if documents.is_dir() else Path.home()) / "Manifold MoCap"
+
+
+def moved_files() -> dict[str, str]:
+    """Return where files of unsaved scenes went, by where they were."""
+    import json
+
+    try:
+        return json.loads((sessions_folder() / _MOVED).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def note_moved(files: dict[Path, Path]) -> None:
+    """Write down where files of an unsaved scene went.
+
+    Raises:
+        OutputNotWritable: it cannot be written down.
+    """
+    import json
+
+    from .._exchange.outputs import write_text
+
+    known = moved_files() | {str(old): str(new) for old, new in files.items()}
+    write_text(sessions_folder() / _MOVED, json.dumps(known, indent=1, ensure_ascii=False), overwrite=True)

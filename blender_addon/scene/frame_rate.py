@@ -1,0 +1,55 @@
+"""Everything of ours in a scene follows the scene's frame rate: takes, detections and footage are laid by time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import bpy
+
+from ..animation.retiming import RATE, laid_rate, played_takes, relay_take, same_rate
+from ..conventions.timing import TakeTiming, scene_frame_rate
+from .footage_timing import FOOTAGE_RATE, laid_footage_rate, lay_footage
+from .point_player import played_rate, player_of, set_played_rate
+
+
+def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
+    """Return whether anything in a scene lies by another frame rate than the scene's.
+
+    Args:
+        scene: the scene.
+        takes: actions beside those that its objects play.
+    """
+    rate = scene_frame_rate(scene)
+    laid = [
+        *(laid_rate(action) for action in (*played_takes(scene), *takes)),
+        *(obj["fps"] / played_rate(obj) for obj in _overlays(scene)),
+        *(laid_footage_rate(obj.data) for obj in _filmed(scene)),
+    ]
+    return not all(same_rate(one, rate) for one in laid)
+
+
+def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
+    """Lay everything of ours by time at the scene's frame rate.
+
+    Returns:
+        How many times as many scene frames the takes are long now as before; 1 if there is no take.
+    """
+    rate, ratio = scene_frame_rate(scene), 1.0
+    for action in {action.name_full: action for action in (*played_takes(scene), *takes)}.values():
+        if not same_rate(laid_rate(action), rate):
+            ratio = rate / laid_rate(action)
+            relay_take(action, rate)
+        action[RATE] = rate
+    for obj in _overlays(scene):
+        set_played_rate(obj, obj["fps"] / rate)
+    for obj in _filmed(scene):
+        lay_footage(obj.data, TakeTiming(obj.data["footage_start"], rate))
+    return ratio
+
+
+def _overlays(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    return (obj for obj in scene.objects if "fps" in obj and player_of(obj) is not None)
+
+
+def _filmed(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    return (obj for obj in scene.objects if obj.type == "CAMERA" and FOOTAGE_RATE in obj.data)

@@ -1,0 +1,273 @@
+"""Captures and takes follow their .blend file: on saving they come to lie beside it, and every path is kept relative.
+
+What is referenced is copied before the file is written and linked relative to it. Afterwards what lay in an unsaved
+scene's session folder is removed there; nothing that belongs to another .blend file ever is. If writing fails, the links
+go back and the copies away; after *Save Copy*, whose paths are the copy's, the links go back alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from .._exchange.errors import MocapError, OutputNotWritable
+from ..conventions.file_paths import BESIDE, absolute, file_of, note_moved, sessions_folder, stored
+from .locations import usable
+
+
+@dataclass(frozen=True)
+class _Link:
+    """One path that the open file keeps."""
+
+    owner: Any
+    """Settings of a scene, or an action."""
+    key: str
+    follows: bool
+    """It is a file of ours, which follows the .blend file; the user's own files stay where they are."""
+
+    @property
+    def text(self) -> str:
+        """The path as it is kept."""
+        is_action = isinstance(self.owner, bpy.types.Action)
+        return str(self.owner.get(self.key, "") if is_action else getattr(self.owner, self.key))
+
+    def write(self, value: str) -> None:
+        """Keep another path."""
+        if isinstance(self.owner, bpy.types.Action):
+            self.owner[self.key] = value
+        else:
+            setattr(self.owner, self.key, value)
+
+
+@dataclass
+class Journey:
+    """What one saving has changed so far."""
+
+    before: list[tuple[_Link, str]] = field(default_factory=list)
+    """Links and what they were."""
+    copied: dict[Path, Path] = field(default_factory=dict)
+    """Files by where they were."""
+    made: list[Path] = field(default_factory=list)
+    """Copies that were not there before."""
+
+    def relink(self, link: _Link, text: str) -> None:
+        """Change a link that may have to go back."""
+        if link.text != text:
+            self.before.append((link, link.text))
+            link.write(text)
+
+    def links_back(self) -> None:
+        """Link everything to where it was."""
+        for link, text in reversed(self.before):
+            with suppress(ReferenceError):
+                link.write(text)
+
+    def back(self) -> None:
+        """Take everything back."""
+        self.links_back()
+        for path in self.made:
+            with suppress(OSError):
+                path.unlink()
+                path.parent.rmdir()
+
+    def arrive(self) -> None:
+        """Remove what has been copied out of session folders, and write down where it went."""
+        gone = {old: new for old, new in self.copied.items() if old.is_relative_to(sessions_folder())}
+        if not gone:
+            return
+        note_moved(gone)
+        for path in gone:
+            with suppress(OSError):  # what cannot be removed stays as a second copy
+                path.unlink()
+        for folder in {folder for path in gone for folder in (path.parent, path.parent.parent)}:
+            with suppress(OSError):
+                folder.rmdir() if folder != sessions_folder() else None
+
+
+class Following:
+    """The saving under way, and what the last one failed at."""
+
+    def __init__(self) -> None:
+        self.journey: Journey | None = None
+        self.failure = ""
+
+
+following = Following()
+
+
+def follow(target: Path) -> Journey:
+    """Copy what the open file references to beside a .blend file that is to be written, and link it there.
+
+    Raises:
+        OutputNotWritable: it cannot be copied; everything is as it was.
+    """
+    journey, base = Journey(), target.parent
+    try:
+        links = list(_links())
+        files = {link: file_of(link.text) for link in links if link.text}
+        journey.copied = _destinations([path for link, path in files.items() if link.follows], base)
+        for old, new in journey.copied.items():
+            if not new.exists():
+                _copy(old, new)
+                journey.made.append(new)
+        for link, path in files.items():
+            if link.key == "session":
+                journey.relink(link, "")
+            elif not _is_kept(link, path):
+                journey.relink(link, stored(journey.copied.get(path, path), base))
+    except (MocapError, OSError) as error:
+        journey.back()
+        if isinstance(error, MocapError):
+            raise
+        raise OutputNotWritable(
+            f"Captures and takes cannot be copied: {error.strerror or error}.", where=str(base)
+        ) from error
+    return journey
+
+
+def bring_home() -> None:
+    """Let files that arrived in a session folder after the file was saved follow it."""
+    if bpy.data.filepath:
+        follow(Path(bpy.data.filepath)).arrive()
+
+
+@persistent
+def before_save(target: str = "", *_: object) -> None:
+    """Let captures and takes follow; a failure is said, and the file is written with the links as they were."""
+    following.journey, following.failure = None, ""
+    if not target or not isinstance(target, str):
+        return  # the startup file
+    try:
+        following.journey = follow(Path(target))
+    except MocapError as error:
+        following.failure = f"Captures and takes stayed where they were. {error}"
+        _say(following.failure)
+
+
+@persistent
+def after_save(target: str = "", *_: object) -> None:
+    """Clear the session folder, or link back after a copy was saved."""
+    journey, following.journey = following.journey, None
+    if journey is None:
+        return
+    if Path(bpy.data.filepath) != Path(target):
+        journey.links_back()
+        return
+    try:
+        journey.arrive()
+    except MocapError as error:
+        _say(f"The session folder was kept. {error}")
+
+
+@persistent
+def after_failed_save(*_: object) -> None:
+    """Take everything back."""
+    journey, following.journey = following.journey, None
+    if journey is not None:
+        journey.back()
+
+
+def _links() -> Iterator[_Link]:
+    from ..animation.takes import PATHS
+
+    for scene in bpy.data.scenes:
+        if scene.library is None:
+            yield _Link(scene.mocap.capture, "file", follows=True)
+            yield _Link(scene.mocap.capture, "source", follows=False)
+            yield _Link(scene.mocap, "folder", follows=False)
+            yield _Link(scene.mocap, "session", follows=False)
+    for action in bpy.data.actions:
+        if action.library is None:
+            yield from (_Link(action, key, follows=True) for key in PATHS if action.get(key))
+
+
+def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
+    """Return where files go, folder by folder; one that holds other files of those names is left to them."""
+    groups: dict[Path, tuple[Path, set[Path]]] = {}
+    for path in paths:
+        root = _root(path, base)
+        if root is not None and path.is_file():
+            into, below = root
+            groups.setdefault(path.parent, (into / path.parent.relative_to(below), set()))[1].add(path)
+    moved: dict[Path, Path] = {}
+    for wanted, files in groups.values():
+        folder = next(folder for folder in _names(wanted) if all(_is_free(folder / f.name, f) for f in files))
+        moved |= {path: folder / path.name for path in sorted(files)}
+    return moved
+
+
+def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
+    """Return the folder beside the new file that takes a file in, and the one it lies in now; None if it stays."""
+    sessions = sessions_folder()
+    if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
+        return base / BESIDE, sessions / path.relative_to(sessions).parts[0]
+    for folder in _older_folders():
+        if path.is_relative_to(folder):
+            return base / BESIDE, folder
+    old = _old_base()
+    if old is None or old == base:
+        return None
+    relative = {scene.mocap.folder for scene in bpy.data.scenes if scene.mocap.folder.startswith("//")}
+    for folder in (old / BESIDE, *map(absolute, sorted(relative))):
+        if folder.is_relative_to(old) and path.is_relative_to(folder):
+            return base / folder.relative_to(old), folder
+    return None
+
+
+def _older_folders() -> list[Path]:
+    """Return where unsaved scenes' takes went before: the extension's own folder, which goes when it is removed."""
+    from . import ADDON
+
+    folders = [Path(bpy.utils.user_resource("DATAFILES", path=BESIDE))]
+    with suppress(ValueError):  # run from the source tree: not an installed extension
+        folders.append(Path(bpy.utils.extension_path_user(ADDON, path=BESIDE)))
+    return folders
+
+
+def _old_base() -> Path | None:
+    return Path(bpy.data.filepath).parent if bpy.data.filepath else None
+
+
+def _is_kept(link: _Link, path: Path) -> bool:
+    """Return whether a link means a folder below the .blend file, wherever that goes."""
+    base = _old_base()
+    return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
+
+
+def _names(folder: Path) -> Iterator[Path]:
+    yield folder
+    yield from (folder.with_name(f"{folder.name}_{n}") for n in count(2))
+
+
+def _is_free(new: Path, old: Path) -> bool:
+    """Return whether a file may go there: nothing is there, or the same already."""
+    import filecmp
+
+    return not new.exists() or filecmp.cmp(old, new, shallow=False)
+
+
+def _copy(old: Path, new: Path) -> None:
+    import shutil
+
+    usable(new.parent)
+    part = new.with_name(f".part_{new.name}")
+    try:
+        shutil.copy2(old, part)
+        part.replace(new)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _say(text: str) -> None:
+    print(text)
+    if not bpy.app.background and bpy.context.window is not None:
+        bpy.context.window_manager.popup_menu(
+            lambda menu, _: menu.layout.label(text=text, icon="ERROR"), title="Motion capture"
+        )
