@@ -28,14 +28,22 @@ class TakeTiming:
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 
-def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, *, take_over: bool) -> TakeTiming:
-    """Return where a recording of so many frames lies in a scene that takes over its rate and range, or keeps its own."""
-    if take_over:
-        set_scene_frame_rate(scene, fps)
-        timing = TakeTiming(start, fps)
-        scene.frame_start, scene.frame_end = start, timing.last_frame(frames, fps)
-        return timing
-    return TakeTiming(start, scene_frame_rate(scene))
+def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
+    """Return where a recording lies in a scene, whose rate and range are set for it or stay as they are.
+
+    Args:
+        scene: the scene.
+        frames: frames of the recording.
+        fps: its frames per second.
+        start: scene frame of its first frame.
+        scene_fps: frames per second to set; None lets the scene keep rate and range.
+    """
+    if scene_fps is None:
+        return TakeTiming(start, scene_frame_rate(scene))
+    set_scene_frame_rate(scene, scene_fps)
+    timing = TakeTiming(start, scene_fps)
+    scene.frame_start, scene.frame_end = start, timing.last_frame(frames, fps)
+    return timing
 
 
 def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from .._exchange.progress import Progress
 from .._exchange.so3 import quat_from_matrix, sign_continuous
@@ -16,12 +17,11 @@ from ..animation.curves import create_action, key_type_values, write_curves
 from ..body.armature import bone_axes, deform_bone
 from ..body.rig import Rig
 from ..conventions.skeleton import JOINTS, PARENTS
+from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
 from .plain_body import plain_copy
 from .pose_samples import PoseSamples, sample_joints
-from .take import ExportTake
-
-_UNSCALED = 1e-4
+from .take import ExportTake, uniform_scale
 
 
 @contextmanager
@@ -32,13 +32,14 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     movement included.
 
     Raises:
-        NothingToExport: the armature is scaled, which a copy that stands at the origin would lose.
+        NothingToExport: the armature is stretched, or a motion of others is asked for at another rate than the scene's.
     """
     if not is_body(take):
+        if not take.is_on_frames:
+            hint = f"Choose {scene_frame_rate(take.scene):g} frames per second, or bvh, trc or csv."
+            raise NothingToExport("Only a body of this add-on can be resampled here.", where=take.name, hint=hint)
         yield take
         return
-    if max(abs(value - 1) for value in take.armature.matrix_world.to_scale()) > _UNSCALED:
-        raise NothingToExport("The armature is scaled.", where=take.name, hint="Set its scale to 1.")
     pose = sample_joints(take, progress)
     active = bpy.context.view_layer.objects.active
     collection = bpy.data.collections.new("Export")
@@ -47,10 +48,17 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     names = [obj.name for obj in originals]
     try:
         copy = plain_copy(Rig(*originals), collection)
+        copy.armature.parent = None
         copy.armature.matrix_world.identity()
+        scale = take.metres_a_unit * uniform_scale(take)
+        if scale != 1.0:
+            copy.armature.data.transform(Matrix.Scale(scale, 4))
+            copy.mesh.data.transform(Matrix.Scale(scale, 4))
         action = _bake(copy.armature, pose, take)
         _swap_names(originals, (copy.armature, copy.mesh), names)
-        yield replace(take, armature=copy.armature, meshes=(copy.mesh,))
+        yield replace(
+            take, armature=copy.armature, meshes=(copy.mesh,), first=take.frame_start, step=1.0, is_plain=True
+        )
     finally:
         if copy is not None:
             _remove(copy, action)

@@ -9,8 +9,9 @@ import numpy as np
 
 from .._exchange.progress import Progress
 from ..conventions.skeleton import JOINTS
+from ..conventions.timing import go_to_frame
 from ..errors import NothingToExport
-from .take import ExportTake, staged
+from .take import ExportTake, staged, uniform_scale
 
 _PROGRESS_STEP = 100
 
@@ -24,7 +25,7 @@ class PoseSamples:
     parents: tuple[int, ...]
     """Index of each bone's parent, -1 at a root."""
     rest_heads: np.ndarray
-    """(J, 3) heads at rest in the armature's frame."""
+    """(J, 3) heads at rest in the armature's frame, as large as the world shows it."""
     rest_tails: np.ndarray
     """(J, 3) tails at rest."""
     rotations: np.ndarray
@@ -65,22 +66,24 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
     index = {name: i for i, name in enumerate(names)}
     rest = np.array([bones[name].matrix_local for name in names], np.float64)
     posed = np.empty((take.num_frames, len(names), 4, 4))
+    metres, times = take.metres_a_unit, take.times
     with staged(take) as (stage, depsgraph):
         for f in range(take.num_frames):
-            stage.frame_set(take.frame_start + f)
+            go_to_frame(stage, float(times[f]))
             shown = take.armature.evaluated_get(depsgraph)
             posed[f] = np.array(shown.matrix_world) @ np.array([shown.pose.bones[name].matrix for name in names])
             if f % _PROGRESS_STEP == 0:
                 progress("sampling the pose", f, take.num_frames)
     progress("sampling the pose", take.num_frames, take.num_frames)
+    scale = metres * uniform_scale(take)
     rotated = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
     return PoseSamples(
         names=names,
         parents=tuple(_parent(bones[name], index) for name in names),
-        rest_heads=rest[:, :3, 3],
-        rest_tails=np.array([bones[name].tail_local for name in names], np.float64),
+        rest_heads=scale * rest[:, :3, 3],
+        rest_tails=scale * np.array([bones[name].tail_local for name in names], np.float64),
         rotations=rotated @ rest[:, :3, :3].swapaxes(1, 2),
-        heads=posed[..., :3, 3],
+        heads=metres * posed[..., :3, 3],
         fps=take.fps,
     )
 

@@ -8,10 +8,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
 from ..animation.curves import current_action
-from ..conventions.timing import scene_frame_rate
+from ..animation.retiming import is_take, laid_rate, same_rate
+from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport
+
+_WHOLE = 1e-3
+"""Difference of frames, and relative one of rates, that is none."""
+_EVEN = 1e-4
+"""Relative difference of scales that is none."""
+_SLACK = 0.01
+"""Share of a frame that keys, which Blender keeps as single precision, may be off."""
 
 
 @dataclass(frozen=True)
@@ -25,45 +34,83 @@ class ExportTake:
     armature: bpy.types.Object
     meshes: tuple[bpy.types.Object, ...]
     """Objects that the armature deforms."""
-    frame_start: int
-    """First scene frame."""
-    frame_end: int
-    """Last scene frame."""
+    first: float
+    """Scene frame of the first frame."""
+    num_frames: int
+    """Number of frames."""
+    fps: float
+    """Frames per second."""
+    step: float = 1.0
+    """Scene frames between two frames."""
+    is_plain: bool = False
+    """It is a copy in metres with a key on every frame, made to be exported."""
 
     @property
-    def fps(self) -> float:
-        """Frames per second."""
-        return scene_frame_rate(self.scene)
+    def metres_a_unit(self) -> float:
+        """Metres of one Blender unit."""
+        return 1.0 if self.is_plain else self.scene.unit_settings.scale_length
 
     @property
-    def num_frames(self) -> int:
-        """Number of frames."""
-        return self.frame_end - self.frame_start + 1
+    def times(self) -> np.ndarray:
+        """(F,) scene frames."""
+        return self.first + self.step * np.arange(self.num_frames)
+
+    @property
+    def frame_start(self) -> int:
+        """Number of the first frame in files that count scene frames."""
+        return round(self.first)
+
+    @property
+    def frame_end(self) -> int:
+        """Number of the last frame in files that count scene frames."""
+        return self.frame_start + self.num_frames - 1
+
+    @property
+    def is_on_frames(self) -> bool:
+        """Whether its frames are those of the scene."""
+        whole = abs(self.step - 1) < _WHOLE and abs(self.first - self.frame_start) < _WHOLE
+        return whole and abs(self.fps / scene_frame_rate(self.scene) - 1) < _WHOLE
 
 
-def take_of(scene: bpy.types.Scene, obj: bpy.types.Object | None, frames: tuple[int, int] | None = None) -> ExportTake:
-    """Return the take of an armature.
+def take_of(
+    scene: bpy.types.Scene,
+    obj: bpy.types.Object | None,
+    frames: tuple[float, float] | None = None,
+    fps: float | None = None,
+) -> ExportTake:
+    """Return the take of an armature, sampled by time.
+
+    A solved take lasts as long as its motion did, also where the scene's frame rate was changed after its keys were
+    laid.
 
     Args:
         scene: scene the armature is in.
         obj: the armature, or a mesh it deforms.
         frames: first and last scene frame; None for those of the armature's action.
+        fps: frames per second of the export; None for the rate the take was solved at or, for other motions, the
+            scene's.
 
     Raises:
         NothingToExport: there is no armature, no motion, or no frame.
     """
     armature = _armature(obj)
     action = current_action(armature)
+    is_solved = action is not None and is_take(action)
+    laid = laid_rate(action) if is_solved else scene_frame_rate(scene)
+    if fps is None:
+        fps = float(action["fps"]) if is_solved else laid
     if frames is None:
         if action is None:
             hint = "Give it one, or name a range of frames."
             raise NothingToExport("The armature has no current action.", where=armature.name, hint=hint)
         start, end = action.frame_range
-        frames = math.floor(start + 1e-3), math.ceil(end - 1e-3)
+        frames = (start, end) if is_solved else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
     if frames[1] < frames[0]:
         raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are none.", where=armature.name)
     meshes = (o for o in scene.objects if o.type == "MESH" and o.find_armature() is armature)
-    return ExportTake(armature.name, scene, armature, tuple(meshes), *frames)
+    step = 1.0 if same_rate(laid, fps) else laid / fps
+    count = 1 + math.floor((frames[1] - frames[0]) / step + _SLACK)
+    return ExportTake(armature.name, scene, armature, tuple(meshes), frames[0], count, fps, step)
 
 
 @contextmanager
@@ -85,6 +132,8 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     selected, active = [obj for obj in layer.objects if obj.select_get()], layer.objects.active
     hidden = {obj: (obj.hide_viewport, obj.hide_get()) for obj in objects}
     frames = scene.frame_start, scene.frame_end, scene.frame_current, scene.frame_subframe
+    render, units = scene.render, scene.unit_settings
+    rate, scale = (render.fps, render.fps_base), units.scale_length
     try:
         for obj in selected:
             obj.select_set(False)
@@ -94,6 +143,9 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
             obj.select_set(True)
         layer.objects.active = take.armature
         scene.frame_start, scene.frame_end = take.frame_start, take.frame_end
+        if take.is_plain:
+            set_scene_frame_rate(scene, take.fps)
+            units.scale_length = 1.0
         yield scene
     finally:
         for obj in objects:
@@ -104,6 +156,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
             obj.select_set(True)
         layer.objects.active = active
         scene.frame_start, scene.frame_end = frames[:2]
+        (render.fps, render.fps_base), units.scale_length = rate, scale
         scene.frame_set(frames[2], subframe=frames[3])
 
 
@@ -118,6 +171,21 @@ def staged(take: ExportTake) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgr
             yield stage, bpy.context.evaluated_depsgraph_get()
     finally:
         bpy.data.scenes.remove(stage)
+
+
+def uniform_scale(take: ExportTake) -> float:
+    """Return how many times as large the world shows the armature, its parents' scale included.
+
+    Raises:
+        NothingToExport: it is stretched, mirrored or flat, which bones cannot show.
+    """
+    matrix = np.array(take.armature.matrix_world)[:3, :3]
+    lengths = np.linalg.norm(matrix, axis=0)
+    scale = float(lengths.mean())
+    if scale <= 0 or np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() > _EVEN or np.linalg.det(matrix) < 0:
+        hint = "Give it and its parents the same scale in all directions."
+        raise NothingToExport("The armature is stretched.", where=take.name, hint=hint)
+    return 1.0 if abs(scale - 1) < _EVEN else scale
 
 
 def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:

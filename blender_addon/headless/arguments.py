@@ -64,12 +64,21 @@ def _add_bake_options(bake: argparse.ArgumentParser) -> None:
     bake.add_argument(
         "--keys-per-second", type=_positive, metavar="N", help="keep about so many of the solver's keys, such as 2"
     )
+    bake.add_argument(
+        "--fps",
+        type=_positive,
+        metavar="N",
+        help="frame rate of the scene, the motion laid by time; the motion's own",
+    )
     bake.add_argument("--asset", action="store_true", help="mark the action as an asset")
 
 
 def _add_export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("source", type=Path, metavar="MOTION.npz|FILE.blend", help="motion file or Blender file")
     export.add_argument("--format", nargs="+", required=True, choices=_FORMATS, dest="formats", help="one or more")
+    export.add_argument(
+        "--fps", type=_positive, metavar="N", help="frames per second of the files; those the take was solved at"
+    )
     export.add_argument("--armature", default="", help="which armature of a Blender file")
 
 

@@ -45,6 +45,8 @@ class BakeRequest:
     """Write the contact sheet."""
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep; None for a key on every frame."""
+    fps: float | None = None
+    """Frame rate of the file's scene; None for the motion's own."""
     asset: bool = False
     """Mark the action as an asset."""
     overwrite: bool = False
@@ -76,7 +78,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         scene = fresh_scene()
         progress("baking", 0, 1)
         baking = time.monotonic()
-        settings = BakeSettings(keys_per_second=request.keys_per_second, asset=request.asset)
+        settings = BakeSettings(keys_per_second=request.keys_per_second, asset=request.asset, scene_fps=request.fps)
         take = bake_take(scene, motion, body, capture, settings)
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)

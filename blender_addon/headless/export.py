@@ -31,6 +31,8 @@ class ExportRequest:
     """Body file for a motion; None for the one the motion was solved for."""
     armature: str = ""
     """Which armature of a Blender file; needed where there are several."""
+    fps: float | None = None
+    """Frames per second of the files; None for those the take was solved at."""
     overwrite: bool = False
     """Replace files that are there."""
 
@@ -52,7 +54,9 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
         raise FileMissing("There is no such file.", where=str(request.source), hint="Check the path.")
     paths = {name: request.out / f"{request.source.stem}{suffix}" for name, suffix in suffixes.items()}
     _check_free(request, list(paths.values()))
-    take = take_of(*(_open(request) if request.source.suffix.lower() == ".blend" else _baked(request, progress)))
+    is_blend = request.source.suffix.lower() == ".blend"
+    scene, armature = _open(request) if is_blend else _baked(request, progress)
+    take = take_of(scene, armature, fps=request.fps)
     for name, path in paths.items():
         export_take(take, name, path, overwrite=request.overwrite, progress=progress)
     outputs = [str(path) for path in paths.values()]

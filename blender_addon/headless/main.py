@@ -91,7 +91,8 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
-        keys_per_second=options.keys_per_second, asset=options.asset, overwrite=options.overwrite,
+        keys_per_second=options.keys_per_second, asset=options.asset, fps=options.fps,
+        overwrite=options.overwrite,
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -107,7 +108,9 @@ def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     formats = tuple(dict.fromkeys(options.formats))
-    request = ExportRequest(options.source, options.out, formats, options.body, options.armature, options.overwrite)
+    request = ExportRequest(
+        options.source, options.out, formats, options.body, options.armature, options.fps, options.overwrite
+    )
     return run_export(request, progress)
 
 

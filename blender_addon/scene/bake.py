@@ -33,6 +33,8 @@ class BakeSettings:
     """Scene frame of the take's first frame."""
     set_scene: bool = True
     """Set the scene's frame rate, range and camera; otherwise keys are placed by time at the scene's own rate."""
+    scene_fps: float | None = None
+    """Frame rate that ``set_scene`` sets, by which the motion is laid; None for the motion's own."""
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
     asset: bool = False
@@ -83,7 +85,8 @@ def bake_take(
     require_body(motion, body)
     notes = _differences(motion, capture)
     start, fps = settings.frame_start, motion.fps
-    timing = set_up_time(scene, motion.num_frames, fps, start, take_over=settings.set_scene)
+    scene_fps = (settings.scene_fps or fps) if settings.set_scene else None
+    timing = set_up_time(scene, motion.num_frames, fps, start, scene_fps)
     take = child_collection(motion.name, parent or scene.collection)
     rest = body.rest_joints(motion.betas)
     figure = child_collection("Body", take)

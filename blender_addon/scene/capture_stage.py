@@ -46,7 +46,7 @@ def set_stage(
             and the capture is laid by time.
     """
     frames = max(1, capture.num_frames)
-    timing = set_up_time(scene, frames, capture.fps, frame_start, take_over=take_over)
+    timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
     cameras, notes = create_cameras(capture, collection, timing)
     if cameras and take_over:

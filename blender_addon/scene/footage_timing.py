@@ -33,7 +33,7 @@ def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
     camera[_LAID] = timing.scene_fps
     camera.driver_remove(_PATH)
     user.frame_offset = camera[_OFFSET]
-    user.frame_duration = max(1, math.ceil(count / rate - 1e-6))
+    user.frame_duration = 1 + math.ceil((count - 1) / rate - 1e-6)
     if abs(rate - 1) < 1e-6:
         return
     at = f"min(max(floor(frame-{timing.start:g}),0),{user.frame_duration - 1})"

@@ -1,12 +1,13 @@
 """Captures and takes follow their .blend file: on saving they come to lie beside it, and every path is kept relative.
 
 What is referenced is copied before the file is written and linked relative to it. Afterwards what lay in an unsaved
-scene's session folder is removed there; nothing that belongs to another .blend file ever is. If writing fails, the links
-go back and the copies away; after *Save Copy*, whose paths are the copy's, the links go back alone.
+scene's session folder is removed there; nothing that belongs to another .blend file ever is. If writing fails, the
+links go back and the copies away; after *Save Copy*, whose paths are the copy's, the links go back alone.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -80,15 +81,16 @@ class Journey:
     def arrive(self) -> None:
         """Remove what has been copied out of session folders, and write down where it went."""
         gone = {old: new for old, new in self.copied.items() if old.is_relative_to(sessions_folder())}
-        if not gone:
+        if not gone or following.solver_reads:
             return
         note_moved(gone)
         for path in gone:
             with suppress(OSError):  # what cannot be removed stays as a second copy
                 path.unlink()
-        for folder in {folder for path in gone for folder in (path.parent, path.parent.parent)}:
-            with suppress(OSError):
-                folder.rmdir() if folder != sessions_folder() else None
+        folders = {folder for path in gone for folder in (path.parent, path.parent.parent)} - {sessions_folder()}
+        for folder in sorted(folders, key=lambda folder: -len(folder.parts)):
+            with suppress(OSError):  # not empty
+                folder.rmdir()
 
 
 class Following:
@@ -97,6 +99,8 @@ class Following:
     def __init__(self) -> None:
         self.journey: Journey | None = None
         self.failure = ""
+        self.solver_reads = False
+        """The solver is at work, perhaps on files of the session folder: nothing is removed there until it is done."""
 
 
 following = Following()
@@ -266,7 +270,7 @@ def _copy(old: Path, new: Path) -> None:
 
 
 def _say(text: str) -> None:
-    print(text)
+    sys.stderr.write(f"{text}\n")
     if not bpy.app.background and bpy.context.window is not None:
         bpy.context.window_manager.popup_menu(
             lambda menu, _: menu.layout.label(text=text, icon="ERROR"), title="Motion capture"

@@ -8,6 +8,7 @@ import bpy
 
 from ..._exchange.progress import Progress
 from ...errors import NothingToExport
+from ..mesh_samples import sampled_meshes
 from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter
 from .whole_files import require_space, require_whole
@@ -30,14 +31,14 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
     progress("exporting Alembic", 0, 1)
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_VERTEX * vertices * take.num_frames)
-    with chosen(take):
+    with sampled_meshes(take) as sampled, chosen(sampled):
         run_exporter(
             bpy.ops.wm.alembic_export,
             path,
             {
                 "selected": True,
-                "start": take.frame_start,
-                "end": take.frame_end,
+                "start": sampled.frame_start,
+                "end": sampled.frame_end,
                 "global_scale": 1.0,
                 "uvs": True,
                 "normals": True,

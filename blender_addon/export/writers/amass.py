@@ -16,11 +16,12 @@ from ...conventions.skeleton import NUM_JOINTS, PARENTS
 from ...errors import NothingToExport
 from ..plain_take import is_body
 from ..pose_samples import PoseSamples, sample_joints
-from ..take import ExportTake
+from ..take import ExportTake, uniform_scale
 
 POSE_WIDTH = 156
 """SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
 _BODY = 66
+_SCALED = 1e-3
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
@@ -33,6 +34,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
         BodyMissing: its shape was changed, and the file of the body it was solved for is not at hand.
     """
     betas, rest_pelvis = _shape(take)
+    _require_own_size(take)
     pose = sample_joints(take, progress)
     rotvec = local_rotvec(pose)
     poses = np.zeros((pose.num_frames, POSE_WIDTH))
@@ -49,6 +51,14 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
         joints=pose.heads,
         body=np.array(take.armature["body"]),
     )
+
+
+def _require_own_size(take: ExportTake) -> None:
+    """Check that the world shows the body as large as its shape says."""
+    if abs(take.metres_a_unit * uniform_scale(take) - 1) > _SCALED:
+        raise NothingToExport(
+            "The armature is scaled.", where=take.name, hint="AMASS knows no scale: set it, and its parents', to 1."
+        )
 
 
 def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:

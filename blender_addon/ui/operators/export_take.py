@@ -4,8 +4,8 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..._exchange.errors import MocapError
-from ...export.formats import FORMATS
 from ...conventions.file_paths import absolute
+from ...export.formats import FORMATS
 from ..locations import RELATIVE
 
 
@@ -21,6 +21,10 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
     format: bpy.props.EnumProperty(
         name="Format", items=[(name, item.label, item.description) for name, item in FORMATS.items()], default="fbx"
     )
+    fps: bpy.props.FloatProperty(
+        name="Frame Rate", description="Frames per second of the file; 0 for those the take was solved at",
+        default=0.0, min=0.0, soft_max=240.0,
+    )  # fmt: skip
     overwrite: bpy.props.BoolProperty(
         name="Overwrite", description="Replace a file that is there", default=False, options={"HIDDEN", "SKIP_SAVE"}
     )
@@ -64,7 +68,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         windows = context.window_manager
         windows.progress_begin(0, 1)
         try:
-            take = take_of(context.scene, context.object)
+            take = take_of(context.scene, context.object, fps=self.fps or None)
             export_take(
                 take, self.format, path, overwrite=self.overwrite,
                 progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),

@@ -10,6 +10,7 @@ import bpy
 
 from ..._exchange.errors import MocapError, sentence
 from ..preferences import chosen_python
+from ..project_files import following
 from .base import MocapOperator
 
 if TYPE_CHECKING:
@@ -35,12 +36,14 @@ class Current:
     def finish(self) -> None:
         """Keep the run as the last one."""
         self.run, self.last = None, self.run
+        following.solver_reads = False
 
     def abandon(self) -> None:
         """End the run at once and forget everything; for leaving a file or switching the add-on off."""
         if self.run is not None:
             self.run.process.kill()
         self.run = self.last = None
+        following.solver_reads = False
 
 
 current = Current()
@@ -86,6 +89,7 @@ class SolverOperator(MocapOperator):
 
         self._scene = context.scene.name
         current.run = start(verb, arguments, chosen_python(context), folder)
+        following.solver_reads = True
         if bpy.app.background:
             current.run.process.wait()
             while not current.run.finished:

@@ -31,6 +31,7 @@ def unsaved(mocap, home: Path, solved: SolvedCapture) -> bpy.types.Action:
     mocap.folder = ""
     folder = locations.files_folder(bpy.context.scene) / "source_1a2b"
     shutil.copytree(solved.folder, folder)
+    (folder / "source.npz").unlink()
     here = SolvedCapture(folder, {**solved.read, "capture": str(folder / "capture.npz")})
     take_capture(bpy.context.scene, here.read)
     return take_motion(bpy.context, here.files)
@@ -201,14 +202,19 @@ def test_a_file_that_cannot_be_written_takes_everything_back(mocap, unsaved, tmp
     assert not [path for path in (tmp_path / "shot").rglob("*") if path.is_file()]
 
 
-def test_a_take_that_arrives_after_saving_comes_home(mocap, unsaved, solved, home, tmp_path) -> None:
-    """The solve was started in the session folder."""
+def test_a_take_that_arrives_after_saving_comes_home(mocap, unsaved, solved, tmp_path, monkeypatch) -> None:
+    """The solve was started in the session folder, whose files stay while the solver may read them."""
     session = Path(mocap.session)
+    monkeypatch.setattr(project_files.following, "solver_reads", True)
     save(tmp_path / "shot" / "a.blend")
+    assert (session / "source_1a2b" / "capture.npz").is_file()
     shutil.copytree(solved.folder, session / "late")
+    (session / "late" / "source.npz").unlink()
+    monkeypatch.setattr(project_files.following, "solver_reads", False)
     late = SolvedCapture(session / "late", solved.read)
     take = take_motion(bpy.context, late.files)
     assert take["motion_file"] == "//mocap/late/take_01.npz" and take_file(take, "motion_file").is_file()
+    assert not (session / "late").exists()
 
 
 def test_footage_is_linked_relative_to_the_file(mocap, unsaved, tmp_path) -> None:
