@@ -32,8 +32,9 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
     restricted maximum of the log-variance's likelihood (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is the
     share of a view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are
-    relative to the median keypoint's: how much all err together is known from what the views disagree on, and residuals
-    of a body that does not follow a fast limb yet would pass for more of it. Points that are measured once teach nothing.
+    relative to the median keypoint's: how much all err together is known from what the views disagree on, and
+    residuals of a body that does not follow a fast limb yet would pass for more of it. Points that are measured once
+    teach nothing.
 
     Args:
         subject: the person.
