@@ -159,6 +159,25 @@ def test_export_of_a_blender_file_leaves_it_alone(
     assert said(capfd)["code"] == "file_damaged"
 
 
+def test_a_shots_frame_rate_is_kept_and_the_export_lasts_as_long(
+    files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """60 frames at 30 a second, in a scene of 24: two seconds, in the file and out of it."""
+    command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
+    assert main([*command, "--fps", "24"]) == 0
+    blend = tmp_path / "walk.blend"
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    assert bpy.context.scene.render.fps == 24 and bpy.context.scene.frame_end == 49
+    export = ["export", str(blend), "--out", str(tmp_path), "--format", "csv", "--overwrite", "--json"]
+    capfd.readouterr()
+    assert main(export) == 0
+    result = said(capfd)
+    assert (result["frames"], result["fps"]) == (60, 30.0)
+    assert main([*export, "--fps", "15"]) == 0
+    result = said(capfd)
+    assert (result["frames"], result["fps"]) == (30, 15.0)
+
+
 def test_a_full_disk_leaves_no_half_blender_file(files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
     assert main(command) == 0
