@@ -29,6 +29,7 @@ def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.t
     data.shift_x, data.shift_y = lens.shift_x, lens.shift_y
     data.clip_start, data.clip_end = 0.05, 500.0
     data.display_size = 0.25
+    data["capture_camera"] = source.name
     data["image_size"] = list(source.image_size)
     data["pixel_aspect"] = list(lens.pixel_aspect)
     camera = bpy.data.objects.new(source.name, data)

@@ -14,11 +14,13 @@ from ..._exchange.motion_file import read_motion
 from ...animation.takes import SolveFiles
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
-from ...conventions.file_paths import stored
+from ...conventions.file_paths import file_of, stored
 from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.capture_stage import CaptureStage, set_stage
+from ...scene.point_player import player_of
+from ...scene.replaced_stage import replace_stage
 from ...scene.users_state import is_untouched, undisturbed
 from ..project_files import bring_home
 
@@ -36,9 +38,13 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
     file = read_capture(Path(result["capture"]))
     capture, review = scene.mocap.capture, scene.mocap.review
     take_over = takes_over(scene, scene.mocap.reading.scene_setup)
-    stage = set_stage(scene, file, frame_start=scene.frame_start, take_over=take_over)
+    is_again = capture.collection is not None and file_of(capture.file) == Path(result["capture"])
+    start = capture.frame_start if is_again and not take_over else scene.frame_start
+    stage = set_stage(scene, file, frame_start=start, take_over=take_over)
+    if is_again:
+        stage = replace_stage(scene, stage, _former(capture, stage), capture.collection)
     capture.name, capture.file = result["name"], stored(result["capture"])
-    capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], scene.frame_start
+    capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], start
     capture.joint_set, capture.markers = result["joint_set"] or "", result["markers"] or 0
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
@@ -53,12 +59,27 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         item.name, item.object, item.detections = said["name"], camera, views.get(camera)
         item.seen_percent = said["seen_percent"] or 0.0
         item.has_footage = bool(camera.data.background_images)
-    review.armature = None
-    review.first = scene.frame_start
+    if not is_again:
+        review.armature = None
+        review.pins.clear()
+    review.first = start
     review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
-    review.pins.clear()
     bring_home()
     return stage
+
+
+def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
+    """Return what is there of a capture that was read again, in the order of the new stage."""
+    items = {item.name: item for item in capture.cameras}
+    cameras = [items.get(camera.data["capture_camera"]) for camera in stage.cameras]
+    views = dict(zip(stage.cameras, cameras, strict=True))
+    known = [item.detections for item in items.values()]
+    markers = next((o for o in capture.collection.all_objects if player_of(o) is not None and o not in known), None)
+    overlays = [
+        markers if overlay.parent is None else views[overlay.parent] and views[overlay.parent].detections
+        for overlay in stage.overlays
+    ]
+    return [*(item and item.object for item in cameras), *overlays, capture.floor]
 
 
 def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:

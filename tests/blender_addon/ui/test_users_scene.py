@@ -64,6 +64,39 @@ def test_a_new_scene_takes_the_recordings_set_up_unless_told_otherwise(mocap, so
     assert state() == before and not is_untouched(scene)
 
 
+def test_reading_again_replaces_and_keeps_names_bodies_and_pins(mocap, solved: SolvedCapture) -> None:
+    scene = bpy.context.scene
+    take_capture(scene, solved.read)
+    take = take_motion(bpy.context, solved.files)
+    pin = mocap.review.pins.add()
+    pin.frame = 7
+    camera, view = mocap.capture.cameras[1].object, mocap.capture.cameras[1].detections
+    camera.name, view.name, mocap.capture.floor.name = "the left one", "her points", "stage"
+    camera.location.x += 9
+    where = len(bpy.data.objects), len(bpy.data.collections), len(bpy.data.cameras), len(bpy.data.meshes)
+    take_capture(scene, solved.read)
+    assert (len(bpy.data.objects), len(bpy.data.collections), len(bpy.data.cameras), len(bpy.data.meshes)) == where
+    item = mocap.capture.cameras[1]
+    assert (item.object.name, item.detections.name, mocap.capture.floor.name) == ("the left one", "her points", "stage")
+    assert item.object == camera and item.detections.parent == camera
+    bpy.context.view_layer.update()
+    assert abs(camera.matrix_world.translation.x) < 9
+    assert mocap.review.take == take and [pin.frame for pin in mocap.review.pins] == [7]
+
+
+def test_reading_again_brings_back_what_was_deleted(mocap, solved: SolvedCapture) -> None:
+    scene = bpy.context.scene
+    take_capture(scene, solved.read)
+    bpy.data.objects.remove(mocap.capture.cameras[0].object)
+    bpy.data.objects.remove(mocap.capture.floor)
+    count = len(bpy.data.objects)
+    take_capture(scene, solved.read)
+    assert len(bpy.data.objects) == count + 2
+    assert all(item.detections.parent == item.object for item in mocap.capture.cameras)
+    assert all(item.object is not None and item.detections is not None for item in mocap.capture.cameras)
+    assert mocap.capture.floor.name in scene.objects
+
+
 def test_a_second_import_does_not_cut_the_firsts_range(mocap, solved: SolvedCapture) -> None:
     scene = bpy.context.scene
     take_capture(scene, solved.read)
