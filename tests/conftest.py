@@ -8,10 +8,20 @@ import os
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from importlib.util import find_spec  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
+
+if find_spec("jaxtyping") and find_spec("beartype"):
+    from jaxtyping import install_import_hook
+
+    # Before anything imports the solver: its annotated shapes are checked in every call that a test makes.
+    install_import_hook(
+        [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", "metrics", "priors", "types")],
+        "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))",
+    )
 
 hypothesis.settings.register_profile(
     "mocap",

@@ -16,21 +16,32 @@ from typing import Any
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.sphere import geodesic_weights, is_antipodal, orthogonal_axis
+from solver_backend.geometry.sphere import Vectors, geodesic_weights, is_antipodal, orthogonal_axis
+from solver_backend.types.shapes import Float
+
+Keys = Float[Array, "*#batch n d"]
+"""Several vectors each."""
+Times = Float[Array, "*#batch"] | float
+"""Where on a curve."""
+Jacobian = Float[Array, "*#batch d d"]
+Jacobians = Float[Array, "*#batch n d d"]
+"""By one vector, or by each of the keys."""
 
 
 @dataclass(frozen=True)
 class Combination:
     """A point that depends on n unit keys ``p_i``, to first order."""
 
-    value: Array
+    value: Float[Array, "*batch d"]
     """(..., d) the point, unit."""
-    weights: Array
+    weights: Float[Array, "*batch n"]
     """(..., n): ``value = Σ w_i p_i`` (but for antipodal neighbours)."""
-    mixing: Array
+    mixing: Float[Array, "*batch n n n"]
     """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
-    def pull_back(self, keys: Array, cotangent: Array) -> Array:
+    def pull_back(
+        self, keys: Float[Array, "*#batch n d"], cotangent: Float[Array, "*#batch d"]
+    ) -> Float[Array, "... n d"]:
         """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys (..., n, d)."""
         xp = array_namespace(keys)
         along = xp.matmul(keys, cotangent[..., None])[..., 0]
@@ -38,7 +49,7 @@ class Combination:
         return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, keys)
 
 
-def slerp(a: Array, b: Array, t: Array | float) -> Array:
+def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     """Return the point at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), which is followed beyond its ends.
 
     ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``; series at ``ψ = 0``; from ``a`` to ``-a`` through a fixed direction.
@@ -57,7 +68,7 @@ def slerp(a: Array, b: Array, t: Array | float) -> Array:
     return value
 
 
-def sider2(a: Array, b: Array, c: Array, t: Array | float) -> Array:
+def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
     """Return the point at ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (t = ½) and ``c`` (t = 1).
 
     ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` as long as the way
@@ -77,7 +88,7 @@ def sider2(a: Array, b: Array, c: Array, t: Array | float) -> Array:
     return _sider([a, b, c], constant(t, a), slerp, _reflect)
 
 
-def sider_n(keys: Array, t: Array | float) -> Array:
+def sider_n(keys: Keys, t: Times) -> Vectors:
     """Return the point at ``t`` of the curve through n + 1 keys at ``t = 0, 1/n, ..., 1``.
 
     Two keys: SLERP; three: SIDER2; more: the Aitken-Neville recursion with geodesics for straight lines, so that in
@@ -96,25 +107,27 @@ def sider_n(keys: Array, t: Array | float) -> Array:
     return _sider(points, constant(t, keys), slerp, _reflect)
 
 
-def slerp_with_jacobian(a: Array, b: Array, t: Array | float) -> tuple[Array, tuple[Array, Array]]:
+def slerp_with_jacobian(a: Vectors, b: Vectors, t: Times) -> tuple[Vectors, tuple[Jacobian, Jacobian]]:
     """Return ``slerp(a, b, t)`` and its derivatives by ``a`` and ``b``, (..., d, d) each."""
     x, (by_a, by_b) = _with_jacobian([a, b], t)
     return x, (by_a, by_b)
 
 
-def sider2_with_jacobian(a: Array, b: Array, c: Array, t: Array | float) -> tuple[Array, tuple[Array, Array, Array]]:
+def sider2_with_jacobian(
+    a: Vectors, b: Vectors, c: Vectors, t: Times
+) -> tuple[Vectors, tuple[Jacobian, Jacobian, Jacobian]]:
     """Return ``sider2(a, b, c, t)`` and its derivatives by ``a``, ``b`` and ``c``, (..., d, d) each."""
     x, (by_a, by_b, by_c) = _with_jacobian([a, b, c], t)
     return x, (by_a, by_b, by_c)
 
 
-def sider_n_with_jacobian(keys: Array, t: Array | float) -> tuple[Array, Array]:
+def sider_n_with_jacobian(keys: Keys, t: Times) -> tuple[Vectors, Jacobians]:
     """Return ``sider_n(keys, t)`` and its derivatives by every key, (..., n + 1, d, d)."""
     x, jacobians = _with_jacobian([keys[..., i, :] for i in range(keys.shape[-2])], t)
     return x, array_namespace(keys).stack(jacobians, axis=-3)
 
 
-def sider_combination(keys: Array, t: Array | float) -> Combination:
+def sider_combination(keys: Keys, t: Times) -> Combination:
     """Return ``sider_n(keys, t)`` with its derivative in factored form, for callers that multiply by it.
 
     Args:

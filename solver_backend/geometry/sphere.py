@@ -5,6 +5,10 @@ from __future__ import annotations
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
+from solver_backend.types.shapes import Bool, Float
+
+Vectors = Float[Array, "*#batch d"]
+"""Vectors of R^d whose batches broadcast."""
 
 _SERIES_BELOW = 0.01
 """Of ``(1 + t²) sin²(ψ/2)``: below it the geodesic's weights come from their series."""
@@ -12,7 +16,7 @@ _SERIES_TERMS = 9
 _SMALL_SQUARE = 1e-8
 
 
-def sphere_exp(a: Array, v: Array) -> Array:
+def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
     """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along ``v``.
 
     Args:
@@ -29,7 +33,7 @@ def sphere_exp(a: Array, v: Array) -> Array:
     return xp.where(small, 1.0 - square / 2.0, xp.cos(length)) * a + along * v
 
 
-def sphere_log(a: Array, b: Array) -> Array:
+def sphere_log(a: Vectors, b: Vectors) -> Vectors:
     """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a``.
 
     Args:
@@ -52,7 +56,9 @@ def sphere_log(a: Array, b: Array) -> Array:
     return v
 
 
-def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
+def geodesic_weights(
+    y: Float[Array, " *#batch"], z: Float[Array, " *#batch"], t: Float[Array, " *#batch"]
+) -> tuple[Float[Array, " ..."], Float[Array, " ..."]]:
     """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, with ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
 
     Near ``ψ = 0`` from the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)``, which needs no small denominator.
@@ -85,12 +91,12 @@ def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     return xp.where(small, total, far / sine), xp.where(small, -0.5 * slope, far_slope)
 
 
-def is_antipodal(z: Array) -> Array:
+def is_antipodal(z: Float[Array, " *batch"]) -> Bool[Array, " *batch"]:
     """Return where ``z = cos²(ψ/2) = |a + b|²/4`` says that two points have no unique geodesic; (...) bool."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
-def orthogonal_axis(a: Array) -> Array:
+def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
     """Return the unit vector orthogonal to ``a`` nearest to the axis of its smallest entry; (..., d), d >= 2."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)
