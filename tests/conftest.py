@@ -14,14 +14,13 @@ from pathlib import Path  # noqa: E402
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 
-if find_spec("jaxtyping") and find_spec("beartype"):
-    from jaxtyping import install_import_hook
+CHECKED = [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", "metrics", "priors")]
+"""Packages whose annotated shapes are checked in every call; the types check their own fields."""
+if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
+    import jaxtyping
 
-    # Before anything imports the solver: its annotated shapes are checked in every call that a test makes.
-    install_import_hook(
-        [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", "metrics", "priors", "types")],
-        "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))",
-    )
+    # Before anything imports the solver. An int is a number wherever a float is asked for.
+    jaxtyping.install_import_hook(CHECKED, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 hypothesis.settings.register_profile(
     "mocap",
@@ -38,6 +37,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register the markers."""
     config.addinivalue_line("markers", "slow: takes more than a few seconds")
     config.addinivalue_line("markers", "shared: needs the recordings kept beside the repository")
+    config.addinivalue_line("markers", "misshapen: passes what the annotations forbid, to see the library refuse it")
+
+
+@pytest.fixture(autouse=True)
+def _annotations_are_checked(request: pytest.FixtureRequest) -> None:
+    """Check shapes and types, but where a test is about the library's own checks."""
+    if HAS_JAXTYPING:
+        jaxtyping.config.update("jaxtyping_disable", request.node.get_closest_marker("misshapen") is not None)
 
 
 @pytest.fixture(scope="session")

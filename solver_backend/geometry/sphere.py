@@ -5,7 +5,7 @@ from __future__ import annotations
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
-from solver_backend.types.shapes import Bool, Float
+from solver_backend.types.shapes import Float
 
 Vectors = Float[Array, "*#batch d"]
 """Vectors of R^d whose batches broadcast."""
@@ -56,9 +56,7 @@ def sphere_log(a: Vectors, b: Vectors) -> Vectors:
     return v
 
 
-def geodesic_weights(
-    y: Float[Array, " *#batch"], z: Float[Array, " *#batch"], t: Float[Array, " *#batch"]
-) -> tuple[Float[Array, " ..."], Float[Array, " ..."]]:
+def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, with ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
 
     Near ``ψ = 0`` from the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)``, which needs no small denominator.
@@ -91,7 +89,7 @@ def geodesic_weights(
     return xp.where(small, total, far / sine), xp.where(small, -0.5 * slope, far_slope)
 
 
-def is_antipodal(z: Float[Array, " *batch"]) -> Bool[Array, " *batch"]:
+def is_antipodal(z: Array) -> Array:
     """Return where ``z = cos²(ψ/2) = |a + b|²/4`` says that two points have no unique geodesic; (...) bool."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 

@@ -1,7 +1,7 @@
-"""Array types that say their shape, as in ``Float[Array, "*batch 3"]``; a name stands for one size in a signature.
+"""Array types that say their shape: in ``Float[Array, "*batch 3"]`` a name is one size throughout a signature.
 
-``*batch`` is any number of dimensions and ``#`` marks one that is broadcast (Kidger 2022, jaxtyping). Type checkers read
-the array's type alone. Nothing is checked at run time either, unless jaxtyping was imported first, as the tests do.
+``*batch`` is any number of dimensions, and ``#`` says that they broadcast (jaxtyping's notation). Type checkers see the
+array alone. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
 """
 
 from __future__ import annotations

@@ -97,6 +97,7 @@ def test_reconstruction_spread_is_stored(prior: SPoser) -> None:
     assert (prior.residual_sigma > 0).all() and (prior.residual_sigma < np.radians(45)).all()
 
 
+@pytest.mark.misshapen
 def test_bad_poses_are_named(prior: SPoser) -> None:
     good = poses(3)
     with_nan, scaled, reflected = good.copy(), good.copy(), good.copy()

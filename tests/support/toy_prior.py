@@ -11,8 +11,8 @@ from solver_backend.priors.base import PosePrior
 class ToyPrior(PosePrior):
     """``R_j = exp(A_j z)``."""
 
-    name = "toy"
-    latent_dim = 32
+    name = property(lambda self: "toy")
+    latent_dim = property(lambda self: 32)
     residual_sigma = np.full((21, 3), 0.1)
 
     def __init__(self, seed: int = 3) -> None:
@@ -31,4 +31,8 @@ class ToyPrior(PosePrior):
     def encode(self, rotations):
         raise NotImplementedError
 
-    energy = sample = encode
+    def energy(self, rotations):
+        raise NotImplementedError
+
+    def sample(self, count, seed):
+        raise NotImplementedError
