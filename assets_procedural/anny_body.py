@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.spatial import KDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from assets_procedural.anny_rig import TOPOLOGIES, Rig, read_rig
 from assets_procedural.build import write_body
@@ -62,7 +62,7 @@ def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0
     owner = _owners(rig)
     vertices, joints = _reposed(rig, owner)
     mean, directions = _components(vertices)
-    mirror = KDTree(mean).query(mean * [-1.0, 1.0, 1.0])[1]
+    mirror = cKDTree(mean).query(mean * [-1.0, 1.0, 1.0])[1]
     regressor = _regressor(mean, vertices, joints, mirror)
     off = np.linalg.norm(np.einsum("jv,nvd->njd", regressor, vertices) - joints, axis=-1)
     _LOG.info("joints off by %.2f mm on average, %.1f mm at most", 1e3 * off.mean(), 1e3 * off.max())

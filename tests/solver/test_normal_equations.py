@@ -1,5 +1,7 @@
 """Structured solves against a dense solve of the same system; LM on problems with known minima."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
