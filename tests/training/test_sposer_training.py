@@ -12,6 +12,7 @@ from torch import nn
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import silent
 from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.data.corpus import Corpus, build_corpus
@@ -72,6 +73,7 @@ def test_sposer_learns_and_exports_what_it_learned(tmp_path: Path) -> None:
 def test_vae_exports_what_it_learned(tmp_path: Path, kind: Kind) -> None:
     finished = train_vae(kind, job(tmp_path, 60))
     prior = load_prior(kind, finished.weights)
+    assert isinstance(prior, AutoencodingPrior)
     truth = swaying(0).rotations[::4].astype(np.float64)
     z = prior.encode(truth)
     R, J = prior.decode_with_jacobian(z)
