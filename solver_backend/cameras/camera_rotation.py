@@ -1,4 +1,4 @@
-"""How far a camera was turned about its own centre, and its detections as it would have seen them before."""
+"""How far a camera was rotated about its own centre, and its detections as it would have seen them before."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STEPS = 3
 """Gauss-Newton steps at each scale."""
 
 
-def turned(
+def estimated_rotation(
     camera: Cameras,
     points: Float[np.ndarray, "points 3"],
     px: Float[np.ndarray, "points 2"],
@@ -29,7 +29,9 @@ def turned(
         camera: one camera as it was calibrated.
         points: (N, 3) world metres.
         px: (N, 2) where it sees them.
-        sigma_px: (N,) standard deviations.
+        sigma_px: (N,) standard deviations, px.
+
+    Reference: Geman and McClure 1987 (the penalty); Blake and Zisserman 1987 (graduated non-convexity).
     """
     R, t = camera.R[0].copy(), camera.t[0].copy()
     for scale in SCALES:
@@ -50,12 +52,19 @@ def turned(
     return log_so3(R @ camera.R[0].T)
 
 
-def turned_back(
+def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return pixels (..., 2) as the camera would have seen them before it was turned by ``exp(rotation)``.
+    """Return pixels (..., 2) as the camera would have seen them before it was rotated by ``exp(rotation)``.
 
     The centre stays, so that every ray is only rotated: ``d = exp(ω)ᵀ d_now``.
+
+    Args:
+        camera: one camera as it was calibrated.
+        px: (..., 2) pixels as the rotated camera saw them.
+        rotation: (3,) radians, see ``estimated_rotation``.
+
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """
     n = undistort(camera.K, camera.distortion, px[None], camera.distortion_model)[0]
     rays = np.concatenate([n, np.ones_like(n[..., :1])], axis=-1) @ exp_so3(rotation)

@@ -169,8 +169,8 @@ def _invert_fisheye(xy: Array, distortion: Array) -> Array:
         angle = angle - (value - bent) / xp.where(xp.abs(growth) < 1e-3, xp.full_like(growth, 1e-3), growth)
         angle = xp.clip(angle, 0.0, 1.57)
     small = bent < 1e-8
-    stretch = xp.where(small, xp.ones_like(bent), xp.tan(angle) / xp.where(small, xp.ones_like(bent), bent))
-    return xy * stretch[..., None]
+    factor = xp.where(small, xp.ones_like(bent), xp.tan(angle) / xp.where(small, xp.ones_like(bent), bent))
+    return xy * factor[..., None]
 
 
 def _radial(u: Array, k: list[Array], model: str) -> tuple[Array, Array]:

@@ -50,6 +50,8 @@ def project(
 
     Raises:
         CalibrationInvalid: the distortion model is unknown.
+
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with the lens of ``distortion``.
     """
     _check_model(model)
     xp = array_namespace(K, points)
@@ -120,7 +122,9 @@ def rays(cameras: Cameras, xy: ImagePoints) -> tuple[Translations, Float[Array, 
         xy: (C, ..., 2) px.
 
     Returns:
-        Origins (C, 3) in metres and unit directions (C, ..., 3), NaN where ``xy`` is or has no ray.
+        Origins ``-Rᵀ t`` (C, 3) in metres and unit directions (C, ..., 3), NaN where ``xy`` is or has no ray.
+
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.2.2.
     """
     xp = array_namespace(xy)
     K, distortion, R, t = (constant(a, xy) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
@@ -131,9 +135,7 @@ def rays(cameras: Cameras, xy: ImagePoints) -> tuple[Translations, Float[Array, 
     return origin, xp.reshape(direction, (*xy.shape[:-1], 3))
 
 
-def _normalised(
-    distortion: Array, R: Array, t: Array, points: Array, model: str
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+def _normalised(distortion: Array, R: Array, t: Array, points: Array, model: str) -> tuple[Array, Array, Array, Array]:
     """Return x/z and y/z (zero where invalid), depth and validity, each (C, N)."""
     xp = array_namespace(R, points)
     camera = xp.matmul(R, xp.reshape(points, (-1, 3)).T) + t[:, :, None]

@@ -54,6 +54,8 @@ def resected(
         points: (F, K, 3) world metres, NaN where unknown.
         scale_px: residual at which a detection starts to lose its say.
         steps: Gauss-Newton steps.
+
+    Reference: Geman and McClure 1987 (the penalty); Triggs et al. 2000, sec. 7 (resection).
     """
     count = len(cameras)
     flat, target = points.reshape(-1, 3), xy.reshape(count, -1, 2)
@@ -71,7 +73,7 @@ def resected(
         weighted = by_pose * weight[..., None, None]
         normal = np.einsum("cnia,cnib->cab", weighted, by_pose) + 1e-9 * np.eye(6)
         step = np.linalg.solve(normal, np.einsum("cnia,cni->ca", weighted, error)[..., None])[..., 0]
-        turn = exp_so3(step[:, :3])
-        t = (turn @ cameras.t[..., None])[..., 0] + step[:, 3:]
-        cameras = replace(cameras, R=turn @ cameras.R, t=t)
+        rotation = exp_so3(step[:, :3])
+        t = (rotation @ cameras.t[..., None])[..., 0] + step[:, 3:]
+        cameras = replace(cameras, R=rotation @ cameras.R, t=t)
     return cameras

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from solver_backend import __version__
 from solver_backend.cli.exit_codes import EPILOG
@@ -31,19 +31,6 @@ def parse(argv: list[str]) -> argparse.Namespace:
 
 
 def _parser() -> argparse.ArgumentParser:
-    common = _Parser(add_help=False)
-    common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
-    common.add_argument("--parent-pipe", action="store_true", help="cancel as soon as standard input ends")
-    common.add_argument("-v", "--verbose", action="store_true", help="log details to standard error")
-    reading = _Parser(add_help=False)
-    reading.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
-    reading.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
-    reading.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
-    reading.add_argument("--unit", help="length unit of the calibration, such as m or mm, where it is told wrongly")
-    reading.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration's world that points up, if not z")
-    writing = _Parser(add_help=False)
-    writing.add_argument("--overwrite", action="store_true", default=None, help="replace results that are there")
-
     parser = _Parser(
         prog="python -m solver_backend",
         description="Turns multi-view keypoints into the motion of an SMPL-type body.",
@@ -52,8 +39,43 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"Manifold MoCap {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
+    common, reading, writing = _common(), _reading(), _writing()
+    _add_solve(verbs, [reading, writing, common])
+    _add_captures(verbs, common, reading, writing)
+    _add_train(verbs, common)
+    evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")
+    evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
+    evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
+    add_pose_verbs(verbs, writing, common)
+    return parser
 
-    solve = verbs.add_parser("solve", parents=[reading, writing, common], help="solve a capture and write the motion")
+
+def _common() -> _Parser:
+    options = _Parser(add_help=False)
+    options.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
+    options.add_argument("--parent-pipe", action="store_true", help="cancel as soon as standard input ends")
+    options.add_argument("-v", "--verbose", action="store_true", help="log details to standard error")
+    return options
+
+
+def _reading() -> _Parser:
+    options = _Parser(add_help=False)
+    options.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
+    options.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
+    options.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
+    options.add_argument("--unit", help="length unit of the calibration, such as m or mm, where it is told wrongly")
+    options.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration's world that points up, if not z")
+    return options
+
+
+def _writing() -> _Parser:
+    options = _Parser(add_help=False)
+    options.add_argument("--overwrite", action="store_true", default=None, help="replace results that are there")
+    return options
+
+
+def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
+    solve = verbs.add_parser("solve", parents=parents, help="solve a capture and write the motion")
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="file or folder of the capture")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write")
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
@@ -64,6 +86,8 @@ def _parser() -> argparse.ArgumentParser:
     solve.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
 
+
+def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:
     info = verbs.add_parser(
         "info", parents=[reading, common], help="say what a capture holds and what is wrong with it"
     )
@@ -78,6 +102,8 @@ def _parser() -> argparse.ArgumentParser:
     demo = verbs.add_parser("demo-capture", parents=[writing, common], help="write the embedded synthetic capture")
     demo.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
 
+
+def _add_train(verbs: Any, common: _Parser) -> None:
     train = verbs.add_parser("train", parents=[common], help="train a pose prior, or go on from its last checkpoint")
     train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ...")
     train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")
@@ -89,9 +115,3 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--learning-rate", type=float, help="at its height")
     train.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the network is trained")
     train.add_argument("--hidden", type=int, default=512, help="width of SPoser's decoder layers")
-
-    evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")
-    evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
-    evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
-    add_pose_verbs(verbs, writing, common)
-    return parser

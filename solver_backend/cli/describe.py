@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.geometry.runs import true_runs
 from solver_backend.report.faults import fault_texts, faults_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
@@ -50,11 +51,10 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of each stretch of frames in which no keypoint is seen by two cameras."""
+    """Return [first, last] of each range of frames in which no keypoint is seen by two cameras."""
     assert capture.keypoints is not None
     blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= 2).any(axis=-1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], blind.astype(np.int8), [0]])))
-    return [[int(first), int(stop) - 1] for first, stop in edges.reshape(-1, 2)]
+    return [list(run) for run in true_runs(blind)]
 
 
 def _cameras(capture: Capture) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Runs one verb: parse, do, tell, and return the exit code."""
+"""Runs one verb: parse, do, report, and return the exit code."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancellation) -> int:
-    """Run one verb; exactly one result or error is told."""
+    """Run one verb; exactly one result or error is reported."""
     try:
         args = parse(argv)
         if args.parent_pipe:

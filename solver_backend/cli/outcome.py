@@ -1,4 +1,4 @@
-"""What a verb hands back, and how it is told to a person or to a program."""
+"""What a verb hands back, and how it is reported to a person or to a program."""
 
 from __future__ import annotations
 

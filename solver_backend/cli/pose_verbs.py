@@ -80,9 +80,11 @@ def _made(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outco
     write_motion(args.out, motion, overwrite=overwrite)
     distance = prior.energy(_local(motion, body))
     data = {
-        "motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps,
+        "motion": str(args.out),
+        "frames": motion.num_frames,
+        "fps": motion.fps,
         "distance_median_rad": round(float(sorted(distance)[len(distance) // 2]), 4),
-    }  # fmt: skip
+    }
     text = f"{args.verb}: {motion.num_frames} frames, median distance to plausible poses {data['distance_median_rad']}"
     return Outcome(f"{text}\n  written     {args.out}", data)
 

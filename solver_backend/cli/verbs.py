@@ -107,10 +107,9 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
         ) from error
     names = ("steps", "batch", "learning_rate", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    finished = train_prior(
-        args.prior, args.data, args.out, seed=args.seed, settings=TrainingSettings(**chosen), hidden=args.hidden,
-        work=args.work, progress=progress,
-    )  # fmt: skip
+    options = {"seed": args.seed, "hidden": args.hidden, "work": args.work}
+    settings = TrainingSettings(**chosen)
+    finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **options)
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
     return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
@@ -118,22 +117,8 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _job(args: argparse.Namespace) -> Job:
     """Return the job of the command line: a job file, or the options that would stand in one."""
-    names = (
-        "capture",
-        "out",
-        "report",
-        "overwrite",
-        "fps",
-        "trim",
-        "joint_set",
-        "unit",
-        "up_axis",
-        "method",
-        "backend",
-        "body",
-        "resolve",
-        "frames",
-    )
+    files, chosen = ("capture", "out", "report", "overwrite"), ("method", "backend", "body")
+    names = (*files, "fps", "trim", "joint_set", "unit", "up_axis", *chosen, "resolve", "frames")
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:
         if given:
@@ -143,14 +128,13 @@ def _job(args: argparse.Namespace) -> Job:
         return Job.read(args.job)
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
-    chosen = {name: getattr(args, name) for name in ("method", "backend", "body") if getattr(args, name) is not None}
     return Job(
         capture=args.capture,
         out=args.out,
         report=args.report,
         overwrite=bool(args.overwrite),
         **_reading(args),
-        settings=SolveSettings.from_dict(chosen),
+        settings=SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given}),
         resolve=_resolve(args),
     )
 

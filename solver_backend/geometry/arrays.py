@@ -27,17 +27,17 @@ def index(values: np.ndarray, like: Array) -> Array:
 
 
 def zeros(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return zeros of the kind, type (unless told) and device of ``like``."""
+    """Return zeros of the kind, type (unless given) and device of ``like``."""
     return array_namespace(like).zeros(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def empty(shape: int | tuple[int, ...], like: Array, dtype: Any = None) -> Array:
-    """Return an array to be filled, of the kind, type (unless told) and device of ``like``."""
+    """Return an array to be filled, of the kind, type (unless given) and device of ``like``."""
     return array_namespace(like).empty(shape, dtype=dtype or like.dtype, device=device_of(like))
 
 
 def identity(size: int, like: Array, dtype: Any = None) -> Array:
-    """Return the (n, n) identity, of the kind, type (unless told) and device of ``like``."""
+    """Return the (n, n) identity, of the kind, type (unless given) and device of ``like``."""
     return array_namespace(like).eye(size, dtype=dtype or like.dtype, device=device_of(like))
 
 

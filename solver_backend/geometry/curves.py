@@ -52,9 +52,11 @@ def squad_with_jacobian(
     inner, (by_control_a, by_control_b) = slerp_with_jacobian(control_a, control_b, t)
     x, (by_outer, by_inner) = slerp_with_jacobian(outer, inner, 2.0 * t * (1.0 - t))
     return x, (
-        xp.matmul(by_outer, by_a), xp.matmul(by_outer, by_b),
-        xp.matmul(by_inner, by_control_a), xp.matmul(by_inner, by_control_b),
-    )  # fmt: skip
+        xp.matmul(by_outer, by_a),
+        xp.matmul(by_outer, by_b),
+        xp.matmul(by_inner, by_control_a),
+        xp.matmul(by_inner, by_control_b),
+    )
 
 
 def squad_controls(keys: Keys) -> Keys:

@@ -17,6 +17,8 @@ def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) ->
     Args:
         a: (..., 4) wxyz.
         b: (..., 4) wxyz, broadcast against ``a``.
+
+    Reference: Hamilton 1844, "On quaternions".
     """
     xp = array_namespace(a, b)
     aw, ax, ay, az = (a[..., i] for i in range(4))
@@ -47,6 +49,8 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 
     Returns:
         (..., 3, 3).
+
+    Reference: Shoemake 1985, "Animating rotation with quaternion curves", appendix.
     """
     xp = array_namespace(q)
     s = 2.0 / xp.sum(q * q, axis=-1)
@@ -90,7 +94,7 @@ def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 
 
 def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz."""
+    """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
     xp = array_namespace(v)
     square = xp.sum(v * v, axis=-1)
     small = square < _SMALL_SQUARE
@@ -103,7 +107,7 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     """Return the rotation vector, of length 0..π, of quaternions of any length but zero.
 
-    ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π.
+    ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π (Grassia 1998).
 
     Args:
         q: (..., 4) wxyz.
@@ -133,6 +137,8 @@ def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]
 
     Returns:
         (..., 4, 3).
+
+    Reference: Solà 2017, "Quaternion kinematics for the error-state Kalman filter" (global rates).
     """
     xp = array_namespace(q)
     w, x, y, z = (0.5 * q[..., i] for i in range(4))

@@ -97,6 +97,8 @@ def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*bat
 
     Returns:
         (..., 3, 3).
+
+    Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2".
     """
     _, _, _, inverse = _coefficients(v)
     return _polynomial(v, array_namespace(v).full_like(inverse, -0.5), inverse)

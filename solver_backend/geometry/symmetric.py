@@ -13,7 +13,7 @@ _PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:
-    """Return the inverse by cofactors; NaN where the matrix is singular.
+    """Return the inverse ``adj A / det A`` by cofactors (Cramer 1750); NaN where the matrix is singular.
 
     Args:
         A: (..., 3, 3) symmetric positive semi-definite.

@@ -56,6 +56,8 @@ def rmse_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray
 
     Raises:
         ShapeMismatch: the shapes differ.
+
+    Reference: thesis 6.3.4.
     """
     return 1000.0 * float(np.sqrt(mean_or_nan(distances_m(found, truth) ** 2)))
 
@@ -101,6 +103,8 @@ def pck_percent(
 
     Raises:
         ShapeMismatch: the shapes differ.
+
+    Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts"; thesis 6.3.4.
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)

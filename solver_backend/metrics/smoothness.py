@@ -14,7 +14,7 @@ SKATING_HEIGHT_M = 0.025
 def accelerations_m_s2(
     points: Float[np.ndarray, "frames points 3"], fps: float
 ) -> Float[np.ndarray, "accelerations points 3"]:
-    """Return second differences times fps squared.
+    """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` (thesis 6.3.4).
 
     Args:
         points: (F, N, 3) metres.

@@ -1,4 +1,4 @@
-"""Stretches in which a view shows somebody else than the person whom most views agree on."""
+"""Frame ranges in which a view shows somebody else than the person whom most views agree on."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.cameras.view_checks.label_swaps import LIMBS, limb_columns
-from solver_backend.cameras.view_checks.view_consistency import Stretch, contradictions, runs
-from solver_backend.cameras.view_checks.view_repair import LeftOut
+from solver_backend.cameras.view_checks.checked_views import CheckedViews
+from solver_backend.cameras.view_checks.label_swaps import EXCHANGED, limb_columns
+from solver_backend.cameras.view_checks.view_consistency import ViewRange, inconsistent_ranges, view_runs
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.people.detections import Detections
-from solver_backend.people.person_finding import find_person, strange_views
+from solver_backend.people.person_finding import doubtful_views, find_person
 from solver_backend.types import Cameras, Keypoints2D
 
 BRIEF_S = 0.25
-"""Fewer frames of somebody else are left to the robust penalty; sightings this close together are one stretch."""
+"""Fewer frames of somebody else are left to the robust penalty; sightings this close together are one range."""
 
 LEAST_TORSO = 3
-"""Keypoints of head and trunk from which a contradiction is told."""
+"""Keypoints of head and trunk by which a contradiction is judged."""
 
 
-def leave_out_strangers(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> LeftOut:
+def exclude_bystanders(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
+) -> CheckedViews[ViewRange]:
     """Drop what a view shows while its detector took a passer-by for the person.
 
-    Views that agree on a passer-by may be as many as those that agree on the person, or more: who is the person is told
-    by following both through space and through each view (see ``find_person``). A view that is alone is believed.
+    Views that agree on a passer-by may be as many as those that agree on the person, or more: the person is found by
+    following both through space and through each view (see ``find_person``). A view that is alone is believed.
 
     Args:
         cameras: C cameras; with two, nothing is left out.
@@ -35,29 +37,28 @@ def leave_out_strangers(cameras: Cameras, keypoints: Keypoints2D, triangulation:
     """
     least = BRIEF_S * keypoints.fps
     doubtful = len(cameras) > 2 and _torsos_apart(keypoints, triangulation, 0.5 * least)
-    strange = _strange(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
-    stretches = [Stretch(*run) for run in runs(_closed(strange, round(least)))]
-    stretches = [s for s in stretches if strange[s.view, s.frames].sum() >= least]
-    if not stretches:
-        return LeftOut(keypoints, triangulation, ())
+    strange = _bystander(cameras, keypoints) if doubtful else np.zeros(keypoints.confidence.shape[:2], bool)
+    view_ranges = [ViewRange(*run) for run in view_runs(_closed(strange, round(least)))]
+    view_ranges = [s for s in view_ranges if strange[s.view, s.frames].sum() >= least]
+    if not view_ranges:
+        return CheckedViews(keypoints, triangulation, ())
     confidence = keypoints.confidence.copy()
-    for stretch in stretches:
-        confidence[stretch.view, stretch.frames][strange[stretch.view, stretch.frames]] = 0.0
+    for view_range in view_ranges:
+        confidence[view_range.view, view_range.frames][strange[view_range.view, view_range.frames]] = 0.0
     keypoints = replace(keypoints, confidence=confidence)
-    return LeftOut(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(stretches))
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(view_ranges))
 
 
 def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:
     """Return whether some view contradicts the others in what exchanged limbs do not move: only then following pays."""
-    limbs = [side for limb in LIMBS for side in limb_columns(keypoints.joint_set, limb)]
+    limbs = [side for limb in EXCHANGED for side in limb_columns(keypoints.joint_set, limb)]
     columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), np.concatenate(limbs))
     columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)
-    inliers, residual = (np.asarray(a)[:, :, columns] for a in (triangulation.inliers, triangulation.residual_px))
-    torso = replace(triangulation, inliers=inliers, residual_px=residual)
-    return bool(contradictions(torso, keypoints.confidence[:, :, columns], least_frames))
+    torso = triangulation.of_keypoints(columns)
+    return bool(inconsistent_ranges(torso, keypoints.confidence[:, :, columns], least_frames))
 
 
-def _strange(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
+def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
     """Return (C, F) where a view sees somebody who is not the person, and another view sees somebody too."""
     everybody = Detections(
         cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
@@ -68,14 +69,14 @@ def _strange(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
     except (NoDetections, TooFewViews):
         return np.zeros(sees.shape, bool)
     person = accepted[:, :, 0]
-    person[strange_views(everybody, accepted)] = True
+    person[doubtful_views(everybody, accepted)] = True
     return sees & ~person & (sees.sum(axis=0) > 1)
 
 
 def _closed(mask: np.ndarray, frames: int) -> np.ndarray:
     """Return (C, F) with gaps of at most so many frames filled."""
     closed = mask.copy()
-    for view, first, last in runs(~mask):
+    for view, first, last in view_runs(~mask):
         if last - first < frames and first > 0 and last < mask.shape[1] - 1:
             closed[view, first : last + 1] = True
     return closed

@@ -19,7 +19,7 @@ def concatenated(blocks: list[PeopleInSpace]) -> PeopleInSpace:
     )
 
 
-def settled(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
+def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
     """Return the best groups that share no detection, by frame.
 
     A group's score is multiplied by how often its views' tracks agree over the whole take: the rays of two different

@@ -1,4 +1,4 @@
-"""Tell the person from everybody else by agreement between the views, so that a bystander is never mixed in."""
+"""Separate the person from everybody else by agreement between the views, so that a bystander is never mixed in."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.people.detections import Detections
-from solver_backend.people.exclusive_assignment import concatenated, settled
+from solver_backend.people.exclusive_assignment import assigned_exclusively, concatenated
 from solver_backend.people.person_tracks import persons
 from solver_backend.people.sightings import Sightings, sightings
 from solver_backend.people.view_agreement import (
@@ -53,7 +53,7 @@ class FoundPerson:
 
 
 def find_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FoundPerson:
-    """Tell which detections are the person whom most views agree on over the take.
+    """Find the detections that are the person whom most views agree on over the take.
 
     In each frame the detections of all views are grouped into people in space; these are tracked, and the person with
     the most agreement is chosen.
@@ -62,7 +62,7 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
         cameras: C cameras in the order of the detections' views.
         detections: everybody in every view.
         fps: frames per second.
-        progress: told how many frames were compared.
+        progress: called with how many frames were compared.
 
     Raises:
         NoDetections, TooFewViews: see ``select_person``.
@@ -74,7 +74,7 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
     for done, block in candidates(seen):
         blocks.append(block)
         progress("Comparing the views", done, detections.num_frames)
-    people = settled(concatenated(blocks), tracks)
+    people = assigned_exclusively(concatenated(blocks), tracks)
     found = persons(people, tracks, fps)
     if not found:
         raise NoDetections(
@@ -87,7 +87,7 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
     return FoundPerson(people, found, *_accepted(seen, points, near, others, tracks))
 
 
-def strange_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
+def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
     """Return the views that see one person alone, who is hardly ever accepted: the view itself is in doubt."""
     people = detections.people()
     seen = (people > 0).sum(1)
@@ -150,7 +150,7 @@ def _accepted(
 
     A detection is the person if its keypoints lie where the person's are, as closely as is usual in this recording,
     and if that holds for most of the view's own track it belongs to: someone who passes behind the person keeps their
-    track, and is told by the rest of it.
+    track, and is known by the rest of it.
     """
     frames = np.flatnonzero(near)
     distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)

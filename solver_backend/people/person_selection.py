@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.people.detections import Detections
-from solver_backend.people.person_finding import FoundPerson, find_person, strange_views
+from solver_backend.people.person_finding import FoundPerson, doubtful_views, find_person
 from solver_backend.types import Cameras, Keypoints2D
 
 AGREEING_SHARE = 0.65
@@ -33,14 +33,10 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
     """Return the person whom most views agree on over the take.
 
     Detections of anybody else are dropped, wherever they stand in the files and however large or certain they are. A
-    view that never shows two people at once is kept as it is: whether it is turned, mirrored, late, named like another
+    view that never shows two people at once is kept as it is: whether it is rotated, mirrored, late, named like another
     or shows somebody else for a while is found out before a solve, by all of its detections.
 
-    Args:
-        cameras: C cameras in the order of the detections' views.
-        detections: everybody in every view.
-        fps: frames per second.
-        progress: told how many frames were compared.
+    Args: those of ``find_person``.
 
     Raises:
         NoDetections: nobody is detected, or no two views agree on anybody.
@@ -52,7 +48,7 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
     problems += tuple(
         f"Camera {cameras.names[c]} sees one person, but never where the other cameras do: it may be turned, mirrored, "
         "late or named like another."
-        for c in strange_views(detections, found.accepted)
+        for c in doubtful_views(detections, found.accepted)
     )
     xy, confidence, detection = _merged(detections, accepted, found.fit)
     keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps)

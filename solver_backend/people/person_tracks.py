@@ -156,11 +156,11 @@ def _joined(
         a, b = divmod(int(flat), len(tracklets))
         if follower[a] < 0 and not followed[b]:
             follower[a], followed[b] = b, True
-    chains = []
+    joined = []
     for start in np.flatnonzero(~followed):
-        chain, i = [], int(start)
+        pieces, i = [], int(start)
         while i >= 0:
-            chain.append(tracklets[i])
+            pieces.append(tracklets[i])
             i = int(follower[i])
-        chains.append(np.concatenate(chain))
-    return chains
+        joined.append(np.concatenate(pieces))
+    return joined

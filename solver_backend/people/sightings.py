@@ -8,13 +8,12 @@ import numpy as np
 
 from solver_backend.cameras.projection import undistort
 from solver_backend.people.detections import Detections
-from solver_backend.types import Cameras, JointSet
+from solver_backend.types import LIMBS, Cameras, JointSet
 
 MIN_POINTS = 4
 """Keypoints two detections must share to be compared."""
 MIN_CONFIDENCE = 0.1
 """Keypoints less certain than this are not compared."""
-_NAMES = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Sightings:
 def compared_keypoints(joint_set: JointSet) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns that are compared between views and, for each, the position of its mirror image among them."""
     names = joint_set.keypoints
-    wanted = ["nose", *(f"{side}_{name}" for name in _NAMES for side in ("left", "right"))]
+    wanted = ["nose", *(f"{side}_{name}" for name in LIMBS["arms"] + LIMBS["legs"] for side in ("left", "right"))]
     columns = np.array([names.index(name) for name in wanted if name in names])
     mirrored = np.array(joint_set.mirrored())[columns]
     return columns, np.array([int(np.flatnonzero(columns == m)[0]) for m in mirrored])

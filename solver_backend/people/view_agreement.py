@@ -42,7 +42,7 @@ class PeopleInSpace:
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
     """Yield the frames done so far and, for each block of frames, every group of detections that may be one person.
 
-    Groups may share detections: two rays of different people can meet by chance. ``settled`` decides.
+    Groups may share detections: two rays of different people can meet by chance. ``assigned_exclusively`` decides.
     """
     frames = seen.xy.shape[1]
     for start in range(0, frames, _FRAMES_AT_A_TIME):
@@ -85,7 +85,8 @@ def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
 def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return midpoint (N, J, 3) and length (N, J) in metres of the shortest segment between rays of two views.
 
-    Both are NaN where a keypoint is missing, the rays are nearly parallel, or they meet behind a camera.
+    Both are NaN where a keypoint is missing, the rays are nearly parallel, or they meet behind a camera (midpoint
+    method; Hartley and Sturm 1997, "Triangulation").
     """
     d_a, d_b = _directions(cameras, a, n_a), _directions(cameras, b, n_b)
     base = cameras.centres[b] - cameras.centres[a]
@@ -198,7 +199,10 @@ def _without_copies(
 
 
 def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
-    """Return (N, J, 3) the points nearest to the rays of all views: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``."""
+    """Return (N, J, 3) the points nearest to the rays of all views in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
+
+    Hartley and Sturm 1997, "Triangulation" (midpoint method), for any number of views.
+    """
     count, joints = len(frame), seen.xy.shape[3]
     A, b = np.zeros((count, joints, 3, 3)), np.zeros((count, joints, 3))
     used = np.zeros((count, joints), np.int64)

@@ -66,7 +66,7 @@ def _between(joints: np.ndarray, start: str, end: str) -> np.ndarray:
 
 
 def _angle_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angle between vectors, well-conditioned at 0 and 180 degrees too."""
+    """Return ``atan2(|a × b|, a·b)`` in degrees, well-conditioned at 0 and 180 too."""
     cross = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.degrees(np.arctan2(cross, (a * b).sum(-1)))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from solver_backend.types import Fault, FaultKind, Motion, Remedy
 
 LONGEST_LIST = 6
-"""Stretches of frames named one by one; the rest is counted."""
+"""Ranges of frames named one by one; the rest is counted."""
 
 _DONE = {
     Remedy.REPAIRED: "put right",
@@ -25,7 +25,7 @@ class FaultText:
     what: str
     advice: str
     bad: bool
-    """The solve suffers; otherwise it was put right."""
+    """The solve suffers; otherwise it was repaired."""
 
 
 def faults_of(motion: Motion) -> list[Fault]:
@@ -42,7 +42,7 @@ def fault_texts(faults: Sequence[Fault], fps: float) -> list[FaultText]:
 
 
 def frames_text(runs: Sequence[tuple[int, int]], fps: float) -> str:
-    """Return stretches of frames as text, the longest ones by name."""
+    """Return ranges of frames as text, the longest ones by name."""
     longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
     named = [f"frame {a}" if a == b else f"frames {a}-{b} ({(b - a + 1) / fps:.2f} s)" for a, b in longest]
     more = f" and {len(runs) - len(longest)} shorter ones" if len(runs) > len(longest) else ""

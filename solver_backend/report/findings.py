@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.geometry.runs import true_runs
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.report.faults import fault_texts, faults_of, frames_text
-from solver_backend.report.statistics import Residuals, detected_share, stretches
+from solver_backend.report.statistics import Residuals, detected_share
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, FaultKind, Motion
 
 BELOW_FLOOR_M = 0.05
@@ -52,7 +53,7 @@ def _flagged(motion: Motion) -> Iterator[Finding]:
          "Compare with the footage: a limb may be swapped, hidden or badly detected."),
     )  # fmt: skip
     for bit, level, what, advice in kinds:
-        runs = list(stretches((motion.flags & bit) > 0))
+        runs = true_runs((motion.flags & bit) > 0)
         if runs:
             yield Finding(f"{what}: {frames_text(runs, motion.fps)}.", advice, level)
 

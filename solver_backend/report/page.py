@@ -117,6 +117,6 @@ def _subtitle(capture: Capture, motion: Motion) -> str:
 
 
 def _compared(capture: Capture, motion: Motion) -> Evaluation | None:
-    """Return the comparison with the truth and the yardstick, where the capture knows its truth."""
+    """Return the comparison with the truth and the baseline, where the capture knows its truth."""
     known = {"joints", "keypoints3d"} <= set(capture.truth)
     return evaluate(capture, motion) if known and motion.keypoints3d is not None else None

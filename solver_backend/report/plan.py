@@ -62,8 +62,8 @@ def _camera(cameras: Cameras, c: int, length: float, at: Place) -> str:
     centre, forward = cameras.centres[c, :2], cameras.R[c, 2, :2]
     forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
     half = float(np.arctan2(cameras.image_size[c, 0] / 2, cameras.K[c, 0, 0]))
-    turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (half, -half)]
-    corners = [at(centre), *(at(centre + length * (turn @ forward)) for turn in turns)]
+    rotations = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (half, -half)]
+    corners = [at(centre), *(at(centre + length * (rotation @ forward)) for rotation in rotations)]
     points = " ".join(f"{x},{y}" for x, y in corners)
     x, y = at(centre - 0.25 * length * forward)
     name = text(cameras.names[c])

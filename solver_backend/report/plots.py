@@ -1,4 +1,4 @@
-"""Plots over time as inline SVG: lines with shaded stretches, and strips of tinted cells."""
+"""Plots over time as inline SVG: lines with shaded ranges, and strips of tinted cells."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.report.markup import text
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
-"""Points a line is drawn with; longer takes show the lowest and highest value of each stretch."""
+"""Points a line is drawn with; longer takes show the lowest and highest value of each block."""
 MAX_READABLE = 6000
 """Frames up to which the values themselves travel with the plot, for the read-out under the pointer."""
 
@@ -30,7 +30,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Shade:
-    """A stretch of frames that deserves a look."""
+    """A range of frames that deserves a look."""
 
     first: int
     last: int
@@ -40,23 +40,27 @@ class Shade:
 
 
 def time_plot(
-    lines: Sequence[Line], fps: float, unit: str, *, height: float = 150.0, shades: Sequence[Shade] = (),
-    marks: np.ndarray | None = None, width: float = WIDTH, from_zero: bool = False, digits: int = 1,
-) -> str:  # fmt: skip
-    """Return curves over seconds, with shaded stretches behind and ticks (keyframes) below.
+    lines: Sequence[Line],
+    fps: float,
+    unit: str,
+    *,
+    size: tuple[float, float] = (WIDTH, 150.0),
+    shades: Sequence[Shade] = (),
+    marks: np.ndarray | None = None,
+    from_zero: bool = False,
+) -> str:
+    """Return curves over seconds, with shaded ranges behind and ticks (keyframes) below.
 
     Args:
         lines: curves of the same F frames.
         fps: frames per second.
         unit: of the vertical axis.
-        height: of the drawing, in the drawing's units.
-        shades: stretches of frames behind the curves.
+        size: width and height of the drawing, in its own units.
+        shades: ranges of frames behind the curves.
         marks: frame numbers of the ticks.
-        width: of the drawing.
         from_zero: the vertical axis begins at 0.
-        digits: decimals of the read-out.
     """
-    frames = len(lines[0].values)
+    (width, height), frames = size, len(lines[0].values)
     low, high, steps = _vertical_axis(lines, from_zero)
     x = _Scale(0.0, max(frames - 1, 1), LEFT, width - RIGHT)
     y = _Scale(low, high, height - BOTTOM, TOP)
@@ -71,7 +75,7 @@ def time_plot(
             for m in marks
         ]
     parts.append(f'<line class="cursor" y1="{TOP}" y2="{height - BOTTOM}" x1="0" x2="0"/>')
-    return _figure(parts, width, height, _reading(lines, fps, unit, digits, width))
+    return _figure(parts, width, height, _reading(lines, fps, unit, 1, width))
 
 
 def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Sequence[Shade] = ()) -> str:
@@ -80,7 +84,7 @@ def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Se
     Args:
         rows: names and (F,) values in 0..1.
         fps: frames per second.
-        shades: stretches of frames marked above the strips.
+        shades: ranges of frames marked above the strips.
     """
     row_height, left, frames = 20.0, 130.0, len(rows[0][1])
     height = TOP + row_height * len(rows) + BOTTOM
@@ -137,7 +141,7 @@ def _shade(shade: Shade, x: _Scale, height: float) -> str:
 
 
 def thinned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame numbers and values to draw: all, or of each stretch the lowest and the highest in their order."""
+    """Return frame numbers and values to draw: all, or of each block the lowest and the highest in their order."""
     frames = np.arange(len(values))
     if len(values) <= MAX_POINTS:
         return frames, values

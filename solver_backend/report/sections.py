@@ -6,13 +6,14 @@ import json
 
 import numpy as np
 
+from solver_backend.geometry.runs import true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles
 from solver_backend.report.findings import Finding
 from solver_backend.report.markup import facts, heat_table, number, section, text
 from solver_backend.report.plan import plan
-from solver_backend.report.plots import Line, Shade, strip_plot, time_plot
-from solver_backend.report.statistics import Residuals, detected_share, located_share, stretches
+from solver_backend.report.plots import WIDTH, Line, Shade, strip_plot, time_plot
+from solver_backend.report.statistics import Residuals, detected_share, located_share
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
@@ -24,14 +25,14 @@ SHADES_KEY = (
 
 
 def shades_of(motion: Motion) -> list[Shade]:
-    """Return the flagged stretches of a motion."""
+    """Return the flagged frame ranges of a motion."""
     if motion.flags is None:
         return []
     kinds = ((FLAG_UNSURE, "unsure", "far from the detections or hardly known"), (FLAG_UNSEEN, "unseen", "bridged"))
     return [
         Shade(first, last, kind, f"frames {first}-{last}: {label}")
         for bit, kind, label in kinds
-        for first, last in stretches((motion.flags & bit) > 0)
+        for first, last in true_runs((motion.flags & bit) > 0)
     ]
 
 
@@ -100,7 +101,7 @@ def residual_section(motion: Motion, residuals: Residuals | None) -> str:
         Line(residuals.by_frame(0.5), "median", "a"),
     ]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
-    plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, height=190)
+    plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
     lead = "Distance between the solved body and the detections of all cameras. A hump is where to scrub to first."
     key = '<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the detections are below</p>'
     return section("Residual over time", plot + key + SHADES_KEY, lead, "residual")
@@ -110,10 +111,12 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     """Joint angles of both sides, with the truth where it is known."""
     truth = _truth_joints(capture, motion)
     both = [
-        ("Knee flexion", "°", angles.knee_flexion_deg), ("Hip flexion", "°", angles.hip_flexion_deg),
-        ("Elbow flexion", "°", angles.elbow_flexion_deg), ("Shoulder elevation", "°", angles.shoulder_elevation_deg),
+        ("Knee flexion", "°", angles.knee_flexion_deg),
+        ("Hip flexion", "°", angles.hip_flexion_deg),
+        ("Elbow flexion", "°", angles.elbow_flexion_deg),
+        ("Shoulder elevation", "°", angles.shoulder_elevation_deg),
         ("Height of the foot joint", "cm", angles.foot_height_cm),
-    ]  # fmt: skip
+    ]
     plots = []
     for title, unit, measure in both:
         lines = (
@@ -135,7 +138,7 @@ def angles_section(capture: Capture, motion: Motion) -> str:
 
 
 def _small_plot(title: str, unit: str, lines: list[Line], motion: Motion) -> str:
-    plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), width=500.0, height=140.0)
+    plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), size=(500.0, 140.0))
     return f"<div><h3>{text(title)}, {text(unit)}</h3>{plot}</div>"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,7 @@ from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
 RAYLEIGH_MEDIAN = 1.1774
-"""Median length of a 2D error whose coordinates have standard deviation 1."""
+"""Median length of a 2D error whose coordinates have standard deviation 1: ``sqrt(2 ln 2)`` (Rayleigh 1880)."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,10 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def quantile(values: np.ndarray, q: float, axis: int) -> np.ndarray:
-    """Return the quantile of the finite values along an axis, NaN where there is none (and no warning)."""
+    """Return the quantile of the finite values along an axis, NaN where there is none (and no warning).
+
+    Linear between the order statistics at ``(n - 1) q`` (Hyndman and Fan 1996, definition 7).
+    """
     ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=axis)
     count = np.isfinite(values).sum(axis=axis, keepdims=True)
     place = np.maximum(count - 1, 0) * q
@@ -108,13 +110,6 @@ def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.nd
     """Return the percentage of ``of`` in which ``yes`` holds too, NaN where ``of`` is empty."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
-
-
-def stretches(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield the first and last frame of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(mask, dtype=np.int8), [0]])))
-    for first, stop in edges.reshape(-1, 2):
-        yield int(first), int(stop) - 1
 
 
 def detected_share(capture: Capture) -> np.ndarray | None:

@@ -11,9 +11,11 @@ from solver_backend.types.joint_sets import (
     SMPL_PARENTS,
     JointSet,
 )
+from solver_backend.types.limbs import FEET, LIMBS
 from solver_backend.types.motion import FLAG_UNSEEN, FLAG_UNSURE, Motion
 
 __all__ = [
-    "FLAG_UNSEEN", "FLAG_UNSURE", "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
+    "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS",
+    "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
     "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "Motion", "Remedy",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.report.angles import knee_flexion_deg
-from solver_backend.report.plots import Line, time_plot
+from solver_backend.report.plots import WIDTH, Line, time_plot
 from tests.benchmarks.judgement import Row
 from tests.benchmarks.passage import Passage
 
@@ -28,7 +28,7 @@ def knee_flexion(path: Path, passage: Passage) -> None:
             for (label, motion), style in zip(passage.motions.items(), STYLES, strict=True)
         ]
         fps = next(iter(passage.motions.values())).fps
-        drawing = re.search(r"<svg.*</svg>", time_plot(lines, fps, "°", height=260.0), re.S)
+        drawing = re.search(r"<svg.*</svg>", time_plot(lines, fps, "°", size=(WIDTH, 260.0)), re.S)
         assert drawing is not None
         key = "".join(
             f'<path class="line {line.style}" d="M{60 + 220 * i} 16h24"/>'

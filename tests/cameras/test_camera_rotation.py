@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver_backend.cameras.camera_rotation import turned, turned_back
+from solver_backend.cameras.camera_rotation import estimated_rotation, rotated_back
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from tests.cameras.triangulation.test_triangulate import record, ring
@@ -17,12 +17,12 @@ def test_the_rotation_comes_back_from_noisy_pixels_with_outliers(model, rotation
     points = points.reshape(-1, 3)
     turn, rng = exp_so3(np.array(rotation)), np.random.default_rng(0)
     px = project(camera.K, camera.distortion, turn @ camera.R, (turn @ camera.t[..., None])[..., 0], points, model)[0]
-    back = turned_back(camera, px, np.array(rotation))
+    back = rotated_back(camera, px, np.array(rotation))
     before = project(camera.K, camera.distortion, camera.R, camera.t, points, model)[0]
     known = np.isfinite(back).all(-1)
     assert known.mean() > 0.9
     np.testing.assert_allclose(back[known], before[known], atol=1e-4)
     noisy = px + 2.0 * rng.normal(size=px.shape) + 150.0 * (rng.random(len(px)) < 0.1)[:, None]
     known = np.isfinite(noisy).all(-1)
-    found = turned(camera, points[known], noisy[known], np.full(int(known.sum()), 2.0))
+    found = estimated_rotation(camera, points[known], noisy[known], np.full(int(known.sum()), 2.0))
     np.testing.assert_allclose(found, rotation, atol=2e-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.people.bystanders import leave_out_strangers
+from solver_backend.people.bystanders import exclude_bystanders
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 from tests.support.scenes import detected, ring_of_cameras, walker
 
@@ -23,7 +23,7 @@ def filmed(cameras: Cameras, stolen: dict[int, slice]) -> Keypoints2D:
 
 
 def without_strangers(cameras: Cameras, keypoints: Keypoints2D):
-    return leave_out_strangers(cameras, keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence))
+    return exclude_bystanders(cameras, keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence))
 
 
 def test_views_that_agree_on_a_passerby_are_left_out_though_they_are_as_many():
@@ -31,7 +31,7 @@ def test_views_that_agree_on_a_passerby_are_left_out_though_they_are_as_many():
     stolen = {0: slice(30, 60), 2: slice(35, 70)}
     keypoints = filmed(cameras, stolen)
     found = without_strangers(cameras, keypoints)
-    assert [(s.view, s.first, s.last) for s in found.stretches] == [(0, 30, 59), (2, 35, 69)]
+    assert [(s.view, s.first, s.last) for s in found.found] == [(0, 30, 59), (2, 35, 69)]
     expected = keypoints.confidence.copy()
     for view, frames in stolen.items():
         expected[view, frames] = 0.0
@@ -45,7 +45,7 @@ def test_thefts_that_follow_each_other_closely_are_one_stretch_and_brief_ones_ar
     cameras = ring_of_cameras()
     keypoints = filmed(cameras, {1: np.r_[20:26, 28:34], 3: slice(50, 53)})  # type: ignore[dict-item]
     found = without_strangers(cameras, keypoints)
-    assert [(s.view, s.first, s.last) for s in found.stretches] == [(1, 20, 33)]
+    assert [(s.view, s.first, s.last) for s in found.found] == [(1, 20, 33)]
     left = found.keypoints.confidence.max(axis=-1) > 0
     assert left[1, 26:28].all() and not left[1, 20:26].any() and left[3].all()
 

@@ -13,7 +13,6 @@ from solver_backend.report.statistics import (
     quantile,
     residuals_of,
     share,
-    stretches,
 )
 from tests.support.solved import FRAMES, GAP, bare, solved
 
@@ -68,14 +67,6 @@ def test_what_was_detected_and_what_can_be_placed():
     empty, _ = bare(*solved())
     assert detected_share(empty) is None
     assert located_share(empty) is None
-
-
-@pytest.mark.parametrize(
-    ("mask", "runs"),
-    [([], []), ([0, 0], []), ([1, 1], [(0, 1)]), ([1, 0, 1, 1, 0, 1], [(0, 0), (2, 3), (5, 5)])],
-)
-def test_runs_of_frames(mask, runs):
-    assert list(stretches(np.array(mask, dtype=bool))) == runs
 
 
 def test_share_of_nothing_is_nan():

@@ -1,4 +1,4 @@
-"""Where each view should see a keypoint, told from the other views alone."""
+"""Where each view should see a keypoint, predicted from the other views alone."""
 
 from __future__ import annotations
 
@@ -30,9 +30,12 @@ class Predictions:
 
 
 def predict_views(
-    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, triangulation: Triangulation,
+    cameras: Cameras,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    triangulation: Triangulation,
     frames: np.ndarray | None = None,
-) -> Predictions:  # fmt: skip
+) -> Predictions:
     """Predict every view from the others by one linear step around the triangulated points.
 
     With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is expected at
@@ -45,6 +48,9 @@ def predict_views(
         confidence: (C, F, K), 0 where missing.
         triangulation: of the same detections.
         frames: numbers of the frames to predict; None for all.
+
+    Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
+    linear regression and its predictive variance).
     """
     rig, start = Rig.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
     inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
@@ -68,27 +74,27 @@ def _predicted(
     J = np.where(usable[..., None, None], J, np.nan_to_num(J))
     scaled = np.swapaxes(J, -1, -2) / sigma_px[:, None, None] ** 2
     residual = np.where(usable[..., None], xy - px, 0.0)
-    information, pull = scaled @ J, (scaled @ residual[..., None])[..., 0]
+    information, gradient = scaled @ J, (scaled @ residual[..., None])[..., 0]
     inliers = inliers & usable
     agreeing = inliers.sum(axis=0) - inliers
-    information_of, pull_of = _of_others(information, pull, inliers)
-    information_all, pull_all = _of_others(information, pull, usable)
+    information_of, gradient_of = _of_others(information, gradient, inliers)
+    information_all, gradient_all = _of_others(information, gradient, usable)
     several = agreeing >= 2
     information_of = np.where(several[..., None, None], information_of, information_all)
-    pull_of = np.where(several[..., None], pull_of, pull_all)
+    gradient_of = np.where(several[..., None], gradient_of, gradient_all)
     spread = inverse_symmetric_3x3(information_of + np.eye(3) / DEPTH_SIGMA_M**2)
-    step = spread @ pull_of[..., None]
+    step = spread @ gradient_of[..., None]
     covariance = J @ spread @ np.swapaxes(J, -1, -2)
     covariance += np.eye(2) * sigma_px[:, None, None] ** 2
     seen_by_others = (usable.sum(axis=0) - usable) > 0
     return Predictions(np.where(seen_by_others[..., None], px + (J @ step)[..., 0], np.nan), covariance)
 
 
-def _of_others(information: np.ndarray, pull: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return for each view the sums over the other views that are counted."""
     information = np.where(counted[..., None, None], information, 0.0)
-    pull = np.where(counted[..., None], pull, 0.0)
-    return information.sum(axis=0) - information, pull.sum(axis=0) - pull
+    gradient = np.where(counted[..., None], gradient, 0.0)
+    return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ _SMALLEST_DETERMINANT = 1e-5
 
 
 @dataclass(frozen=True)
-class Sightings:
+class UndistortedViews:
     """N points as C undistorted views see them."""
 
     normalised: Array
@@ -32,7 +32,7 @@ class Sightings:
     """(C, 2) px."""
 
 
-def best_hypothesis(views: Sightings, scale_px: Array) -> Array:
+def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
     """Return for every point the linear triangulation that its views agree with most.
 
     Tried are all usable views, all but one, and every pair (of the ``MOST_VIEWS`` most confident views of that point).
@@ -61,16 +61,17 @@ def best_hypothesis(views: Sightings, scale_px: Array) -> Array:
     lowest = xp.full_like(total[0], math.inf)
     for system, allowed in subsets:
         point, solvable = _solve(system)
-        cost = xp.where(allowed & solvable, _disagreement(views, point, scale_px), xp.full_like(lowest, math.inf))
+        cost = xp.where(allowed & solvable, _robust_cost(views, point, scale_px), xp.full_like(lowest, math.inf))
         better = cost < lowest
         best, lowest = xp.where(better[None, :], point, best), xp.where(better, cost, lowest)
     return best.T
 
 
-def _ray_equations(views: Sightings) -> Array:
+def _ray_equations(views: UndistortedViews) -> Array:
     """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` of the rays ``o + s d``.
 
-    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays.
+    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays in metres (midpoint method; Hartley
+    and Sturm 1997).
     """
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
@@ -98,8 +99,8 @@ def _solve(system: Array) -> tuple[Array, Array]:
     return xp.stack(solution, axis=0) * scale, solvable
 
 
-def _disagreement(views: Sightings, point: Array, scale_px: Array) -> Array:
-    """Return the (N,) robust cost of points (3, N) in all views; a point behind a camera disagrees fully."""
+def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Array:
+    """Return the (N,) cost of ``best_candidate`` of points (3, N); a point behind a camera counts as infinitely far."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.triangulation.linear_candidates import Sightings, best_hypothesis
+from solver_backend.cameras.triangulation.linear_candidates import UndistortedViews, best_candidate
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.types import Cameras
@@ -20,7 +20,7 @@ ROBUST_SIGMAS = 3.0
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
-"""A point that moves less is finished: to tell which views agree, and for good."""
+"""A point that moves less is finished: to decide which views agree, and for good."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,8 @@ def fit_points(rig: Rig, px: Array, weight: Array, spread: Array) -> tuple[Array
         px: (C, N, 2) detections.
         weight: (C, N) confidence, zero where missing.
         spread: (N,) standard deviation of the detections, px.
+
+    Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
     """
     xp = array_namespace(px)
     points = _locate(rig, px, weight, ROBUST_SIGMAS * spread)
@@ -71,8 +73,8 @@ def _locate(rig: Rig, px: Array, weight: Array, scale_px: Array) -> Array:
     usable = (weight > 0) & xp.all(xp.isfinite(normalised), axis=-1)
     normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
     focal = xp.stack((rig.K[:, 0, 0], rig.K[:, 1, 1]), axis=-1)
-    views = Sightings(normalised, xp.where(usable, weight, xp.zeros_like(weight)), rig.R, rig.t, focal)
-    return _refine(rig, px, weight, best_hypothesis(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
+    views = UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), rig.R, rig.t, focal)
+    return _refine(rig, px, weight, best_candidate(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
 
 
 def _refine(
@@ -131,9 +133,9 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
     count, coordinates = J.shape[1], 2 * J.shape[0]
     rows = xp.reshape(xp.permute_dims(J, (1, 0, 2, 3)), (count, coordinates, 3))
     weights = xp.reshape(xp.permute_dims(xp.stack((w, w), axis=-1), (1, 0, 2)), (count, 1, coordinates))
-    turned = xp.matrix_transpose(rows) * weights
+    rows_T = xp.matrix_transpose(rows) * weights
     residuals = xp.reshape(xp.permute_dims(error, (1, 0, 2)), (count, coordinates, 1))
-    return xp.matmul(turned, rows), xp.matmul(turned, residuals)[..., 0]
+    return xp.matmul(rows_T, rows), xp.matmul(rows_T, residuals)[..., 0]
 
 
 def _agreeing(rig: Rig, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
@@ -145,7 +147,10 @@ def _agreeing(rig: Rig, px: Array, weight: Array, points: Array, spread: Array) 
 
 
 def covariance_of(rig: Rig, weight: Array, points: Array, spread: Array) -> Array:
-    """Return the (N, 3, 3) covariance of the weighted estimator, NaN where fewer than two views have weight."""
+    """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN where fewer than two views have weight.
+
+    ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
+    """
     xp = array_namespace(weight)
     zero = xp.zeros_like(weight)
     error, J, _ = _errors(rig, xp.stack((zero, zero), axis=-1), weight, points)

@@ -53,7 +53,7 @@ def triangulate(
 ) -> Triangulation:
     """Locate keypoints seen by several views, rejecting views that do not agree.
 
-    The best of many linear triangulations (see ``best_hypothesis``) is refined by Gauss-Newton on
+    The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on
     ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ that of Geman and McClure; views further off than
     ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance is that of the weighted estimator,
     ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers.
@@ -76,7 +76,9 @@ def triangulate(
     Raises:
         TooFewViews: there are fewer than two cameras.
         CalibrationMismatch: ``xy`` has another number of views than there are cameras.
-        KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` disagree.
+        KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` differ.
+
+    Reference: Geman and McClure 1987 (ρ); Huber 1967 (the covariance).
     """
     _check(cameras, xy, confidence)
     xp = array_namespace(xy, confidence)

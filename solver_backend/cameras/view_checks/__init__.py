@@ -1,1 +1,1 @@
-"""Whether the views of one person agree, and their repair: cameras turned, mirrored, exchanged, late; limbs swapped."""
+"""Do the views of one person agree, and their repair: cameras rotated, mirrored, exchanged or late, limbs swapped."""

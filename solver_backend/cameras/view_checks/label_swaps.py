@@ -1,4 +1,4 @@
-"""Left and right limbs exchanged by the detector in one view for a while: told by other views and by time, undone."""
+"""Left and right limbs that the detector exchanged in one view for a while: found by other views and time, undone."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.leave_one_out import Predictions, predict_views
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.checked_views import CheckedViews
 from solver_backend.cameras.view_checks.two_state_viterbi import best_states
-from solver_backend.cameras.view_checks.view_consistency import runs
-from solver_backend.types import Cameras, JointSet, Keypoints2D
+from solver_backend.cameras.view_checks.view_consistency import view_runs
+from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
-LIMBS: dict[str, tuple[str, ...]] = {
-    "arms": ("shoulder", "elbow", "wrist"),
-    "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel", "foot"),
-}
+EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}
 """Keypoints that a detector exchanges together."""
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure penalty of a distance."""
@@ -48,29 +46,20 @@ class LabelSwap:
     """By how much the frames' cost fell: twice the logarithm of a likelihood ratio, roughly."""
 
 
-@dataclass(frozen=True)
-class Unswapped:
-    """Detections with their sides put right."""
-
-    keypoints: Keypoints2D
-    """The detections."""
-    triangulation: Triangulation
-    """Of these detections."""
-    swaps: tuple[LabelSwap, ...]
-    """What was exchanged, in the order of view, limb and frame."""
-
-
-def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> Unswapped:
+def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
     """Find and undo exchanges of left and right limbs in single views.
 
-    For each view and pair of limbs a two-state chain runs over the frames. Its states are judged by the distance of
-    the detections to where the other views expect them, its transitions by the way the detections would jump. Of
+    For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are judged by how far the
+    detections are from where the other views expect them, its transitions by the way the detections would jump. Of
     exchanges that overlap in several views the one that explains most is undone first, and the others are judged anew.
+    What was found is in the order of view, limb and frame.
 
     Args:
         cameras: C cameras.
         keypoints: detections of one person.
         triangulation: of these detections.
+
+    Reference: Viterbi 1967 (the best states of a chain).
     """
     found: list[LabelSwap] = []
     predictions = _predictions(cameras, keypoints, triangulation, np.arange(keypoints.num_frames))
@@ -84,7 +73,7 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
         anew = _predictions(cameras, keypoints, triangulation, changed)
         predictions.px[:, changed], predictions.covariance[:, changed] = anew.px, anew.covariance
         found += swaps
-    return Unswapped(keypoints, triangulation, tuple(sorted(found, key=lambda s: (s.view, s.limb, s.first))))
+    return CheckedViews(keypoints, triangulation, tuple(sorted(found, key=lambda s: (s.view, s.limb, s.first))))
 
 
 def _predictions(
@@ -98,7 +87,7 @@ def _predictions(
 
 def _columns(joint_set: JointSet) -> np.ndarray:
     """Return the columns of all limbs, rising."""
-    return np.sort(np.concatenate([side for limb in LIMBS for side in limb_columns(joint_set, limb)]))
+    return np.sort(np.concatenate([side for limb in EXCHANGED for side in limb_columns(joint_set, limb)]))
 
 
 def _frames_of(swaps: list[LabelSwap], num_frames: int) -> np.ndarray:
@@ -124,16 +113,16 @@ def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
 def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns of the left and of the right keypoints of a pair of limbs."""
     names, mirrored = joint_set.keypoints, joint_set.mirrored()
-    left = [k for k, name in enumerate(names) if name.startswith("left_") and name[5:] in LIMBS[limb]]
+    left = [k for k, name in enumerate(names) if name.startswith("left_") and name[5:] in EXCHANGED[limb]]
     return np.array(left, dtype=int), np.array([mirrored[k] for k in left], dtype=int)
 
 
 def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
-    """Return every exchange that some view's chain prefers, judged as if the other views were right."""
+    """Return every exchange that some view's best states hold, judged as if the other views were right."""
     columns = _columns(keypoints.joint_set)
     step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
     found = []
-    for limb in LIMBS:
+    for limb in EXCHANGED:
         left, right = limb_columns(keypoints.joint_set, limb)
         if not len(left):
             continue
@@ -143,7 +132,7 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
         unary[..., 1] += STATE_COST
         transition = _over_time(a, b, step_px)
         states = best_states(unary, transition)
-        for view, first, last in runs(states):
+        for view, first, last in view_runs(states):
             gain = _gain(unary[view], transition[view], first, last)
             if gain >= LEAST_GAIN:
                 found.append(LabelSwap(view, limb, first, last, gain))
@@ -155,7 +144,8 @@ def _against_views(
 ) -> np.ndarray:
     """Return (C, F, 2) the cost of left and right as labelled and exchanged, by their distance to the predictions.
 
-    Both sides are judged with the mean of their covariances, so that an uncertain side attracts nothing.
+    The distance is Mahalanobis' (1936), ``dᵀ C⁻¹ d`` with d in px. Both sides are judged with the mean of their
+    covariances, so that an uncertain side attracts nothing.
     """
     px, covariance = predictions.px, predictions.covariance
     spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
@@ -197,7 +187,7 @@ def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
 
 
 def _penalty(squared: np.ndarray) -> np.ndarray:
-    """Return Geman and McClure's ``½ s² r² / (r² + s²)``."""
+    """Return ``½ s² r² / (r² + s²)`` of squared distances r² in variances (Geman and McClure 1987)."""
     scale = ROBUST_SIGMAS**2
     return 0.5 * scale * squared / (squared + scale)
 
@@ -226,7 +216,7 @@ def _again(
     """Return the triangulation with the exchanged limbs computed anew."""
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
-    for limb in LIMBS:
+    for limb in EXCHANGED:
         columns = np.concatenate(limb_columns(keypoints.joint_set, limb))
         frames = np.flatnonzero(_frames_of([swap for swap in swaps if swap.limb == limb], keypoints.num_frames))
         at, of = np.ix_(frames, columns), (slice(None), frames[:, None], columns)

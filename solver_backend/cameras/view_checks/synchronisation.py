@@ -1,4 +1,4 @@
-"""By how many frames each camera runs ahead of or behind the others, told from how the views disagree over time."""
+"""By how many frames each camera is ahead of or behind the others, estimated from how the views disagree over time."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.leave_one_out import Predictions, predict_views
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types import LIMBS, Cameras, Keypoints2D
 
-LIMBS = ("elbow", "wrist", "knee", "ankle", "shoulder", "hip")
-"""Keypoints that are compared."""
 SAMPLED_FRAMES = 200
 """Frames on which views are compared."""
 REACH_FRAMES = 8
@@ -24,7 +22,7 @@ MOTION_FRAMES = 4
 LEAST_MOTION = 6.0
 """Mean square, in variances, of the way of a keypoint over twice so many frames: less may be noise alone."""
 LARGEST_SIGMA_FRAMES = 0.2
-"""A delay less certain than this, as if all detections erred independently, cannot be told: too little moves."""
+"""A delay less certain than this, as if all detections erred independently, cannot be estimated: too little moves."""
 MEDIAN_FRAMES = 5
 """Length of the running median that takes outliers from the tracks before they are interpolated."""
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -36,7 +34,7 @@ class Delays:
     """How late each of C cameras is."""
 
     frames: np.ndarray
-    """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0; NaN where it cannot be told."""
+    """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0; NaN where unknown."""
     sigma: np.ndarray
     """(C,) standard deviation."""
 
@@ -51,10 +49,13 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarr
     Args:
         cameras: C cameras.
         keypoints: detections of one person.
-        sigma_px: (K,) standard deviation of the detections.
+        sigma_px: (K,) standard deviation of the detections, px.
+
+    Reference: Lucas and Kanade 1981 (the shift that aligns two signals, by Gauss-Newton).
     """
     frames = _sampled(keypoints.num_frames)
-    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(LIMBS)]
+    compared = LIMBS["arms"] + LIMBS["legs"]
+    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
     tracks, sigma_px = _smooth(keypoints.xy[:, :, limbs]), sigma_px[limbs]
     delay, sigma = np.zeros(len(cameras)), np.full(len(cameras), np.nan)
     if len(cameras) < 3 or not len(frames):

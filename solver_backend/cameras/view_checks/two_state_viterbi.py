@@ -1,4 +1,4 @@
-"""The best sequence of a two-state chain, found for many chains and all frames at once."""
+"""The best states of a two-state Markov chain (Viterbi), found for many chains and all frames at once."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def best_states(unary: np.ndarray, transition: np.ndarray) -> np.ndarray:
     steps = transition + unary[..., None, :]
     steps[..., 0, :, :] = unary[..., 0, None, :]
     forward = _running_product(steps).min(axis=-2)
-    turned = np.swapaxes(transition[..., 1:, :, :] + unary[..., 1:, None, :], -1, -2)[..., ::-1, :, :]
+    reversed_T = np.swapaxes(transition[..., 1:, :, :] + unary[..., 1:, None, :], -1, -2)[..., ::-1, :, :]
     backward = np.zeros_like(unary)
-    backward[..., :-1, :] = _running_product(turned).min(axis=-2)[..., ::-1, :]
+    backward[..., :-1, :] = _running_product(reversed_T).min(axis=-2)[..., ::-1, :]
     through = forward + backward
     return through[..., 1] < through[..., 0]
 

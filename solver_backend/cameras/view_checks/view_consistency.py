@@ -1,4 +1,4 @@
-"""When does a view contradict the others: stretches in which most of its detections are outliers."""
+"""When does a view contradict the others: frame ranges in which most of its detections are outliers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.two_state_viterbi import best_states
+from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Cameras
 
 OUTLIERS_AGREEING, OUTLIERS_CONTRADICTING = 0.15, 0.7
@@ -17,13 +18,13 @@ FRAME_WEIGHT = 6.0
 SWITCH_COST = 15.0
 """Cost of a change between the two."""
 JUDGED_FRAMES = 16
-"""Frames of a stretch on which explanations are tried."""
+"""Frames of a range on which explanations are tried."""
 DISAGREEING_SIGMAS = 3.0
 """Residual that counts half in the misfit."""
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ViewRange:
     """Frames first..last of a view."""
 
     view: int
@@ -41,20 +42,22 @@ class Stretch:
         return slice(self.first, self.last + 1)
 
     def sample(self, count: int = JUDGED_FRAMES) -> np.ndarray:
-        """Return up to ``count`` frames spread over the stretch."""
+        """Return up to ``count`` frames spread over the range."""
         return np.unique(np.linspace(self.first, self.last, min(count, self.length)).round().astype(int))
 
 
-def contradictions(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[Stretch]:
-    """Return the stretches in which a view contradicts the others, the longest first.
+def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, least_frames: float) -> list[ViewRange]:
+    """Return the frame ranges in which a view contradicts the others, the longest first.
 
-    A two-state chain for each view; the outliers of a frame are binomial with the one or the other share. A keypoint
-    that three views see and no two agree on is an outlier in each.
+    A two-state Markov chain for each view; the outliers of a frame are binomial with the one or the other share. A
+    keypoint that three views see and no two agree on is an outlier in each.
 
     Args:
         triangulation: of all detections.
         confidence: (C, F, K), 0 where missing.
-        least_frames: shorter stretches are left out.
+        least_frames: shorter ranges are left out.
+
+    Reference: Viterbi 1967; Rabiner 1989, "A tutorial on hidden Markov models".
     """
     inliers = np.asarray(triangulation.inliers)
     located = np.isfinite(np.asarray(triangulation.residual_px))
@@ -67,16 +70,14 @@ def contradictions(triangulation: Triangulation, confidence: np.ndarray, least_f
     )
     transition = np.zeros((*unary.shape, 2))
     transition[..., 0, 1] = transition[..., 1, 0] = SWITCH_COST
-    found = [Stretch(*run) for run in runs(best_states(unary, transition))]
+    found = [ViewRange(*run) for run in view_runs(best_states(unary, transition))]
     long = [s for s in found if s.length >= least_frames]
     return sorted(long, key=lambda s: (s.first - s.last, s.view))
 
 
-def runs(states: np.ndarray) -> list[tuple[int, int, int]]:
+def view_runs(states: np.ndarray) -> list[tuple[int, int, int]]:
     """Return view, first and last frame of each run of true states (C, F)."""
-    change = np.diff(np.pad(states.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    first, last = np.argwhere(change > 0), np.argwhere(change < 0)
-    return [(int(c), int(f), int(stop) - 1) for (c, f), (_, stop) in zip(first, last, strict=True)]
+    return [(view, *run) for view, mask in enumerate(states) for run in true_runs(mask)]
 
 
 def misfit(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
@@ -86,7 +87,9 @@ def misfit(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: n
         cameras: C cameras.
         xy: (C, F, K, 2) px.
         confidence: (C, F, K), 0 where missing.
-        sigma_px: (K,) standard deviation of the detections.
+        sigma_px: (K,) standard deviation of the detections, px.
+
+    Reference: Geman and McClure 1987.
     """
     square = np.asarray(triangulate(cameras, xy, confidence, sigma_px).residual_px) ** 2
     share = np.where(np.isfinite(square), square / (square + (DISAGREEING_SIGMAS * sigma_px) ** 2), 1.0)

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_rotation import turned, turned_back
+from solver_backend.cameras.camera_rotation import estimated_rotation, rotated_back
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.cameras.view_checks.view_consistency import Stretch, misfit
+from solver_backend.cameras.view_checks.view_consistency import ViewRange, misfit
 from solver_backend.types import Cameras, Keypoints2D
 
 EXPLAINED = 0.4
 """Largest misfit of a view whose fault is undone; of a view of good detections it is about 0.2."""
 BETTER = 0.6
 """Undoing the fault leaves at most this share of the misfit."""
-SMALLEST_TURN_DEG = 2.5
-"""A camera turned by less is left alone: its calibration, or that of the others, is merely not exact."""
+SMALLEST_ROTATION_DEG = 2.5
+"""A camera rotated by less is left alone: its calibration, or that of the others, is merely not exact."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Mirrored:
     image: bool
     """x runs from right to left."""
 
-    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: Stretch) -> Keypoints2D:
-        """Return the detections with this undone in the stretch."""
+    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
+        """Return the detections with this undone in the range."""
         xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
         part, sure = xy[at.view, at.frames], confidence[at.view, at.frames]
         if self.image:
@@ -48,18 +48,18 @@ class NamedLike:
     other: int
     """Index of the other view."""
 
-    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: Stretch) -> Keypoints2D:
-        """Return the detections with the two views exchanged in the stretch."""
+    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
+        """Return the detections with the two views exchanged in the range."""
         xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
-        pair, turned_round = [at.view, self.other], [self.other, at.view]
-        xy[pair, at.frames] = keypoints.xy[turned_round, at.frames]
-        confidence[pair, at.frames] = keypoints.confidence[turned_round, at.frames]
+        pair, exchanged = [at.view, self.other], [self.other, at.view]
+        xy[pair, at.frames] = keypoints.xy[exchanged, at.frames]
+        confidence[pair, at.frames] = keypoints.confidence[exchanged, at.frames]
         return replace(keypoints, xy=xy, confidence=confidence)
 
 
 @dataclass(frozen=True)
-class Turned:
-    """The camera was turned about its centre."""
+class Rotated:
+    """The camera was rotated about its centre."""
 
     rotation: tuple[float, float, float]
     """Rotation vector in radians, camera axes."""
@@ -69,22 +69,22 @@ class Turned:
         """Return the angle."""
         return float(np.rad2deg(np.linalg.norm(self.rotation)))
 
-    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: Stretch) -> Keypoints2D:
+    def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
         """Return the detections as the camera would have seen them before."""
         xy = keypoints.xy.copy()
         camera = cameras.subset([at.view])
-        xy[at.view, at.frames] = turned_back(camera, xy[at.view, at.frames], np.array(self.rotation))
+        xy[at.view, at.frames] = rotated_back(camera, xy[at.view, at.frames], np.array(self.rotation))
         return replace(keypoints, xy=xy)
 
 
-Explanation = Mirrored | NamedLike | Turned
+Explanation = Mirrored | NamedLike | Rotated
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An explanation of a stretch, tried."""
+    """An explanation of a range, tried."""
 
-    stretch: Stretch
+    view_range: ViewRange
     explanation: Explanation
     before: float
     """Mean misfit of the views concerned, as detected."""
@@ -99,43 +99,45 @@ class Trial:
         return self.after < EXPLAINED and self.after < BETTER * self.before
 
 
-def explain(cameras: Cameras, keypoints: Keypoints2D, suspects: list[Stretch], sigma_px: np.ndarray) -> Trial | None:
+def explain(cameras: Cameras, keypoints: Keypoints2D, suspects: list[ViewRange], sigma_px: np.ndarray) -> Trial | None:
     """Return the explanation that leaves least misfit among all views, None where none convinces.
 
     Args:
         cameras: C cameras.
         keypoints: detections of one person.
-        suspects: stretches of views that may be to blame.
+        suspects: frame ranges of views that may be to blame.
         sigma_px: (K,) standard deviation of the detections.
     """
-    tried = [trial for stretch in suspects for trial in _trials(cameras, keypoints, stretch, sigma_px)]
+    tried = [trial for view_range in suspects for trial in _trials(cameras, keypoints, view_range, sigma_px)]
     convincing = [trial for trial in tried if trial.convinces]
     return min(convincing, key=lambda trial: trial.total) if convincing else None
 
 
-def _trials(cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, sigma_px: np.ndarray) -> list[Trial]:
-    """Return every explanation of one stretch, tried on a sample of its frames."""
-    frames = stretch.sample()
+def _trials(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, sigma_px: np.ndarray) -> list[Trial]:
+    """Return every explanation of one range, tried on a sample of its frames."""
+    frames = view_range.sample()
     few = replace(keypoints, xy=keypoints.xy[:, frames], confidence=keypoints.confidence[:, frames])
-    at = Stretch(stretch.view, 0, len(frames) - 1)
+    at = ViewRange(view_range.view, 0, len(frames) - 1)
     before = misfit(cameras, few.xy, few.confidence, sigma_px)
     choices: list[Explanation] = [Mirrored(True, True), Mirrored(False, True), Mirrored(True, False)]
-    choices += [NamedLike(other) for other in range(len(cameras)) if other != stretch.view]
-    turn = _turn(cameras, few, at, sigma_px)
-    choices += [turn] if turn is not None else []
+    choices += [NamedLike(other) for other in range(len(cameras)) if other != view_range.view]
+    rotated = _rotated(cameras, few, at, sigma_px)
+    choices += [rotated] if rotated is not None else []
     trials = []
     for choice in choices:
         undone = choice.undone(cameras, few, at)
         after = misfit(cameras, undone.xy, undone.confidence, sigma_px)
-        concerned = [stretch.view, choice.other] if isinstance(choice, NamedLike) else [stretch.view]
+        concerned = [view_range.view, choice.other] if isinstance(choice, NamedLike) else [view_range.view]
         trials.append(
-            Trial(stretch, choice, float(before[concerned].mean()), float(after[concerned].mean()), float(after.mean()))
+            Trial(
+                view_range, choice, float(before[concerned].mean()), float(after[concerned].mean()), float(after.mean())
+            )
         )
     return trials
 
 
-def _turn(cameras: Cameras, keypoints: Keypoints2D, at: Stretch, sigma_px: np.ndarray) -> Turned | None:
-    """Return how the view's camera was turned, judged by the points that the others locate."""
+def _rotated(cameras: Cameras, keypoints: Keypoints2D, at: ViewRange, sigma_px: np.ndarray) -> Rotated | None:
+    """Return how the view's camera was rotated, judged by the points that the others locate."""
     others = [i for i in range(len(cameras)) if i != at.view]
     if len(others) < 2:
         return None
@@ -144,7 +146,7 @@ def _turn(cameras: Cameras, keypoints: Keypoints2D, at: Stretch, sigma_px: np.nd
     if seen.sum() < 6:
         return None
     sigma = np.broadcast_to(sigma_px, seen.shape)[seen]
-    rotation = turned(cameras.subset([at.view]), points[seen], keypoints.xy[at.view][seen], sigma)
+    rotation = estimated_rotation(cameras.subset([at.view]), points[seen], keypoints.xy[at.view][seen], sigma)
     x, y, z = rotation.tolist()
-    turn = Turned((x, y, z))
-    return turn if turn.degrees >= SMALLEST_TURN_DEG else None
+    rotated = Rotated((x, y, z))
+    return rotated if rotated.degrees >= SMALLEST_ROTATION_DEG else None

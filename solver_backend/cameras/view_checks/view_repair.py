@@ -1,4 +1,4 @@
-"""Views that contradict the others put right or left out, one after the other, until the views agree."""
+"""Views that contradict the others, repaired or excluded one after the other until the views agree."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.cameras.view_checks.view_consistency import Stretch, contradictions, misfit
+from solver_backend.cameras.view_checks.checked_views import CheckedViews
+from solver_backend.cameras.view_checks.view_consistency import ViewRange, inconsistent_ranges, misfit
 from solver_backend.cameras.view_checks.view_faults import BETTER, Explanation, NamedLike, explain
 from solver_backend.types import Cameras, Keypoints2D
 
 LASTING_S = 1.0
 """What is explained lasts: names, sides and cameras do not change for less. Limbs may (see ``label_swaps``)."""
 BRIEF_S = 0.25
-"""Shorter contradictions are left to the robust penalty."""
+"""Shorter inconsistent_ranges are left to the robust penalty."""
 USUAL_SIGMA_SHARE = 0.005
 """Detectors scatter by this share of the image's longer side; views that scatter more may agree on a wrong world."""
 SUSPECT_SHARE = 0.6
@@ -32,43 +33,19 @@ SOUND = 0.3
 
 @dataclass(frozen=True)
 class ViewFault:
-    """A stretch of a view that contradicted the others, and why."""
+    """A frame range of a view that contradicted the others, and why."""
 
-    stretch: Stretch
+    view_range: ViewRange
     """View and frames."""
     explanation: Explanation
     """What was undone."""
 
 
-@dataclass(frozen=True)
-class Reconciled:
-    """Detections whose views agree."""
-
-    keypoints: Keypoints2D
-    """The detections."""
-    triangulation: Triangulation
-    """Of these detections."""
-    faults: tuple[ViewFault, ...]
-    """What was undone, in this order."""
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Detections without the stretches of views that nothing explains."""
-
-    keypoints: Keypoints2D
-    """The detections."""
-    triangulation: Triangulation
-    """Of these detections."""
-    stretches: tuple[Stretch, ...]
-    """What was left out."""
-
-
-def reconcile(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> Reconciled:
-    """Undo the faults of whole views that are told beyond doubt.
+def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:
+    """Undo the faults of whole views that are beyond doubt, and return them in the order in which they were undone.
 
     Args:
-        cameras: C cameras; with two, nothing tells which of them is wrong.
+        cameras: C cameras; with two, nothing says which of them is wrong.
         keypoints: detections of one person.
         triangulation: of these detections.
     """
@@ -76,35 +53,37 @@ def reconcile(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangula
     if 2 < len(cameras) <= MOST_PERMUTED and triangulation.sigma_px.mean() > _usual_sigma(cameras):
         faults = _misnamed(cameras, keypoints, np.minimum(triangulation.sigma_px, _usual_sigma(cameras)))
         for fault in faults:
-            keypoints = fault.explanation.undone(cameras, keypoints, fault.stretch)
+            keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence) if faults else triangulation
     while len(cameras) > 2 and len(faults) < 2 * len(cameras):
         fault = _next(cameras, keypoints, triangulation)
         if fault is None:
             break
-        keypoints = fault.explanation.undone(cameras, keypoints, fault.stretch)
+        keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
         faults.append(fault)
-    return Reconciled(keypoints, triangulation, tuple(faults))
+    return CheckedViews(keypoints, triangulation, tuple(faults))
 
 
-def leave_out(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> LeftOut:
-    """Drop the stretches of views that show something else than the sound others do, such as somebody else.
+def exclude_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewRange]:
+    """Drop the frame ranges of views that show something else than the sound others do, such as somebody else.
 
     Args:
         cameras: C cameras; with two, nothing is left out.
         keypoints: detections of one person.
         triangulation: of these detections.
     """
-    found = contradictions(triangulation, keypoints.confidence, BRIEF_S * keypoints.fps) if len(cameras) > 2 else []
+    found = (
+        inconsistent_ranges(triangulation, keypoints.confidence, BRIEF_S * keypoints.fps) if len(cameras) > 2 else []
+    )
     chosen = [s for s in found if _hopeless(cameras, keypoints, s, triangulation.sigma_px)]
     if not chosen:
-        return LeftOut(keypoints, triangulation, ())
+        return CheckedViews(keypoints, triangulation, ())
     confidence = keypoints.confidence.copy()
-    for stretch in chosen:
-        confidence[stretch.view, stretch.frames] = 0.0
+    for view_range in chosen:
+        confidence[view_range.view, view_range.frames] = 0.0
     keypoints = replace(keypoints, confidence=confidence)
-    return LeftOut(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(chosen))
+    return CheckedViews(keypoints, triangulate(cameras, keypoints.xy, confidence), tuple(chosen))
 
 
 def _usual_sigma(cameras: Cameras) -> float:
@@ -118,7 +97,7 @@ def _misnamed(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) ->
     Cameras that stand in a ring see a world that nearly fits with the names moved round by one, which no exchange of
     two makes better: the orders are compared with each other.
     """
-    whole = [Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))]
+    whole = [ViewRange(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))]
     frames = whole[0].sample(ORDERED_FRAMES)
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
 
@@ -142,53 +121,55 @@ def _next(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation
     """Return the fault that is undone next, None where no explanation convinces."""
     usual = _usual_sigma(cameras)
     sigma = np.minimum(triangulation.sigma_px, usual)
-    stretches = contradictions(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
-    trials = [_suspects(stretch, triangulation, keypoints) for stretch in stretches]
+    view_ranges = inconsistent_ranges(triangulation, keypoints.confidence, LASTING_S * keypoints.fps)
+    trials = [_suspects(view_range, triangulation, keypoints) for view_range in view_ranges]
     if triangulation.sigma_px.mean() > usual:
         # Views that agree on a wrong world put the blame on a right one: first, every view is tried as a whole.
-        trials.insert(0, [Stretch(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))])
+        trials.insert(0, [ViewRange(view, 0, keypoints.num_frames - 1) for view in range(len(cameras))])
     for suspects in trials:
         trial = explain(cameras, keypoints, suspects, sigma)
         if trial is not None:
-            return ViewFault(_extended(cameras, keypoints, trial.stretch, trial.explanation, sigma), trial.explanation)
+            return ViewFault(
+                _extended(cameras, keypoints, trial.view_range, trial.explanation, sigma), trial.explanation
+            )
     return None
 
 
-def _suspects(stretch: Stretch, triangulation: Triangulation, keypoints: Keypoints2D) -> list[Stretch]:
-    """Return the stretch in every view that may be to blame: those with about as many outliers as the worst."""
-    seen = keypoints.confidence[:, stretch.frames] > 0
-    outliers = seen & ~np.asarray(triangulation.inliers)[:, stretch.frames]
+def _suspects(view_range: ViewRange, triangulation: Triangulation, keypoints: Keypoints2D) -> list[ViewRange]:
+    """Return the frame range in every view that may be to blame: those with about as many outliers as the worst."""
+    seen = keypoints.confidence[:, view_range.frames] > 0
+    outliers = seen & ~np.asarray(triangulation.inliers)[:, view_range.frames]
     share = outliers.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
-    return [replace(stretch, view=int(view)) for view in np.flatnonzero(share >= SUSPECT_SHARE * share.max())]
+    return [replace(view_range, view=int(view)) for view in np.flatnonzero(share >= SUSPECT_SHARE * share.max())]
 
 
 def _extended(
-    cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, explanation: Explanation, sigma_px: np.ndarray
-) -> Stretch:
-    """Return the stretch with what comes before and after it, where the same explanation makes that better too."""
-    first, last, end = stretch.first, stretch.last, keypoints.num_frames - 1
-    if first > 0 and _helps(cameras, keypoints, replace(stretch, first=0, last=first - 1), explanation, sigma_px):
+    cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, explanation: Explanation, sigma_px: np.ndarray
+) -> ViewRange:
+    """Return the frame range with what comes before and after it, where the same explanation makes that better too."""
+    first, last, end = view_range.first, view_range.last, keypoints.num_frames - 1
+    if first > 0 and _helps(cameras, keypoints, replace(view_range, first=0, last=first - 1), explanation, sigma_px):
         first = 0
-    if last < end and _helps(cameras, keypoints, replace(stretch, first=last + 1, last=end), explanation, sigma_px):
+    if last < end and _helps(cameras, keypoints, replace(view_range, first=last + 1, last=end), explanation, sigma_px):
         last = end
-    return replace(stretch, first=first, last=last)
+    return replace(view_range, first=first, last=last)
 
 
 def _helps(
-    cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, explanation: Explanation, sigma_px: np.ndarray
+    cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, explanation: Explanation, sigma_px: np.ndarray
 ) -> bool:
-    frames, at = stretch.sample(), Stretch(stretch.view, 0, len(stretch.sample()) - 1)
+    frames, at = view_range.sample(), ViewRange(view_range.view, 0, len(view_range.sample()) - 1)
     few = replace(keypoints, xy=keypoints.xy[:, frames], confidence=keypoints.confidence[:, frames])
     undone = explanation.undone(cameras, few, at)
     before, after = (misfit(cameras, k.xy, k.confidence, sigma_px).mean() for k in (few, undone))
     return bool(after < before)
 
 
-def _hopeless(cameras: Cameras, keypoints: Keypoints2D, stretch: Stretch, sigma_px: np.ndarray) -> bool:
-    """Return whether a view is all wrong in a stretch in which the others, without it, are sound."""
-    frames, others = stretch.sample(), [i for i in range(len(cameras)) if i != stretch.view]
+def _hopeless(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, sigma_px: np.ndarray) -> bool:
+    """Return whether a view is all wrong in a range in which the others, without it, are sound."""
+    frames, others = view_range.sample(), [i for i in range(len(cameras)) if i != view_range.view]
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-    alone = misfit(cameras, xy, confidence, sigma_px)[stretch.view]
+    alone = misfit(cameras, xy, confidence, sigma_px)[view_range.view]
     without = misfit(cameras.subset(others), xy[others], confidence[others], sigma_px)
     seen = (confidence[others] > 0).any(axis=(1, 2))
     return bool(alone > HOPELESS and seen.sum() >= 2 and without[seen].max() < SOUND)

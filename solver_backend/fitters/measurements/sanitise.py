@@ -9,12 +9,12 @@ import numpy as np
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.label_swaps import undo_swaps
 from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
-from solver_backend.cameras.view_checks.view_consistency import runs
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
-from solver_backend.cameras.view_checks.view_repair import ViewFault, leave_out, reconcile
+from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.single_frame.start import Observations, observations_of
-from solver_backend.people.bystanders import leave_out_strangers
+from solver_backend.geometry.runs import true_runs
+from solver_backend.people.bystanders import exclude_bystanders
 from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
 
 STAGE = "Checking the cameras"
@@ -57,23 +57,23 @@ def check_capture(
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
-    views = reconcile(cameras, keypoints, observations.triangulation)
+    views = repair_views(cameras, keypoints, observations.triangulation)
     progress(STAGE, 1, STEPS)
     timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
     progress(STAGE, 2, STEPS)
-    alone = leave_out_strangers(cameras, timed, triangulation)
+    alone = exclude_bystanders(cameras, timed, triangulation)
     progress(STAGE, 3, STEPS)
     sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
     progress(STAGE, 4, STEPS)
-    rest = leave_out(cameras, sides.keypoints, sides.triangulation)
+    rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     observations = observations_of(rest.triangulation)
     progress(STAGE, 5, STEPS)
-    faults = [_fault_of(cameras, fault) for fault in views.faults] + late
-    for swap in sides.swaps:
+    faults = [_fault_of(cameras, fault) for fault in views.found] + late
+    for swap in sides.found:
         where = cameras.names[swap.view], swap.first, swap.last
         faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
-    for stretch in alone.stretches + rest.stretches:
-        where = cameras.names[stretch.view], stretch.first, stretch.last
+    for excluded in alone.found + rest.found:
+        where = cameras.names[excluded.view], excluded.first, excluded.last
         faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
     faults += _absences(observations.seen, keypoints.fps)
     faults.sort(key=lambda fault: (fault.first, fault.camera, fault.kind))
@@ -102,7 +102,7 @@ def _in_time(
 
 def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
     """Return what is said about a view that was put right."""
-    where = cameras.names[fault.stretch.view], fault.stretch.first, fault.stretch.last
+    where = cameras.names[fault.view_range.view], fault.view_range.first, fault.view_range.last
     cause = fault.explanation
     if isinstance(cause, Mirrored):
         kind = FaultKind.IMAGE_MIRRORED if cause.image else FaultKind.SIDES_EXCHANGED
@@ -116,6 +116,6 @@ def _absences(seen: np.ndarray, fps: float) -> list[Fault]:
     """Return the stretches in which no two cameras see the person."""
     return [
         Fault(FaultKind.PERSON_AWAY, "", first, last, 0.0, Remedy.BRIDGED)
-        for _, first, last in runs(~seen[None])
+        for first, last in true_runs(~seen)
         if last - first + 1 >= AWAY_S * fps
     ]

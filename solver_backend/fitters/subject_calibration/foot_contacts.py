@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.runs import true_runs
 from solver_backend.residuals.foot_contact import StandingTerm
 from solver_backend.residuals.point_term import PointTerm
 
@@ -72,7 +73,7 @@ def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float, fixed:
             continue
         lowest = np.nanpercentile(height[:, place], 20)
         low = slow[:, place] & (feet[:, place, 2] < lowest + HEIGHT_M)
-        for first, stop in _joined(_runs(low), round(BREAK_S * fps)):
+        for first, stop in _joined([(first, last + 1) for first, last in true_runs(low)], round(BREAK_S * fps)):
             if stop - first >= shortest:
                 planted[first:stop, column] = True
                 sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
@@ -93,9 +94,3 @@ def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
         else:
             joined.append((first, stop))
     return joined
-
-
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Return first and one past the last of each run of True."""
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -25,7 +25,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
 
     Args:
         path: file or folder.
-        unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'); None tells it from the file.
+        unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'); None infers it from the file.
             Qualisys' is always mm.
         up_axis: axis of the file's world that points up ('z', 'y', '-y', ...); None is 'z'.
 

@@ -22,11 +22,6 @@ def camera_tables(tables: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str,
             yield from camera_tables(table)
 
 
-def is_toml_calibration(path: Path) -> bool:
-    """Whether the TOML file holds cameras (a Config.toml does not)."""
-    return any(True for _ in camera_tables(read_toml(path)))
-
-
 def read_toml_cameras(path: Path) -> list[CameraEntry]:
     """Return the cameras of a TOML calibration, in the file's unit.
 

@@ -6,24 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.calibration.entry import CameraEntry
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.recognition.length_unit import metres_in
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import Cameras
-
-METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
-"""Metres in a unit."""
 
 WIDEST_RIG_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
 
 
 def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str]:
-    """Return the entries in metres and a sentence that says how the unit was told.
+    """Return the entries in metres and a sentence that says how the unit was found.
 
     Args:
         entries: cameras in the file's unit.
-        unit: a key of ``METRES``, or None to tell it from the distances between the cameras: a rig wider than
+        unit: a key of ``METRES``, or None to infer it from the distances between the cameras: a rig wider than
             ``WIDEST_RIG_M`` cannot be in metres and is read as millimetres.
 
     Raises:
@@ -35,9 +32,7 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
         reason = f"the cameras are up to {width:.4g} units apart"
     else:
         reason = "as stated"
-    if unit not in METRES:
-        raise JobInvalid(f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit")
-    scale = METRES[unit]
+    scale = metres_in(unit)
     return [replace(e, t=np.asarray(e.t) * scale) for e in entries], f"Lengths are read as {unit} ({reason})."
 
 
@@ -50,20 +45,20 @@ def _rig_width(entries: list[CameraEntry]) -> float:
 
 
 def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
-    """Return the cameras in a world turned so that ``up_axis`` of the old one becomes Z.
+    """Return the cameras in a world rotated so that ``up_axis`` of the old one becomes Z.
 
     ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
 
     Raises:
         JobInvalid: the axis is unknown.
     """
-    return replace(cameras, R=cameras.R @ turn_to_z_up(up_axis).T)
+    return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     """Return the cameras with one of them for images of another size of the same shape.
 
-    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)``.
+    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as OpenCV's ``resize`` maps them).
 
     Args:
         cameras: the cameras.

@@ -107,7 +107,7 @@ def read_detections(
         joint_set: what the keypoints are; None takes ``configured``, or recognises it.
         configured: what the recording's settings say they are, believed unless the keypoints clearly contradict.
         trim: cut to the frames every camera has.
-        progress: told how many files were read.
+        progress: called with how many files were read.
 
     Raises:
         FileDamaged: a file is truncated, not JSON or not OpenPose's.

@@ -57,7 +57,7 @@ def with_sizes_of(
     """Return the calibration in the pixels of the detections.
 
     A camera without a stated size takes its video's. Where video and calibration have sizes of the same shape, the
-    calibration is scaled to the video if the detections only make sense there; other differences are told.
+    calibration is scaled to the video if the detections only make sense there; other differences are reported.
     """
     cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
     guessed: list[str] = []

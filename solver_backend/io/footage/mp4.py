@@ -21,7 +21,7 @@ class VideoHeader:
     num_frames: int
     """Number of frames."""
     size: tuple[int, int]
-    """Width and height in pixels, as a player shows it (turned if the header says so)."""
+    """Width and height in pixels, as a player shows it (rotated if the header says so)."""
 
 
 def read_video_header(path: Path) -> VideoHeader | None:
@@ -95,5 +95,5 @@ def _shown_size(tkhd: bytes) -> tuple[int, int]:
     at = 52 if tkhd[0] == 1 else 40
     a, b, _, c, d = struct.unpack_from(">5i", tkhd, at)
     width, height = (value >> 16 for value in struct.unpack_from(">II", tkhd, at + 36))
-    turned = tuple(value >> 16 for value in (a, b, c, d)) in _QUARTER_TURNS
-    return (height, width) if turned else (width, height)
+    rotated = tuple(value >> 16 for value in (a, b, c, d)) in _QUARTER_TURNS
+    return (height, width) if rotated else (width, height)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.io.fields import Fields, read_fields
+from solver_backend.io.reader import Reader
 from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
 
 _RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
@@ -129,3 +131,15 @@ def _gender(fields: Fields) -> str:
         return "unknown"
     gender = fields.text("gender").strip().lower()
     return gender if gender in ("male", "female", "neutral") else "unknown"
+
+
+def _recognises(path: Path) -> bool:
+    """Whether an .npz holds poses and does not name a format, as our own files do."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return "format" not in archive and ("poses" in archive or "pose_body" in archive)
+    except (OSError, ValueError, AttributeError, zipfile.BadZipFile):
+        return False
+
+
+READER = Reader("AMASS .npz", _recognises, lambda path, options: read_amass(path, fps=options.fps))

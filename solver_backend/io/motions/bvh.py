@@ -9,7 +9,9 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.io.files import read_text
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.io.recognition.length_unit import metres_in
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 
 METRES_PER_UNIT = 0.01
 """BVH states no unit; centimetres are the most common."""
@@ -21,7 +23,7 @@ _AXES = {"X": 0, "Y": 1, "Z": 2}
 class BvhClip:
     """A moving skeleton: ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``; metres, Z up.
 
-    Offsets stay in the skeleton's own rest axes (usually Y up); the turn to Z up is part of the root's rotation.
+    Offsets stay in the skeleton's own rest axes (usually Y up); the rotation to Z up is part of the root's rotation.
     """
 
     names: tuple[str, ...]
@@ -82,7 +84,7 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
         NonFiniteData: a value is NaN or infinite.
         JobInvalid: the axis is unknown.
     """
-    turn = turn_to_z_up(up_axis)
+    to_z_up = rotation_to_z_up(up_axis)
     head, found, motion = read_text(path).partition("MOTION")
     if not found or "HIERARCHY" not in head:
         raise FileDamaged("The file is truncated or is not BVH: HIERARCHY and MOTION are expected.", where=str(path))
@@ -90,13 +92,13 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
     values, fps = _read_motion(motion, sum(len(c) for c in skeleton.channels), path)
     rotations, translations = _apply_channels(skeleton, values)
     moving = any("position" in name for channels in skeleton.channels[1:] for name in channels)
-    rotations[:, 0] = turn @ rotations[:, 0]
+    rotations[:, 0] = to_z_up @ rotations[:, 0]
     return BvhClip(
         names=tuple(skeleton.names),
         parents=np.array(skeleton.parents),
         offsets=np.array(skeleton.offsets) * metres_per_unit,
         rotations=rotations,
-        root_positions=translations[:, 0] @ turn.T * metres_per_unit,
+        root_positions=translations[:, 0] @ to_z_up.T * metres_per_unit,
         fps=fps,
         translations=translations * metres_per_unit if moving else None,
         end_offsets={name: offset * metres_per_unit for name, offset in skeleton.ends.items()},
@@ -187,7 +189,7 @@ def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray
             else:
                 rotations[:, j] = rotations[:, j] @ _about(axis, np.radians(value))
             column += 1
-    if _are_added(translations[:, 1:], np.array(skeleton.offsets[1:])):
+    if _are_added(translations[:, 1:], np.array(skeleton.offsets)[1:]):
         moved = [j for j, channels in enumerate(skeleton.channels) if j and any("position" in n for n in channels)]
         translations[:, moved] += np.array(skeleton.offsets)[moved]
     return rotations, translations
@@ -208,3 +210,11 @@ def _about(axis: int, angle: np.ndarray) -> np.ndarray:
     R[:, b, a] = np.sin(angle)
     R[:, a, b] = -R[:, b, a]
     return R
+
+
+def _read(path: Path, options: ReadOptions) -> BvhClip:
+    scale = METRES_PER_UNIT if options.unit is None else metres_in(options.unit)
+    return read_bvh(path, metres_per_unit=scale, up_axis=options.up_axis or "y")
+
+
+READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read)

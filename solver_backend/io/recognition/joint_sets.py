@@ -45,7 +45,7 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[str, ...], tuple[str, ...]]:
-    """Return the joint set of a recording, how it was told, and what is doubtful about it.
+    """Return the joint set of a recording, how it was recognised, and what is doubtful about it.
 
     What the user gives is final. What the recording's settings say is believed unless it cannot be or anatomy clearly
     says otherwise. Without either, the set is recognised.

@@ -1,4 +1,4 @@
-"""Turning a source's world so that its up-axis becomes Z."""
+"""The rotation of a source's world by which its up-axis becomes Z."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
 """Rotation from a world whose named axis points up to ours, whose Z points up."""
 
 
-def turn_to_z_up(up_axis: str) -> np.ndarray:
+def rotation_to_z_up(up_axis: str) -> np.ndarray:
     """Return the (3, 3) rotation ``A`` with ``x_ours = A @ x_source``.
 
     Args:

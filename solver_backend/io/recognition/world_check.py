@@ -24,7 +24,7 @@ _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead 
 
 @dataclass(frozen=True)
 class WorldCheck:
-    """Figures of the triangulated person; NaN where they cannot be told."""
+    """Figures of the triangulated person; NaN where they cannot be measured."""
 
     stature_m: float
     """From the lengths of thigh and shank."""

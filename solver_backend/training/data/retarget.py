@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
-from solver_backend.io.recognition.up_axis import turn_to_z_up
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.training.data.skeleton_maps import SkeletonMap, skeleton_map
 from solver_backend.types.joint_sets import SMPL_PARENTS
 
@@ -69,7 +69,7 @@ def read_clip(path: Path) -> RecordedClip:
 def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
     """Return a BVH clip, Y up, whose first frame is its T-pose; that frame is left out."""
     rotations = clip.rotations.copy()
-    rotations[:, 0] = turn_to_z_up("y").T @ rotations[:, 0]
+    rotations[:, 0] = rotation_to_z_up("y").T @ rotations[:, 0]
     rotvec = log_so3(rotations)
     return RecordedClip(name, list(clip.names), clip.parents, rotvec[1:], rotvec[0], clip.fps)
 

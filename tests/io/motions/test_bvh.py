@@ -172,3 +172,10 @@ def test_poses_with_positions_in_every_joint(shared_data: Path) -> None:
     left, right = (points[clip.names.index(f"wrist.{side}")] for side in "LR")
     np.testing.assert_allclose(left, right * [-1, 1, 1], atol=0.01)
     assert np.linalg.norm(left - right) > 1.0
+
+
+def test_a_single_joint(tmp_path: Path) -> None:
+    path = tmp_path / "one.bvh"
+    head = "HIERARCHY\nROOT Hips {\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}\n"
+    path.write_text(head + "MOTION\nFrames: 2\nFrame Time: 0.1\n1 2 3 4 5 6\n")
+    np.testing.assert_allclose(read_bvh(path).positions()[:, 0], [[0.01, -0.03, 0.02], [0.04, -0.06, 0.05]])

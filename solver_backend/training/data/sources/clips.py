@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.training.data.retarget import RecordedClip, body_rotations, read_clip, recorded_from_bvh, resample
 from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
@@ -72,9 +73,8 @@ def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = 
 def without_faults(clip: Clip) -> list[Clip]:
     """Return the stretches of a clip in which every joint is near its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], sound, [False])).astype(int)))
-    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _MIN_FRAMES]
-    return [Clip(clip.name, clip.subject, clip.rotations[a:b]) for a, b in stretches]
+    long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
+    return [Clip(clip.name, clip.subject, clip.rotations[frames]) for frames in long]
 
 
 def subject_of(path: Path) -> str:

@@ -1,0 +1,109 @@
+"""A Pose2Sim trial, or folders of OpenPose JSON with a calibration, as a capture of one person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import TooFewViews
+from solver_backend.io.calibration.search import find_calibration, levels_above
+from solver_backend.io.captures.openpose_json import read_detections
+from solver_backend.io.captures.pose2sim import TrialConfig, camera_folders, read_config
+from solver_backend.io.footage.footage import find_footage, headers, with_sizes_of
+from solver_backend.io.footage.mp4 import VideoHeader
+from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.world_check import check_world
+from solver_backend.people.person_selection import select_person
+from solver_backend.types import Capture
+
+DEFAULT_FPS = 60.0
+_KIND = (
+    "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
+    "a folder with one folder of OpenPose JSON for each camera and a calibration beside them"
+)
+
+
+def _recognises(path: Path) -> bool:
+    return path.is_dir() and bool(camera_folders(path))
+
+
+def _read(root: Path, options: ReadOptions) -> Capture:
+    """Read everybody's detections with their calibration, and choose the person to solve.
+
+    Raises:
+        CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
+        FrameCountMismatch, KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
+        TooFewViews, NoDetections: fewer than two views hold detections, or no two agree on anybody.
+    """
+    folders = camera_folders(root)
+    if len(folders) < 2:
+        raise TooFewViews(
+            f"Only one camera is recorded, {listing(folders)}; two are needed.",
+            where=str(root),
+            hint="Add the folder of another camera.",
+        )
+    levels = levels_above(root)
+    config = read_config(levels)
+    calibration = find_calibration(root, tuple(folders), unit=options.unit, up_axis=options.up_axis)
+    detections = read_detections(
+        folders,
+        joint_set=options.joint_set,
+        configured=config.joint_set,
+        trim=options.trim,
+        progress=options.progress,
+    )
+    footage = find_footage(levels[:2], tuple(folders))
+    videos = headers(footage)
+    calibration = with_sizes_of(calibration, videos, detections)
+    rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
+    person = select_person(calibration.cameras, detections, rate, options.progress)
+    world = check_world(calibration.cameras, person.keypoints)
+    length_problems = _length_problems(config, videos, detections.num_frames)
+    problems = calibration.problems, detections.problems, rate_problems, length_problems, person.problems
+    return Capture(
+        name=root.name,
+        cameras=calibration.cameras,
+        keypoints=person.keypoints,
+        footage=footage if any(footage) else (),
+        sources=(*(str(folder) for folder in folders.values()), str(calibration.source), *config.sources),
+        notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),
+        problems=sum(problems, ()) + world.problems(),
+    )
+
+
+def _frame_rate(
+    given: float | None, config: TrialConfig, videos: Sequence[VideoHeader | None]
+) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+    """Return the frame rate, where it is from, and what is doubtful about it."""
+    rates = [round(header.fps, 3) for header in videos if header is not None]
+    problems: list[str] = []
+    if len(set(rates)) > 1:
+        problems.append(f"The videos have different frame rates: {listing(f'{rate:g}' for rate in rates)} fps.")
+    video = float(np.median(rates)) if rates else None
+    if given is not None:
+        return given, (f"{given:g} frames a second, as given.",), tuple(problems)
+    if config.fps is not None:
+        if video is not None and abs(video - config.fps) > 0.02 * config.fps:
+            problems.append(f"Config.toml says {config.fps:g} fps, the videos {video:g}; {config.fps:g} is used.")
+        return config.fps, (f"{config.fps:g} frames a second, from Config.toml.",), tuple(problems)
+    if video is not None:
+        return video, (f"{video:g} frames a second, from the videos.",), tuple(problems)
+    problems.append(f"Neither Config.toml nor a video states the frame rate; {DEFAULT_FPS:g} fps is assumed.")
+    return DEFAULT_FPS, (), tuple(problems)
+
+
+def _length_problems(config: TrialConfig, videos: Sequence[VideoHeader | None], frames: int) -> tuple[str, ...]:
+    problems: list[str] = []
+    lengths = sorted({header.num_frames for header in videos if header is not None})
+    if lengths and lengths != [frames]:
+        problems.append(f"The videos have {listing(str(n) for n in lengths)} frames, the detections {frames}.")
+    if config.frame_range:
+        first, last = config.frame_range
+        problems.append(f"Config.toml restricts the frames to {first}-{last}; all are read.")
+    return tuple(problems)
+
+
+READER = Reader(_KIND, _recognises, _read)

@@ -1,0 +1,29 @@
+"""Our own two files as readers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.native.motion_file import read_motion
+from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.types import Capture
+
+
+def _is_npz(path: Path) -> bool:
+    return path.suffix.lower() == ".npz" and path.is_file()
+
+
+def _read_capture(path: Path, options: ReadOptions) -> Capture:
+    """Read a capture file; a given frame rate or joint set replaces the file's."""
+    capture = read_capture(path)
+    found = capture.keypoints
+    if found is None:
+        return capture
+    changed = replace(found, fps=options.fps or found.fps, joint_set=options.joint_set or found.joint_set)
+    return replace(capture, keypoints=changed, sources=capture.sources or (str(path),))
+
+
+CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)
+MOTION = Reader("our own motion .npz", _is_npz, lambda path, options: read_motion(path))

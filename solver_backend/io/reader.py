@@ -1,0 +1,48 @@
+"""What a reader of files is: the kind of file it knows, how it recognises one, and how it reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.types import JointSet
+
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the caller knows better than the file; a reader takes what concerns it."""
+
+    fps: float | None = None
+    """Frames per second; None takes what the file says."""
+    trim: bool = False
+    """Cut cameras of different lengths to the frames all have."""
+    joint_set: JointSet | None = None
+    """What the keypoints are; None takes what the recording says, or recognises it."""
+    unit: str | None = None
+    """Length unit of the file or its calibration; None infers it."""
+    up_axis: str | None = None
+    """Axis of the file's world that points up; None is the format's own."""
+    progress: Progress = silent
+    """Called with how far reading has come."""
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise JobInvalid(f"The frame rate must be a positive number, not {self.fps}.", where="fps")
+
+
+@dataclass(frozen=True)
+class Reader(Generic[Content]):
+    """One kind of file or folder."""
+
+    kind: str
+    """What it is, for messages."""
+    recognises: Callable[[Path], bool]
+    """Whether a path is of this kind, judged quickly; the path need not exist."""
+    read: Callable[[Path, ReadOptions], Content]
+    """Read a path that was recognised; raises our own errors."""
