@@ -3,6 +3,9 @@
 ``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip``, has Blender's own extension tool validate
 it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
 any web server as an extension repository. Same sources, same bytes.
+
+``python build_addon.py --vendor`` copies the exchange library, with which both halves read and write the files that
+they meet at, from the solver into the add-on; the copy is committed.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -19,6 +23,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
 ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
+EXCHANGE, VENDORED = SOLVER / "exchange", ADDON / "_exchange"
 MANIFEST = ADDON / "blender_manifest.toml"
 WHEEL_CACHE = ROOT / "build" / "wheels"
 WHEEL_SHA256 = {
@@ -39,7 +44,12 @@ def main(arguments: list[str] | None = None) -> int:
     """Build, validate and index; return 0 if all went well."""
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the zip (default: dist)")
-    out = parser.parse_args(arguments).out
+    parser.add_argument("--vendor", action="store_true", help="copy the exchange library into the add-on instead")
+    options = parser.parse_args(arguments)
+    if options.vendor:
+        vendor(EXCHANGE, VENDORED)
+        return 0
+    out = options.out
     try:
         path = build(out)
     except WheelMissing as error:
@@ -56,6 +66,12 @@ def main(arguments: list[str] | None = None) -> int:
     steps = [["validate", str(path)], ["server-generate", "--repo-dir", str(out)]]
     codes = [subprocess.run([sys.executable, str(tool), *step], check=False).returncode for step in steps]
     return max(codes)
+
+
+def vendor(source: Path, copy: Path) -> None:
+    """Make a folder the copy of another, byte for byte; what else was in it goes."""
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
 
 
 def build(out: Path) -> Path:

@@ -1,13 +1,7 @@
 #!/usr/bin/env python3
 """Makes the project's environment and runs its verbs; needs nothing but Python 3.11.
 
-    python3 dev.py demo [CAPTURE] [--out DIR]   solve a capture (or the embedded one) and bake it in Blender
-    python3 dev.py test [PYTEST ARGUMENTS]      every check and every test
-    python3 dev.py lint [--fix]                 the checks alone
-    python3 dev.py bench [NAME] [--update]      benchmarks against their committed baseline
-    python3 dev.py build                        the extension's zip
-    python3 dev.py setup                        the environment alone
-
+``python3 dev.py test`` runs every check and every test; ``python3 dev.py --help`` lists the verbs.
 The environment is ``.venv`` beside this file. It is made on the first call and again when pyproject.toml changes.
 """
 
@@ -31,11 +25,23 @@ STAMP = VENV / "manifold_mocap.stamp"
 WANTED = (3, 11)
 IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "train", "dev")
-LIBRARIES = (
-    "libx11-6", "libxrender1", "libxfixes3", "libxi6", "libxkbcommon0", "libsm6", "libgl1",
-    "libegl1", "libgl1-mesa-dri",
-)  # fmt: skip
+LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Debian's and Ubuntu's packages that the Blender module loads; the last two are for rendering."""
+VERBS = {
+    "test": "every check and every test; further arguments are pytest's",
+    "lint": "the checks alone",
+    "bench": "benchmarks against their committed baseline",
+    "build": "the extension's zip",
+    "vendor": "the exchange library copied into the add-on",
+    "setup": "the environment alone",
+}
+READING = {
+    "fps": (float, "frame rate, where the capture does not say it"),
+    "joint-set": (str, "names of the keypoints, where their number fits several sets"),
+    "unit": (str, "length unit of the calibration, where it is told wrongly"),
+    "up-axis": (str, "axis of the calibration's world that points up, if not z"),
+}
+"""What ``demo`` passes on to the reading of a capture."""
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
 
 
@@ -53,21 +59,17 @@ def main(argv: list[str] | None = None) -> int:
         prog="dev.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    demo_parser = verbs.add_parser("demo", help="solve a capture and bake it in Blender")
+    demo_parser = verbs.add_parser("demo", help="solve a capture, or the embedded one, and bake it in Blender")
     demo_parser.add_argument("capture", nargs="?", type=Path, help="folder or file; the embedded capture if left out")
     demo_parser.add_argument("--out", type=Path, help="new or empty folder for the results")
     demo_parser.add_argument("--method", choices=("global", "sliding", "frame"), default="global")
     demo_parser.add_argument("--backend", choices=("numpy", "torch"), default="numpy")
-    demo_parser.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
-    demo_parser.add_argument("--joint-set", help="names of the keypoints, where their number fits several sets")
-    demo_parser.add_argument("--unit", help="length unit of the calibration, where it is told wrongly")
-    demo_parser.add_argument("--up-axis", help="axis of the calibration's world that points up, if not z")
+    for name, (kind, text) in READING.items():
+        demo_parser.add_argument(f"--{name}", type=kind, help=text)
     demo_parser.add_argument("--trim", action="store_true", help="cut all cameras to the shortest")
-    verbs.add_parser("test", help="every check and every test", add_help=False)
-    verbs.add_parser("lint", help="the checks alone").add_argument("--fix", action="store_true")
-    verbs.add_parser("bench", help="benchmarks", add_help=False)
-    verbs.add_parser("build", help="the extension's zip")
-    verbs.add_parser("setup", help="the environment alone")
+    for verb, text in VERBS.items():
+        verbs.add_parser(verb, help=text, add_help=verb not in ("test", "bench"))
+    verbs.choices["lint"].add_argument("--fix", action="store_true")
     args, rest = parser.parse_known_args(argv)
     if rest and args.verb not in ("test", "bench"):
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
@@ -85,6 +87,8 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     """Make the environment where it is missing, then do what was asked for."""
     if args.verb == "demo":
         return demo(args)
+    if args.verb == "vendor":
+        return call([sys.executable, "build_addon.py", "--vendor"])
     set_up()
     if args.verb == "test":
         return checks([[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]])
@@ -96,9 +100,6 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
         return call([str(PYTHON), "build_addon.py"])
     print(f"The environment is ready: {PYTHON}")
     return 0
-
-
-# --------------------------------------------------------------------------------------------- environment
 
 
 def set_up() -> None:
@@ -157,7 +158,7 @@ def check_blender() -> None:
     missing = blender_error() or (apt and not any(Path("/usr/lib").glob("*/dri/*_dri.so")) and "no software renderer")
     if not missing:
         return
-    command = "apt-get install -y --no-install-recommends " + " ".join(LIBRARIES)
+    command = "apt-get install -y --no-install-recommends " + LIBRARIES
     if apt and hasattr(os, "geteuid") and os.geteuid() == 0:
         print(f"Blender lacks system libraries ({missing}); installing them.", flush=True)
         env = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
@@ -165,21 +166,14 @@ def check_blender() -> None:
         call([apt, "update", *quiet], env=env, quiet=True)
         if call([*command.split(), *quiet], env=env, quiet=True) == 0 and not blender_error():
             return
-    raise Failed(
-        f"Blender's Python module does not load: {blender_error() or missing}",
-        f"It needs system libraries. As root: {command}"
-        if apt
-        else f"Install what Debian calls {' '.join(LIBRARIES)}.",
-    )
+    hint = f"It needs system libraries. As root: {command}" if apt else f"Install what Debian calls {LIBRARIES}."
+    raise Failed(f"Blender's Python module does not load: {blender_error() or missing}", hint)
 
 
 def blender_error() -> str:
     """Return the last line of what went wrong when the Blender module was imported, '' if nothing did."""
     done = subprocess.run([str(PYTHON), "-c", PROBE], capture_output=True, text=True, cwd=ROOT)
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["it crashed"])[-1]
-
-
-# ---------------------------------------------------------------------------------------------- checks, demo
 
 
 def checks(more: list[list[str]], fix: bool = False) -> int:
@@ -211,10 +205,8 @@ def demo(args: argparse.Namespace) -> int:
     if args.capture is None:
         read = [*backend, "demo-capture", "--out", str(capture)]
     else:
-        options = [
-            ("--fps", args.fps), ("--joint-set", args.joint_set), ("--unit", args.unit), ("--up-axis", args.up_axis),
-        ]  # fmt: skip
-        given = [text for name, value in options if value is not None for text in (name, str(value))]
+        options = {f"--{name}": getattr(args, name.replace("-", "_")) for name in READING}
+        given = [text for name, value in options.items() if value is not None for text in (name, str(value))]
         read = [*backend, "convert", str(args.capture.resolve()), "--out", str(capture), *given]
         read += ["--trim"] if args.trim else []
     solve = [*backend, "solve", str(capture), "--out", str(motion), "--report", str(out / "report.html")]
@@ -285,9 +277,6 @@ def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None 
         except subprocess.TimeoutExpired:
             process.kill()
         raise
-
-
-# ------------------------------------------------------------------------------------------ the right Python
 
 
 def with_wanted_python() -> int:

@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from assets_procedural.anny_rig import TOPOLOGIES, Rig, read_rig
 from assets_procedural.build import write_body
 from assets_procedural.layout import PARENTS
-from solver_backend.body.files.choices import bodies_folder
-from solver_backend.io.files import check_output
+from solver_backend.exchange.body_choice import bodies_folder
+from solver_backend.exchange.outputs import check_output
 from solver_backend.types import SMPL_JOINTS
 
 NUM_SAMPLES, NUM_COMPONENTS, MAX_INFLUENCES = 600, 10, 6

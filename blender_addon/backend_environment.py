@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from .errors import BackendMissing
+from ._exchange.errors import BackendMissing
 
 PACKAGE = "solver_backend"
 _BUNDLED, _WHEELS = "backend", "wheels"

@@ -1,4 +1,4 @@
-"""Job file: everything one solve needs, as JSON; the add-on writes it, batches keep it."""
+"""The job file as the solver reads it: every key known, every value checked and in the solver's types."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from solver_backend.body.files.choices import is_path
+from solver_backend.exchange.body_choice import is_path
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.job_file import VERSION, JobFile
 from solver_backend.fitters.keyframes.frame_range import Stretch
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
-
-VERSION = 1
-"""Of the schema; a job of another version is refused."""
-MOTION_SUFFIX = ".npz"
 
 
 @dataclass(frozen=True)
@@ -28,48 +25,18 @@ class Resolve:
     stretch: Stretch
     """Its frames, and the poses they must pass through."""
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {"motion": str(self.motion), **self.stretch.as_dict()}
+
 
 @dataclass(frozen=True)
-class Job:
-    """One solve: what is read, how it is solved, where the result goes."""
+class Job(JobFile):
+    """A job file with its values in the solver's types."""
 
-    capture: Path
-    """File or folder of the capture."""
-    out: Path
-    """Motion file to be written."""
-    report: Path | None = None
-    """HTML page to be written, None for none."""
-    overwrite: bool = False
-    """Replace results that are already there."""
-    fps: float | None = None
-    """Frame rate, where the capture does not say it."""
-    trim: bool = False
-    """Cut all cameras to the shortest."""
     joint_set: JointSet | None = None
-    """Names of the keypoints, where their number fits several sets."""
-    unit: str | None = None
-    """Length unit of the calibration, where the file does not tell it."""
-    up_axis: str | None = None
-    """Axis of the calibration's world that points up, where it is not Z."""
     settings: SolveSettings = field(default_factory=SolveSettings)
-    """How to solve."""
     resolve: Resolve | None = None
-    """Solve only a stretch of an earlier motion again; None for the whole take."""
-
-    def __post_init__(self) -> None:
-        if self.out.suffix.lower() != MOTION_SUFFIX:
-            raise JobInvalid(
-                f"A motion file ends in {MOTION_SUFFIX}.",
-                where=f"out = {self.out}",
-                hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
-            )
-        earlier = None if self.resolve is None else self.resolve.motion
-        places = [p.resolve() for p in (self.capture, self.out, self.report, earlier) if p is not None]
-        if len(set(places)) < len(places):
-            raise JobInvalid(
-                "The capture, the motion, the report and an earlier motion must be different files.",
-                where=str(self.out),
-            )
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], folder: Path = Path()) -> Job:
@@ -133,12 +100,7 @@ class Job:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the job as plain values, which ``from_dict`` reads back."""
-        paths = {"capture": str(self.capture), "out": str(self.out), "report": self.report and str(self.report)}
-        plain = {"version": VERSION, **paths, "overwrite": self.overwrite, "fps": self.fps, "trim": self.trim}
-        plain |= {"unit": self.unit, "up_axis": self.up_axis}
-        if self.resolve is not None:
-            plain["resolve"] = {"motion": str(self.resolve.motion), **self.resolve.stretch.as_dict()}
-        return {**plain, "joint_set": self.joint_set and self.joint_set.value, "settings": asdict(self.settings)}
+        return {**super().as_dict(), "settings": asdict(self.settings)}
 
 
 def joint_set_named(name: str) -> JointSet:

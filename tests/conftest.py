@@ -22,6 +22,8 @@ if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
     # Before anything imports the solver. An int is a number wherever a float is asked for.
     jaxtyping.install_import_hook(CHECKED, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
+from tests.support.recordings import recordings_folder  # noqa: E402
+
 hypothesis.settings.register_profile(
     "mocap",
     deadline=None,
@@ -50,8 +52,7 @@ def _annotations_are_checked(request: pytest.FixtureRequest) -> None:
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Return the folder of recordings kept beside the repository; skip where it is missing."""
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("MOCAP_SHARED_DATA", default))
+    folder = recordings_folder()
     if not folder.is_dir():
         pytest.skip(f"no recordings at {folder.name}: set MOCAP_SHARED_DATA to their folder")
     return folder

@@ -205,3 +205,9 @@ def test_another_python_looks_for_3_11_and_explains(tmp_path):
     assert done.returncode == 1
     assert "needs Python 3.99, which is not here." in done.stderr
     assert "then: python3.99 dev.py" in done.stderr
+
+
+def test_vendoring_needs_no_environment(dev, monkeypatch):
+    monkeypatch.setattr(dev, "set_up", lambda: pytest.fail("the environment was made"))
+    assert dev.main(["vendor"]) == 0
+    assert [command for command, _ in dev.commands] == [[sys.executable, "build_addon.py", "--vendor"]]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from assets_procedural.arrays import Array
+from assets_procedural.population.anthropometry import Measures, place_measures
 from assets_procedural.population.fields import Frame, build_fields, displace
-from assets_procedural.population.measures import Measures, place_measures
 from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, Statistics
 from assets_procedural.skeleton.skinning import cotangent_laplacian
 

@@ -15,7 +15,7 @@ from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, build_body
 from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import euler_number
-from assets_procedural.population.measures import place_measures, place_tape
+from assets_procedural.population.anthropometry import place_measures, place_tape
 from assets_procedural.population.statistics import MEASURES, load_statistics
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
 from assets_procedural.quality.poses import BENDS, rotations

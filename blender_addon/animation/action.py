@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from .._exchange.motion_file import MotionFile
+from .._exchange.so3 import quat_from_rotvec, quat_multiply, sign_continuous
 from ..body.armature import rotation_from_body_axes
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
-from ..conventions.rotations import quat_from_rotvec, quat_multiply, sign_continuous
 from ..conventions.skeleton import JOINTS
 from ..conventions.timing import TakeTiming
-from ..files.motion_file import MotionFile
-from ..review.confidence_lane import write_confidence
+from .confidence_lane import write_confidence
 from .curves import create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
 

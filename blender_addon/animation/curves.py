@@ -34,6 +34,11 @@ def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
     return CurveTarget(action, strip.channelbag(slot, ensure=True))
 
 
+def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
+    """Return the action that an object plays."""
+    return obj.animation_data.action if obj.animation_data is not None else None
+
+
 def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
     """Yield the curves of an action in any Blender version."""
     if not hasattr(action, "slots"):

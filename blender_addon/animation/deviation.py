@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.motion_file import MotionFile
 from ..body.body_file import BodyFile
+from ..body.mesh import positions
 from ..body.posed_body import pose_joints, skin
 from ..conventions.skeleton import JOINTS
-from ..conventions.timing import TakeTiming
-from ..files.motion_file import MotionFile
+from ..conventions.timing import TakeTiming, go_to_frame
 
 
 @dataclass(frozen=True)
@@ -26,19 +27,17 @@ class Deviation:
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:
     """Return the (24, 3) world positions of the pose bones' heads on a scene frame."""
-    _go_to(scene, frame)
+    go_to_frame(scene, frame)
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return np.array([evaluated.matrix_world @ evaluated.pose.bones[joint].head for joint in JOINTS])
 
 
 def evaluated_vertices(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> np.ndarray:
     """Return the (V, 3) world positions of a mesh's evaluated vertices on a scene frame."""
-    _go_to(scene, frame)
+    go_to_frame(scene, frame)
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    co = np.empty(3 * len(evaluated.data.vertices), dtype=np.float32)
-    evaluated.data.vertices.foreach_get("co", co)
     world = np.array(evaluated.matrix_world, dtype=np.float64)
-    return co.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+    return positions(evaluated.data.vertices) @ world[:3, :3].T + world[:3, 3]
 
 
 def measure_deviation(
@@ -64,11 +63,6 @@ def measure_deviation(
         joints_mm=_largest_mm(joints, expected),
         skin_mm=_largest_mm(vertices, skin(body, motion, frames)),
     )
-
-
-def _go_to(scene: bpy.types.Scene, frame: float) -> None:
-    whole = int(np.floor(frame))
-    scene.frame_set(whole, subframe=float(frame - whole))
 
 
 def _largest_mm(found: np.ndarray, expected: np.ndarray) -> float:

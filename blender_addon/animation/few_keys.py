@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..conventions.rotations import matrix_from_quat
+from .._exchange.so3 import matrix_from_quat
 from ..conventions.skeleton import JOINTS, NUM_JOINTS, PARENTS
 from .key_reduction import reduce_keys
 from .sparse_curves import SparseCurves
@@ -81,7 +81,7 @@ def _joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> np.nda
     G[:, 0], p[:, 0] = axes[0] @ R[:, 0], heads[0] + channels[:, :3] @ axes[0].T
     for j in range(1, NUM_JOINTS):
         parent = PARENTS[j]
-        turned = G[:, parent] @ axes[parent].T
-        G[:, j] = turned @ axes[j] @ R[:, j]
-        p[:, j] = p[:, parent] + turned @ (heads[j] - heads[parent])
+        rotated = G[:, parent] @ axes[parent].T
+        G[:, j] = rotated @ axes[j] @ R[:, j]
+        p[:, j] = p[:, parent] + rotated @ (heads[j] - heads[parent])
     return p

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.so3 import quat_multiply, rotvec_from_quat
 from ..body.armature import rotation_from_body_axes
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
-from ..conventions.rotations import quat_multiply, rotvec_from_quat
 from ..conventions.skeleton import JOINTS
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -33,11 +33,11 @@ def read_pose(armature: bpy.types.Object, rest_pelvis: np.ndarray) -> BodyPose:
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
     """
     bones = [armature.pose.bones[joint] for joint in JOINTS]
-    turned = [
+    local = [
         armature.convert_space(pose_bone=bone, matrix=bone.matrix, from_space="POSE", to_space="LOCAL")
         for bone in bones
     ]
-    quat = np.array([matrix.to_quaternion() for matrix in turned], dtype=np.float64)
+    quat = np.array([matrix.to_quaternion() for matrix in local], dtype=np.float64)
     R_body_bone = np.swapaxes(rotation_from_body_axes(armature), 1, 2)
     quat[:, 1:] = (R_body_bone @ quat[:, 1:, None])[..., 0]
     quat[0] = quat_multiply(_CONJUGATE * QUAT_BODY_ARMATURE, quat[0])

@@ -1,13 +1,50 @@
-"""Takes among others: those of a capture, laid aside on an NLA track, or offered in the asset browser."""
+"""Takes: solved actions, played by their body, laid aside on an NLA track, or offered in the asset browser."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
+
 import bpy
+
+from ..body.shape import set_betas
+from ..body.sliders import body_mesh
+
+PATHS = ("motion_file", "capture_file", "report_file", "job_file")
+"""Custom properties of an action: the files it came from and went to."""
+BETAS = "betas"
+"""Custom property of an action: the shape it was solved with."""
+
+
+@dataclass(frozen=True)
+class SolveFiles:
+    """The files that a solve read and wrote."""
+
+    motion: Path
+    capture: Path
+    report: Path | None
+    job: Path
+
+    def write(self, action: bpy.types.Action) -> None:
+        """Keep the paths as custom properties of the action."""
+        for key, path in zip(PATHS, (self.motion, self.capture, self.report or "", self.job), strict=True):
+            action[key] = str(path)
 
 
 def takes_of(capture_file: str) -> list[bpy.types.Action]:
     """Return the solved actions of a capture, by name."""
     return [action for action in bpy.data.actions if action.get("capture_file") == capture_file]
+
+
+def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
+    """Let a body play a take: its action, with its slot where there are slots, in its shape."""
+    animation = armature.animation_data or armature.animation_data_create()
+    animation.action = action
+    if hasattr(action, "slots") and len(action.slots):
+        animation.action_slot = action.slots[0]
+    mesh = body_mesh(armature)
+    if mesh is not None and BETAS in action:
+        set_betas(mesh, action[BETAS])
 
 
 def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
@@ -17,9 +54,9 @@ def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
         The strip; None if the object has no action.
     """
     animation = obj.animation_data
-    action = animation.action if animation is not None else None
-    if action is None:
+    if animation is None or animation.action is None:
         return None
+    action = animation.action
     slot = getattr(animation, "action_slot", None)
     track = animation.nla_tracks.new()
     track.name = action.name

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from .._exchange.errors import BodyInvalid
+from .._exchange.npz import read_arrays
+from .._exchange.schema import Fields
 from ..backend_environment import PACKAGE, backend_folder
 from ..conventions.skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
-from ..errors import BodyInvalid
-from ..files.arrays import read_arrays, text
 from .smpl_family import on_24_joints
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -77,10 +78,10 @@ def read_body(path: Path) -> BodyFile:
     arrays = on_24_joints(read_arrays(path, required=_REQUIRED, optional=_OPTIONAL), path)
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
     _check(arrays, path)
-    weights = np.asarray(arrays["weights"], np.float64)
+    weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
     posedirs, uv, material = (arrays.get(key) for key in ("posedirs", "uv", "face_material"))
     return BodyFile(
-        id=text(arrays, "body_id", path.stem),
+        id=fields.text("body_id", path.stem),
         v_template=np.asarray(arrays["v_template"], np.float64),
         shapedirs=np.asarray(arrays["shapedirs"], np.float64),
         posedirs=posedirs,
@@ -89,7 +90,7 @@ def read_body(path: Path) -> BodyFile:
         faces=np.asarray(arrays["f"]).astype(np.int64),
         uv=None if uv is None else np.asarray(uv, np.float64),
         face_material=None if material is None else np.asarray(material).astype(np.int64),
-        licence=text(arrays, "license", _OWN_LICENCE if _ships_with_us(path) else ""),
+        licence=fields.text("license", _OWN_LICENCE if _ships_with_us(path) else ""),
     )
 
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
+from ..conventions.collections import child_collection
 from ..conventions.skeleton import JOINTS
-from ..scene.collections import child_collection
 from .armature import bone_axes
 from .body_file import BodyFile
-from .layout import BoneLayout, pelvis_centred
+from .layout import BoneLayout, body_part, pelvis_centred
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
@@ -45,7 +45,7 @@ def add_controls(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, 
     trunk = np.isin(owner, [JOINTS.index(joint) for joint in _TRUNK])
     lengths = np.linalg.norm(layout.tails - layout.heads, axis=1)
     for j, axes in enumerate(bone_axes(armature)):
-        part = JOINTS[j].split("_")[-1]
+        part = body_part(JOINTS[j])
         shape = _SHAPE_OF_PART.get(part, "ring")
         measured = trunk if part.startswith("spine") else owner == j
         local = (vertices[measured] - layout.heads[j]) @ axes

@@ -13,7 +13,8 @@ from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile
-from .shape import add_key, rest_positions
+from .mesh import positions
+from .shape import add_key
 
 _FEATURES = (
     "-2*(y*y+z*z)", "2*(x*y-w*z)", "2*(x*z+w*y)",
@@ -37,7 +38,7 @@ def add_correctives(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bo
     if body.posedirs is None:
         return 0
     added = 0
-    C, rest = rotation_from_body_axes(armature), rest_positions(mesh)
+    C, rest = rotation_from_body_axes(armature), positions(mesh.data.vertices)
     blocks = body.posedirs.astype(np.float32).reshape(len(rest), 3, -1, 9).transpose(2, 0, 1, 3).copy()
     for joint, block, axes in zip(JOINTS[1:], blocks, C[1:], strict=True):
         moved = np.flatnonzero(block.reshape(len(rest), -1).any(axis=1))
@@ -45,17 +46,17 @@ def add_correctives(armature: bpy.types.Object, mesh: bpy.types.Object, body: Bo
         for m, feature in enumerate(_FEATURES):
             if _LARGEST_FEATURE * np.linalg.norm(offsets[:, :, m], axis=1).max(initial=0.0) < _LEAST_M:
                 continue
-            positions = rest.copy()
-            positions[moved] += offsets[:, :, m]
-            _drive(add_key(mesh, f"{joint} {m}", positions, _LARGEST_FEATURE), feature, armature, joint)
+            shaped = rest.copy()
+            shaped[moved] += offsets[:, :, m]
+            _drive(add_key(mesh, f"{joint} {m}", shaped, _LARGEST_FEATURE), feature, armature, joint)
             added += 1
     return added
 
 
 def _in_bone_axes(block: np.ndarray, C: np.ndarray) -> np.ndarray:
     """Return (V, 3, 9) directions per element of ``C (R - I) C^T`` from those per element of ``R - I``."""
-    turned = R_ARMATURE_BODY @ block.astype(np.float64)
-    return np.einsum("vkab,ia,jb->vkij", turned.reshape(-1, 3, 3, 3), C, C, optimize=True).reshape(block.shape)
+    rotated = R_ARMATURE_BODY @ block.astype(np.float64)
+    return np.einsum("vkab,ia,jb->vkij", rotated.reshape(-1, 3, 3, 3), C, C, optimize=True).reshape(block.shape)
 
 
 def _drive(key: bpy.types.ShapeKey, feature: str, armature: bpy.types.Object, joint: str) -> None:

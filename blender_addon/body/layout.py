@@ -45,7 +45,7 @@ def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
         betas: (10,) shape.
     """
     vertices, heads = pelvis_centred(body, betas)
-    roll_axes = np.stack([_ROLL.get(_part(joint), _FORWARD) for joint in JOINTS])
+    roll_axes = np.stack([_ROLL.get(body_part(joint), _FORWARD) for joint in JOINTS])
     return BoneLayout(heads, _tails(heads, vertices, body.weights.argmax(axis=1)), roll_axes)
 
 
@@ -68,7 +68,7 @@ def _tails(heads: np.ndarray, vertices: np.ndarray, owner: np.ndarray) -> np.nda
         if j in MAIN_CHILD:
             direction = heads[MAIN_CHILD[j]] - heads[j]
         else:
-            unit = _LEAF_DIRECTION.get(_part(joint))
+            unit = _LEAF_DIRECTION.get(body_part(joint))
             unit = _unit(heads[j] - heads[PARENTS[j]]) if unit is None else unit
             reach = (vertices[owner == j] - heads[j]) @ unit
             direction = unit * max(reach.max(initial=0.0), _SHORTEST_M)
@@ -77,7 +77,8 @@ def _tails(heads: np.ndarray, vertices: np.ndarray, owner: np.ndarray) -> np.nda
     return tails
 
 
-def _part(joint: str) -> str:
+def body_part(joint: str) -> str:
+    """Return what a joint belongs to on either side: left_knee and right_knee are "knee"."""
     return joint.split("_")[-1]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..conventions.materials import BODY_COLOURS, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
-from ..scene.materials import BODY_COLOURS, create_material
 from .armature import deform_bone
 from .body_file import BodyFile
 from .layout import pelvis_centred
@@ -38,6 +38,13 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     _add_weights(obj, body.weights)
     obj.modifiers.new("Armature", "ARMATURE").object = armature
     return obj
+
+
+def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
+    """Return the (N, 3) float32 coordinates of a mesh's vertices or of a shape key's points."""
+    co = np.empty(3 * len(points), dtype=np.float32)
+    points.foreach_get("co", co)
+    return co.reshape(-1, 3)
 
 
 def _add_materials(mesh: bpy.types.Mesh, body: BodyFile) -> None:

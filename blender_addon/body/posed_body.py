@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..conventions.rotations import matrix_from_rotvec
+from .._exchange.motion_file import MotionFile
+from .._exchange.so3 import matrix_from_rotvec
 from ..conventions.skeleton import NUM_JOINTS, PARENTS
-from ..files.motion_file import MotionFile
 from .body_file import BodyFile
 
 

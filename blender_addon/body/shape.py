@@ -8,11 +8,12 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .._exchange.errors import BodyInvalid
 from ..conventions.skeleton import JOINTS, NUM_BETAS, PARENTS
-from ..errors import BodyInvalid
 from .armature import bone_axes, deform_bone
 from .body_file import BodyFile
 from .layout import shape_directions
+from .mesh import positions
 from .sliders import slider_name
 
 LARGEST_BETA = 5.0
@@ -24,31 +25,24 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
     """Add the basis and ten sliders to a mesh from ``create_mesh`` and set them to a shape."""
     directions, _ = shape_directions(body)
     mesh.shape_key_add(name="Basis", from_mix=False)
-    rest = rest_positions(mesh)
+    rest = positions(mesh.data.vertices)
     for k in range(NUM_BETAS):
         add_key(mesh, slider_name(k), rest + directions[:, :, k], LARGEST_BETA)
     set_betas(mesh, betas)
 
 
-def rest_positions(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (V, 3) float32 vertices of a mesh at rest, in metres."""
-    co = np.empty(3 * len(mesh.data.vertices), dtype=np.float32)
-    mesh.data.vertices.foreach_get("co", co)
-    return co.reshape(-1, 3)
-
-
-def add_key(mesh: bpy.types.Object, name: str, positions: np.ndarray, limit: float) -> bpy.types.ShapeKey:
+def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
     """Add a relative shape key that moves the vertices from rest to these positions at a value of 1.
 
     Args:
         mesh: a mesh object with a basis.
         name: name of the key.
-        positions: (V, 3) metres.
+        shaped: (V, 3) metres.
         limit: values reach from -limit to limit.
     """
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
-    key.points.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+    key.points.foreach_set("co", np.ascontiguousarray(shaped, dtype=np.float32).ravel())
     return key
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .._exchange.errors import BodyInvalid
 from ..conventions.skeleton import NUM_JOINTS, PARENTS
-from ..errors import BodyInvalid
 
 _BODY = 22
 """Joints that the whole family shares."""

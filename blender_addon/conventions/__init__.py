@@ -1,1 +1,1 @@
-"""Frames, time and names: the solver's conventions in Blender's; no bpy."""
+"""What every part of the add-on agrees on: frames, time, names, colours; and how they stand in Blender."""

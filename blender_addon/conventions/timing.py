@@ -28,6 +28,12 @@ class TakeTiming:
         return int(np.ceil(self.scene_frames(count, fps)[-1] - 1e-3))
 
 
+def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
+    """Show a scene at a frame that need not be whole."""
+    whole = int(np.floor(frame))
+    scene.frame_set(whole, subframe=float(frame - whole))
+
+
 def scene_frame_rate(scene: bpy.types.Scene) -> float:
     """Return the scene's frames per second."""
     return scene.render.fps / scene.render.fps_base

@@ -9,15 +9,15 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
+from .._exchange.progress import Progress
+from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_columns
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..body.armature import bone_axes, deform_bone
-from ..body.plain import plain_copy
 from ..body.rig import Rig
-from ..conventions.rotations import quat_from_matrix, sign_continuous
 from ..conventions.skeleton import JOINTS, PARENTS
 from ..errors import NothingToExport
-from ..progress import Progress
+from .plain_body import plain_copy
 from .pose_samples import PoseSamples, sample_joints
 from .take import ExportTake
 

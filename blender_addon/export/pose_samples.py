@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import bpy
 import numpy as np
 
+from .._exchange.progress import Progress
 from ..conventions.skeleton import JOINTS
 from ..errors import NothingToExport
-from ..progress import Progress
 from .take import ExportTake, staged
 
 _PROGRESS_STEP = 100
@@ -27,7 +28,7 @@ class PoseSamples:
     rest_tails: np.ndarray
     """(J, 3) tails at rest."""
     rotations: np.ndarray
-    """(F, J, 3, 3) each bone's turn from rest, armature's frame to world: identity at rest in an unmoved armature."""
+    """(F, J, 3, 3) each bone's rotation from rest, armature's frame to world: identity at rest if that is unmoved."""
     heads: np.ndarray
     """(F, J, 3) heads in the world."""
     fps: float
@@ -72,13 +73,13 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
             if f % _PROGRESS_STEP == 0:
                 progress("sampling the pose", f, take.num_frames)
     progress("sampling the pose", take.num_frames, take.num_frames)
-    turned = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
+    rotated = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
     return PoseSamples(
         names=names,
         parents=tuple(_parent(bones[name], index) for name in names),
         rest_heads=rest[:, :3, 3],
         rest_tails=np.array([bones[name].tail_local for name in names], np.float64),
-        rotations=turned @ rest[:, :3, :3].swapaxes(1, 2),
+        rotations=rotated @ rest[:, :3, :3].swapaxes(1, 2),
         heads=posed[..., :3, 3],
         fps=take.fps,
     )
@@ -89,12 +90,12 @@ def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
     return sample_pose(take, progress, JOINTS)
 
 
-def _parents_first(armature: object) -> list:
+def _parents_first(armature: bpy.types.Object) -> list[bpy.types.Bone]:
     roots = [bone for bone in armature.data.bones if bone.parent is None]
     return [bone for root in roots for bone in (root, *root.children_recursive)]
 
 
-def _parent(bone: object, index: dict[str, int]) -> int:
+def _parent(bone: bpy.types.Bone, index: dict[str, int]) -> int:
     above = bone.parent
     while above is not None and above.name not in index:
         above = above.parent

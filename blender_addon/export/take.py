@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..animation.curves import current_action
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
 
@@ -40,26 +41,23 @@ class ExportTake:
         return self.frame_end - self.frame_start + 1
 
 
-def take_of(
-    scene: bpy.types.Scene, armature: bpy.types.Object | None, frames: tuple[int, int] | None = None
-) -> ExportTake:
+def take_of(scene: bpy.types.Scene, obj: bpy.types.Object | None, frames: tuple[int, int] | None = None) -> ExportTake:
     """Return the take of an armature.
 
     Args:
         scene: scene the armature is in.
-        armature: the armature, or a mesh it deforms.
+        obj: the armature, or a mesh it deforms.
         frames: first and last scene frame; None for those of the armature's action.
 
     Raises:
         NothingToExport: there is no armature, no motion, or no frame.
     """
-    armature = _armature(armature)
-    action = armature.animation_data.action if armature.animation_data is not None else None
-    if frames is None and action is None:
-        raise NothingToExport(
-            "The armature has no current action.", where=armature.name, hint="Give it one, or name a range of frames."
-        )
+    armature = _armature(obj)
+    action = current_action(armature)
     if frames is None:
+        if action is None:
+            hint = "Give it one, or name a range of frames."
+            raise NothingToExport("The armature has no current action.", where=armature.name, hint=hint)
         start, end = action.frame_range
         frames = math.floor(start + 1e-3), math.ceil(end - 1e-3)
     if frames[1] < frames[0]:

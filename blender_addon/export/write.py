@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress, silent
 from ..errors import NothingToExport
-from ..outputs import atomic_outputs
-from ..progress import Progress, silent
-from .alembic import export_alembic
-from .amass import export_amass
-from .bvh import export_bvh
-from .fbx import export_fbx
 from .formats import FORMATS, Format
-from .gltf import export_gltf
-from .joint_tables import export_csv, export_trc
 from .take import ExportTake
-from .usd import export_usd
+from .writers.alembic import export_alembic
+from .writers.amass import export_amass
+from .writers.bvh import export_bvh
+from .writers.fbx import export_fbx
+from .writers.gltf import export_gltf
+from .writers.joint_tables import export_csv, export_trc
+from .writers.usd import export_usd
 
 WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
     "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,

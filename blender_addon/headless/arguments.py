@@ -10,6 +10,8 @@ from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .exit_codes import EPILOG
 
+_FORMATS = tuple(FORMATS)
+
 
 def parser(program: str) -> argparse.ArgumentParser:
     """Return the parser.
@@ -17,72 +19,76 @@ def parser(program: str) -> argparse.ArgumentParser:
     Args:
         program: what the command is called.
     """
-    common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
-    common.add_argument("--verbose", action="store_true", help="show what Blender prints, on standard error")
-    body = argparse.ArgumentParser(add_help=False)
-    body.add_argument("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
-    out = argparse.ArgumentParser(add_help=False)
-    out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
-    writing = argparse.ArgumentParser(add_help=False)
-    writing.add_argument("--overwrite", action="store_true", help="replace files that are there")
-    python = argparse.ArgumentParser(add_help=False)
-    python.add_argument("--python", type=Path, help="Python to solve with, one with torch perhaps")
-    capture = argparse.ArgumentParser(add_help=False)
-    capture.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion file")
-    capture.add_argument(
-        "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
-    )
-
     whole = argparse.ArgumentParser(
         prog=program,
         description="Solve captures, and bake, export and render solved motions, without a window.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    verbs = whole.add_subparsers(dest="verb", required=True, metavar="VERB")
-    verbs.add_parser(
-        "solve",
-        parents=[python, common],
-        help="solve a capture; takes the solver's options, such as --job JOB.json",
+    verbs, shared = whole.add_subparsers(dest="verb", required=True, metavar="VERB"), _shared_options()
+
+    def verb(name: str, options: str, text: str) -> argparse.ArgumentParser:
+        return verbs.add_parser(name, parents=[shared[option] for option in options.split()], help=text)
+
+    verb("solve", "python common", "solve a capture; takes the solver's options, such as --job JOB.json")
+    taking = "motion body out writing common"
+    _add_bake_options(verb("bake", taking, "write an animated body, its preview video and a contact sheet"))
+    verb("render", taking, "write a preview video and a contact sheet alone")
+    _add_export_options(verb("export", "body out writing common", "write a take in the formats of other programs"))
+    _add_body_options(verb("body", "body common", "write the posable body alone, as an asset"))
+    _add_batch_options(verb("batch", "body out python common", "do all that for every capture of a folder, and resume"))
+    return whole
+
+
+def _shared_options() -> dict[str, argparse.ArgumentParser]:
+    """Return the options that several verbs take, by what they are about."""
+    names = ("common", "body", "out", "writing", "python", "motion")
+    shared = {name: argparse.ArgumentParser(add_help=False) for name in names}
+    add = {name: options.add_argument for name, options in shared.items()}
+    add["common"]("--json", action="store_true", help="progress and result as JSON lines on standard output")
+    add["common"]("--verbose", action="store_true", help="show what Blender prints, on standard error")
+    add["body"]("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
+    add["out"]("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
+    add["writing"]("--overwrite", action="store_true", help="replace files that are there")
+    add["python"]("--python", type=Path, help="Python to solve with, one with torch perhaps")
+    add["motion"]("motion", type=Path, metavar="MOTION.npz", help="motion file")
+    add["motion"](
+        "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
     )
-    bake = verbs.add_parser(
-        "bake", parents=[capture, body, out, writing, common],
-        help="write an animated body, its preview video and a contact sheet",
-    )  # fmt: skip
+    return shared
+
+
+def _add_bake_options(bake: argparse.ArgumentParser) -> None:
     bake.add_argument("--no-video", action="store_true", help="leave out the preview video")
     bake.add_argument("--no-pictures", action="store_true", help="write the Blender file alone")
     bake.add_argument(
         "--keys-per-second", type=_positive, metavar="N", help="keep about so many of the solver's keys, such as 2"
     )
     bake.add_argument("--asset", action="store_true", help="mark the action as an asset")
-    verbs.add_parser(
-        "render", parents=[capture, body, out, writing, common], help="write a preview video and a contact sheet alone"
-    )
-    export = verbs.add_parser(
-        "export", parents=[body, out, writing, common], help="write a take in the formats of other programs"
-    )
-    formats = tuple(FORMATS)
+
+
+def _add_export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("source", type=Path, metavar="MOTION.npz|FILE.blend", help="motion file or Blender file")
-    export.add_argument("--format", nargs="+", required=True, choices=formats, dest="formats", help="one or more")
+    export.add_argument("--format", nargs="+", required=True, choices=_FORMATS, dest="formats", help="one or more")
     export.add_argument("--armature", default="", help="which armature of a Blender file")
-    character = verbs.add_parser("body", parents=[body, common], help="write the posable body alone, as an asset")
-    character.add_argument(
+
+
+def _add_body_options(body: argparse.ArgumentParser) -> None:
+    body.add_argument(
         "--out", type=_blend_file, required=True, metavar="FILE.blend",
         help="Blender file, not replaced if it is there; its folder becomes an asset library",
     )  # fmt: skip
-    character.add_argument(
+    body.add_argument(
         "--betas", type=_betas, default=(), metavar="B0,B1,…", help="shape of the sliders (write --betas=-1,2)"
     )
-    batch = verbs.add_parser(
-        "batch", parents=[body, out, python, common], help="do all that for every capture of a folder, and resume"
-    )
+
+
+def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     batch.add_argument("captures", type=Path, metavar="FOLDER", help="holds the captures: files .npz and folders")
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
     batch.add_argument("--render", action="store_true", help="write a video and a contact sheet of each take")
-    batch.add_argument("--export", nargs="+", choices=formats, default=[], help="formats to export to")
-    return whole
+    batch.add_argument("--export", nargs="+", choices=_FORMATS, default=[], help="formats to export to")
 
 
 def _blend_file(text: str) -> Path:

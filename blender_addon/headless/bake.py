@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.body_choice import body_path_of
+from .._exchange.capture_file import read_capture
+from .._exchange.motion_file import MotionFile, read_motion
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
+from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
-from ..files.capture_file import read_capture
-from ..files.motion_file import MotionFile, read_motion
-from ..outputs import atomic_outputs
-from ..progress import Progress
 
 if TYPE_CHECKING:
     import bpy
@@ -26,7 +26,7 @@ _TOLERATED_MM = 1.0
 
 
 @dataclass(frozen=True)
-class BakeJob:
+class BakeRequest:
     """What to bake and what to write."""
 
     motion: Path
@@ -51,7 +51,7 @@ class BakeJob:
     """Replace files that are there."""
 
 
-def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
+def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
     """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
 
     All files are written or none.
@@ -60,36 +60,36 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
         The ``result`` event of the progress protocol: outputs, notes, frames, seconds and deviations in millimetres.
 
     Raises:
-        AddonError: an input is missing or wrong, an output exists, or Blender cannot render.
+        MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
     from ..render.subject import Subject
-    from ..scene.bake import BakeSettings, bake_take, require_body
+    from ..scene.bake import BakeSettings, bake_take
     from ..scene.session import frame_viewports, fresh_scene, save_file
 
     start = time.monotonic()
-    motion = read_motion(job.motion)
-    body = read_body(job.body or body_path_of(motion.provenance))
+    motion = read_motion(request.motion)
+    body = read_body(request.body or body_path_of(motion.provenance))
     require_body(motion, body)
-    capture = read_capture(job.capture) if job.capture is not None else None
-    names = _names(job, motion)
-    with atomic_outputs(job.out, tuple(names.values()), overwrite=job.overwrite) as temporary:
+    capture = read_capture(request.capture) if request.capture is not None else None
+    names = _names(request, motion)
+    with atomic_outputs(request.out, tuple(names.values()), overwrite=request.overwrite) as temporary:
         scene = fresh_scene()
         progress("baking", 0, 1)
         baking = time.monotonic()
-        settings = BakeSettings(keys_per_second=job.keys_per_second, asset=job.asset)
+        settings = BakeSettings(keys_per_second=request.keys_per_second, asset=request.asset)
         take = bake_take(scene, motion, body, capture, settings)
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
         subject = Subject(take, motion, body, capture)
         deviation = _deviation(scene, subject)
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
-        if job.blend:
+        if request.blend:
             save_file(temporary[names["blend"]])
-        notes = [*take.notes, *(_deviation_notes(deviation) if job.keys_per_second is None else [])]
+        notes = [*take.notes, *(_deviation_notes(deviation) if request.keys_per_second is None else [])]
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
         "event": "result",
-        "outputs": [str(job.out / name) for name in names.values()],
+        "outputs": [str(request.out / name) for name in names.values()],
         "notes": notes,
         "frames": motion.num_frames,
         "fps": motion.fps,
@@ -99,12 +99,12 @@ def run_bake(job: BakeJob, progress: Progress) -> dict[str, Any]:
     }
 
 
-def _names(job: BakeJob, motion: MotionFile) -> dict[str, str]:
+def _names(request: BakeRequest, motion: MotionFile) -> dict[str, str]:
     """Return the output's name of each kind."""
-    names = {"blend": f"{motion.name}.blend"} if job.blend else {}
-    if job.video:
+    names = {"blend": f"{motion.name}.blend"} if request.blend else {}
+    if request.video:
         names["video"] = f"{motion.name}.mp4"
-    if job.pictures:
+    if request.pictures:
         names["sheet"] = f"{motion.name}_contact.png"
     return names
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
 from ..conventions.skeleton import NUM_BETAS
-from ..outputs import atomic_outputs
-from ..progress import Progress
 
 
 @dataclass(frozen=True)
-class BodyJob:
+class BodyRequest:
     """Which body to write, and where."""
 
     out: Path
@@ -27,40 +27,40 @@ class BodyJob:
     """Up to 10 values of the shape; the others are 0."""
 
 
-def run_body(job: BodyJob, progress: Progress) -> dict[str, Any]:
+def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
     """Write a Blender file that holds one body, standing on the floor, marked as an asset.
 
     Returns:
         The ``result`` event of the progress protocol.
 
     Raises:
-        AddonError: the body is missing or wrong, or the file exists or cannot be written.
+        MocapError: the body is missing or wrong, or the file exists or cannot be written.
     """
-    from ..body.asset import add_catalog, mark_body
     from ..body.rig import create_rig, stand_on_floor
-    from ..scene.collections import child_collection
+    from ..conventions.collections import child_collection
     from ..scene.session import frame_viewports, fresh_scene, save_file
+    from .body_asset import add_catalog, mark_body
 
     start = time.monotonic()
     betas = np.zeros(NUM_BETAS)
-    betas[: len(job.betas)] = job.betas
-    body = read_body(job.body or default_body_path())
-    with atomic_outputs(job.out.parent, (job.out.name,)) as temporary:
+    betas[: len(request.betas)] = request.betas
+    body = read_body(request.body or default_body_path())
+    with atomic_outputs(request.out.parent, (request.out.name,)) as temporary:
         progress("building the body", 0, 1)
         scene = fresh_scene()
-        name = job.out.stem
+        name = request.out.stem
         collection = child_collection(name, scene.collection)
         rig = create_rig(name, body, betas, collection)
         stand_on_floor(rig, body)
         mark_body(rig, collection, body)
         progress("building the body", 1, 1)
         frame_viewports((0.0, 0.0, 0.9))
-        save_file(temporary[job.out.name])
-        add_catalog(job.out.parent)
+        save_file(temporary[request.out.name])
+        add_catalog(request.out.parent)
     keys = len(rig.mesh.data.shape_keys.key_blocks)
     return {
         "event": "result",
-        "outputs": [str(job.out)],
+        "outputs": [str(request.out)],
         "notes": [],
         "body": body.id,
         "vertices": len(body.v_template),

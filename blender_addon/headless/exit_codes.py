@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from .._exchange.errors import BackendMissing, Cancelled, MocapError
 from ..errors import (
-    AddonError,
-    BackendMissing,
     BakeFailed,
     BatchInvalid,
     BlenderMissing,
-    Cancelled,
     ExporterMissing,
     ExportFailed,
     RenderFailed,
@@ -31,7 +29,7 @@ one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., 
 _BROKEN = (RenderFailed, BlenderMissing, BackendMissing, BakeFailed, ExportFailed, ExporterMissing)
 
 
-def exit_code(error: AddonError) -> int:
+def exit_code(error: MocapError) -> int:
     """Return the exit code of a named error."""
     if isinstance(error, SolverStopped):
         return error.exit_code if error.exit_code in (2, 3, 130) else BROKEN

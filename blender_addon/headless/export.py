@@ -6,18 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._exchange.errors import FileDamaged, FileMissing, OutputExists
+from .._exchange.motion_file import read_motion
+from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
-from ..errors import FileDamaged, FileMissing, NothingToExport, OutputExists
-from ..files.motion_file import read_motion
-from ..progress import Progress
+from ..errors import NothingToExport
 
 if TYPE_CHECKING:
     import bpy
 
 
 @dataclass(frozen=True)
-class ExportJob:
+class ExportRequest:
     """What to export."""
 
     source: Path
@@ -34,48 +35,48 @@ class ExportJob:
     """Replace files that are there."""
 
 
-def run_export(job: ExportJob, progress: Progress) -> dict[str, Any]:
+def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
     """Write one file a format, named as the take is.
 
     Returns:
         The ``result`` event: outputs, frames and frames per second.
 
     Raises:
-        AddonError: the source is missing or wrong, a file is there already, or an exporter fails.
+        MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
     """
     from ..export.take import take_of
     from ..export.write import export_take, format_of
 
-    suffixes = {name: format_of(name).suffix for name in job.formats}
-    if not job.source.is_file():
-        raise FileMissing("There is no such file.", where=str(job.source), hint="Check the path.")
-    paths = {name: job.out / f"{job.source.stem}{suffix}" for name, suffix in suffixes.items()}
-    _check_free(job, list(paths.values()))
-    take = take_of(*(_open(job) if job.source.suffix.lower() == ".blend" else _baked(job, progress)))
+    suffixes = {name: format_of(name).suffix for name in request.formats}
+    if not request.source.is_file():
+        raise FileMissing("There is no such file.", where=str(request.source), hint="Check the path.")
+    paths = {name: request.out / f"{request.source.stem}{suffix}" for name, suffix in suffixes.items()}
+    _check_free(request, list(paths.values()))
+    take = take_of(*(_open(request) if request.source.suffix.lower() == ".blend" else _baked(request, progress)))
     for name, path in paths.items():
-        export_take(take, name, path, overwrite=job.overwrite, progress=progress)
+        export_take(take, name, path, overwrite=request.overwrite, progress=progress)
     outputs = [str(path) for path in paths.values()]
     return {"event": "result", "outputs": outputs, "frames": take.num_frames, "fps": take.fps, "notes": []}
 
 
-def _check_free(job: ExportJob, paths: list[Path]) -> None:
+def _check_free(request: ExportRequest, paths: list[Path]) -> None:
     """Refuse to start where a file would be overwritten, among them the source itself."""
-    existing = [path.name for path in paths if path.exists() and not job.overwrite]
-    existing += [path.name for path in paths if path.exists() and path.samefile(job.source)]
+    existing = [path.name for path in paths if path.exists() and not request.overwrite]
+    existing += [path.name for path in paths if path.exists() and path.samefile(request.source)]
     if existing:
         raise OutputExists(
             f"{', '.join(dict.fromkeys(existing))} would be overwritten.",
-            where=str(job.out),
+            where=str(request.out),
             hint="Choose another folder, or ask for overwriting.",
         )
 
 
-def _baked(job: ExportJob, progress: Progress) -> tuple[bpy.types.Scene, bpy.types.Object]:
+def _baked(request: ExportRequest, progress: Progress) -> tuple[bpy.types.Scene, bpy.types.Object]:
     from ..scene.bake import BakeSettings, bake_take
     from ..scene.session import fresh_scene
 
-    motion = read_motion(job.source)
-    body = read_body(job.body or body_path_of(motion.provenance))
+    motion = read_motion(request.source)
+    body = read_body(request.body or body_path_of(motion.provenance))
     scene = fresh_scene()
     progress("baking", 0, 1)
     take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))
@@ -83,20 +84,22 @@ def _baked(job: ExportJob, progress: Progress) -> tuple[bpy.types.Scene, bpy.typ
     return scene, take.armature
 
 
-def _open(job: ExportJob) -> tuple[bpy.types.Scene, bpy.types.Object]:
+def _open(request: ExportRequest) -> tuple[bpy.types.Scene, bpy.types.Object]:
     import bpy
 
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(job.source.resolve()), load_ui=False, use_scripts=False)
+        bpy.ops.wm.open_mainfile(filepath=str(request.source.resolve()), load_ui=False, use_scripts=False)
     except RuntimeError as error:
-        raise FileDamaged(f"Blender cannot open the file: {str(error).strip()}", where=str(job.source)) from error
+        raise FileDamaged(f"Blender cannot open the file: {str(error).strip()}", where=str(request.source)) from error
     scene = bpy.context.scene
     found = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
-    chosen = [job.armature] if job.armature else list(found)
+    chosen = [request.armature] if request.armature else list(found)
     if len(chosen) != 1 or chosen[0] not in found:
         raise NothingToExport(
-            f"There is no animated armature '{job.armature}'." if job.armature else "One animated armature is wanted.",
-            where=str(job.source),
+            f"There is no animated armature '{request.armature}'."
+            if request.armature
+            else "One animated armature is wanted.",
+            where=str(request.source),
             hint=f"Name one with --armature: {', '.join(found) or 'the file has none'}.",
         )
     return scene, found[chosen[0]]

@@ -11,18 +11,22 @@ from importlib.util import find_spec
 from types import FrameType
 from typing import Any
 
-from ..errors import AddonError, BakeFailed, BlenderMissing, Cancelled
-from ..progress import Progress, StreamProgress
-from ..quiet import own_streams
+from .._exchange.errors import Cancelled, MocapError
+from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
+from ..errors import BakeFailed, BlenderMissing
 from .arguments import parser
-from .bake import BakeJob, run_bake
-from .batch import BatchJob, run_batch
-from .body import BodyJob, run_body
+from .bake import BakeRequest, run_bake
+from .batch.request import BatchRequest
+from .batch.run_batch import run_batch
+from .body import BodyRequest, run_body
 from .exit_codes import exit_code
-from .export import ExportJob, run_export
+from .export import ExportRequest, run_export
+from .quiet import own_streams
 from .solver import run_solver
 
 MODULE = "python -m blender_addon"
+_INTERVAL_S = 0.2
+"""Least time between two progress lines of one stage."""
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
@@ -38,18 +42,19 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
         parse.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     with own_streams(verbose=options.verbose) as (out, err):
-        progress = StreamProgress(out if options.json else err, as_json=options.json)
+        lines = JsonProgress(out, _INTERVAL_S)
+        progress = lines if options.json else ConsoleProgress(err, _INTERVAL_S)
         try:
             result = _done(options, progress)
-        except AddonError as error:
+        except MocapError as error:
             if options.json:
-                progress.event(error.as_event())
+                lines.event(error.as_event())
             else:
                 err.write(f"\nerror: {error.message}{f' ({error.where})' if error.where else ''}\n")
                 err.write(f"  try: {error.hint}\n" if error.hint else "")
             return exit_code(error)
         if options.json:
-            progress.event(result)
+            lines.event(result)
         else:
             err.writelines(f"{line}\n" for line in _said(result))
             out.write("\n".join(result["outputs"]) + "\n")
@@ -63,7 +68,7 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         return _VERBS[options.verb](options, progress)
     except KeyboardInterrupt as stop:
         raise Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.") from stop
-    except AddonError:
+    except MocapError:
         raise
     except Exception as error:
         traceback.print_exc()
@@ -83,40 +88,42 @@ def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    job = BakeJob(
+    request = BakeRequest(
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
         keys_per_second=options.keys_per_second, asset=options.asset, overwrite=options.overwrite,
     )  # fmt: skip
-    return run_bake(job, progress)
+    return run_bake(request, progress)
 
 
 def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    job = BakeJob(options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite)
-    return run_bake(job, progress)
+    request = BakeRequest(
+        options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite
+    )
+    return run_bake(request, progress)
 
 
 def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     formats = tuple(dict.fromkeys(options.formats))
-    job = ExportJob(options.source, options.out, formats, options.body, options.armature, options.overwrite)
-    return run_export(job, progress)
+    request = ExportRequest(options.source, options.out, formats, options.body, options.armature, options.overwrite)
+    return run_export(request, progress)
 
 
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    return run_body(BodyJob(options.out, options.body, options.betas), progress)
+    return run_body(BodyRequest(options.out, options.body, options.betas), progress)
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if options.bake or options.render or options.export:
         _require_blender()
     formats = tuple(dict.fromkeys(options.export))
-    job = BatchJob(
+    request = BatchRequest(
         options.captures, options.out, options.job, options.bake, options.render, formats, options.body, options.python
     )
-    return run_batch(job, progress)
+    return run_batch(request, progress)
 
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {

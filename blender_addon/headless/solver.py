@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import Cancelled, SolverStopped
-from ..progress import Progress
+from .._exchange.errors import Cancelled
+from .._exchange.progress import Progress
+from ..errors import SolverStopped
 from ..solving.run import Run, start
 
 _POLL_S = 0.05

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..conventions.distortion import distort, normalised, pixels
+from .._exchange.lens import distort, normalised, pixels
 from ..scene.footage import Footage
 from .picture import blend, gradient, layer_from_render
 from .resampling import Resampling
@@ -67,8 +67,8 @@ def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple
         (h, w, 2) pixels of the scaled footage, or None if every pixel comes from where it is.
     """
     camera, calibrated = view.camera, np.array(view.camera.image_size)
-    stretch = calibrated / np.array(native_size)
-    cut = bool((np.abs(stretch - 1) < _CUT).all() and (stretch != 1).any())
+    scale = calibrated / np.array(native_size)
+    cut = bool((np.abs(scale - 1) < _CUT).all() and (scale != 1).any())
     bent = bool(camera.distortion.any()) or camera.distortion_model != "opencv"
     if not (cut or bent) and view.part[2] == 1.0 and read_size == view.size:
         return None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..progress import Progress
+from .._exchange.progress import Progress
 from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, gradient, layer_from_render, write_png
 from .stage import Look, open_stage

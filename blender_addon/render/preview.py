@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..progress import Progress
+from .._exchange.progress import Progress
 from ..scene.footage import find_footage
 from .backdrop import Backdrop
 from .lettering import Lettering, open_lettering

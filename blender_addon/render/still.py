@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..conventions.timing import go_to_frame
 from .picture import read_targa
 
 
@@ -31,8 +32,7 @@ def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarr
     path = folder / "still.tga"
     path.unlink(missing_ok=True)
     scene.render.filepath = str(path)
-    whole = int(np.floor(frame))
-    scene.frame_set(whole, subframe=float(frame - whole))
+    go_to_frame(scene, frame)
     # The operator's own ``scene`` argument renders the animation as the window's scene has it.
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         bpy.ops.render.render(write_still=True)

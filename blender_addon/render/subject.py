@@ -9,11 +9,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .._exchange.capture_file import CameraFile, CaptureFile
+from .._exchange.motion_file import MotionFile
+from .._exchange.so3 import matrix_from_rotvec
 from ..body.body_file import BodyFile
 from ..body.posed_body import pose_joints
-from ..conventions.rotations import matrix_from_rotvec
-from ..files.capture_file import CameraFile, CaptureFile
-from ..files.motion_file import MotionFile
 from ..scene.bake import BakedTake
 from ..scene.footage import find_footage
 from .backdrop import Backdrop, floor_backdrop, footage_backdrop

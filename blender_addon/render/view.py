@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..conventions.distortion import normalised, pixels, undistort
+from .._exchange.capture_file import CameraFile
+from .._exchange.lens import normalised, pixels, undistort
 from ..conventions.skeleton import JOINTS
-from ..files.capture_file import CameraFile
 
 BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
 """(24,) how far the body reaches beyond each joint, in metres."""

@@ -1,1 +1,1 @@
-"""Where to look and what to do about it: confidence, doubtful stretches, pinned poses."""
+"""Where to look and what to do about it: doubtful ranges, painted bones, pinned poses."""

@@ -1,4 +1,4 @@
-"""Solving a stretch again: frames of the scene to frames of the capture, poses to parameters."""
+"""Solving a frame range again: frames of the scene to frames of the capture, poses to parameters."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .._exchange.job_file import Pin, Resolve
 from ..animation.pose import read_pose
-from ..animation.solved_takes import BETAS
+from ..animation.takes import BETAS
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
-from ..solving.job_file import Pin, Resolve
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """A stretch of a take in scene frames."""
+class FrameRange:
+    """A range of a take's frames, in scene frames."""
 
     action: bpy.types.Action
     """The take."""
@@ -32,27 +32,27 @@ class Stretch:
     """Scene frame and ``pinned_values`` of each pinned pose."""
 
 
-def resolve_of(stretch: Stretch, scene: bpy.types.Scene) -> Resolve:
-    """Return the part of a job that solves a stretch again; pins outside it are left out.
+def resolve_of(frames: FrameRange, scene: bpy.types.Scene) -> Resolve:
+    """Return the part of a job that solves a frame range again; pins outside it are left out.
 
     Raises:
-        TakeMissing: the take's motion file is gone, or the stretch lies outside the take.
+        TakeMissing: the take's motion file is gone, or the range lies outside the take.
     """
-    motion = Path(stretch.action["motion_file"])
+    motion = Path(frames.action["motion_file"])
     if not motion.is_file():
         raise TakeMissing(
             "The motion file of this take is gone.", where=str(motion), hint="Solve the whole capture again."
         )
-    count = int(stretch.action["frames"])
-    first, last = (capture_frame(stretch.action, scene, frame) for frame in (stretch.first, stretch.last))
+    count = int(frames.action["frames"])
+    first, last = (capture_frame(frames.action, scene, frame) for frame in (frames.first, frames.last))
     if last < 0 or first > count - 1 or first > last:
         raise TakeMissing(
-            f"The frames {stretch.first} to {stretch.last} lie outside the take or are in the wrong order.",
-            where=stretch.action.name,
+            f"The frames {frames.first} to {frames.last} lie outside the take or are in the wrong order.",
+            where=frames.action.name,
             hint="Set First and Last inside the take.",
         )
     first, last = max(first, 0), min(last, count - 1)
-    pins = [(capture_frame(stretch.action, scene, frame), values) for frame, values in stretch.pins]
+    pins = [(capture_frame(frames.action, scene, frame), values) for frame, values in frames.pins]
     kept = tuple(Pin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
     return Resolve(motion, first, last, kept)
 

@@ -1,15 +1,15 @@
-"""Stretches of a take that deserve a look."""
+"""Frame ranges of a take that deserve a look."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 
-from .confidence_lane import read_lane
+from ..animation.confidence_lane import read_lane
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
-    """Return [first, last] scene frames of each stretch of a take whose confidence is below a bound, in order."""
+    """Return [first, last] scene frames of each range of a take whose confidence is below a bound, in order."""
     lane = read_lane(take)
     if lane is None:
         return []
@@ -18,12 +18,12 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return [first, last] of each stretch whose confidence is below a bound, in order.
+    """Return [first, last] of each range whose confidence is below a bound, in order.
 
     Args:
         confidence: (F,) in 0..1.
         below: the bound.
-        bridge: stretches with at most so many good frames between them become one.
+        bridge: ranges with at most so many good frames between them become one.
     """
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
@@ -34,10 +34,10 @@ def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list
 
 
 def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
-    """Return the first stretch that begins after a frame, or the last that begins before it; past the end, around.
+    """Return the first range that begins after a frame, or the last that begins before it; past the end, around.
 
     Returns:
-        A stretch, None if there is none at all.
+        A range, None if there is none at all.
     """
     if not ranges:
         return None

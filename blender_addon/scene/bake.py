@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 import bpy
 
+from .._exchange.capture_file import CaptureFile
+from .._exchange.motion_file import MotionFile
 from ..animation.action import bake_action
 from ..animation.takes import mark_as_asset
+from ..body.body_choice import require_body
 from ..body.body_file import BodyFile
 from ..body.rig import create_rig
+from ..conventions.collections import child_collection
+from ..conventions.materials import KEYPOINT_COLOUR
 from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
-from ..errors import BodyMismatch
-from ..files.capture_file import CaptureFile
-from ..files.motion_file import MotionFile
 from .cameras import look_through
 from .capture_stage import create_cameras, create_detections
-from .collections import child_collection
 from .floor import create_floor
-from .materials import KEYPOINT_COLOUR
-from .overlay import create_point_overlay
+from .overlay import PointLook, create_point_overlay
 
-_KEYPOINT_M = 0.014
+_KEYPOINT_LOOK = PointLook(0.014, KEYPOINT_COLOUR)
 
 
 @dataclass(frozen=True)
@@ -99,20 +99,6 @@ def bake_take(
     return BakedTake(take, figure, rig.armature, rig.mesh, action, cameras, overlays, floor, timing, tuple(notes))
 
 
-def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion belongs to a body; a motion that does not say so fits any.
-
-    Raises:
-        BodyMismatch: both have an id and the ids differ.
-    """
-    if motion.body and body.id and motion.body != body.id:
-        raise BodyMismatch(
-            f"The motion was solved for the body '{motion.body}', not for '{body.id}'.",
-            where=motion.name,
-            hint="Name the body file it was solved for.",
-        )
-
-
 def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     notes = []
     if not motion.body:
@@ -158,8 +144,4 @@ def _bake_keypoints(motion: MotionFile, timing: TakeTiming, take: bpy.types.Coll
     if points is None or not points.size:
         return ()
     folder = child_collection("Keypoints", take)
-    return (
-        create_point_overlay(
-            "Triangulated keypoints", points, motion.fps, timing, folder, radius_m=_KEYPOINT_M, colour=KEYPOINT_COLOUR
-        ),
-    )
+    return (create_point_overlay("Triangulated keypoints", points, motion.fps, timing, folder, _KEYPOINT_LOOK),)

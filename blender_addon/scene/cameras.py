@@ -11,8 +11,8 @@ from pathlib import Path
 import bpy
 from mathutils import Matrix
 
+from .._exchange.capture_file import CameraFile
 from ..conventions.coordinates import SENSOR_WIDTH_MM, camera_to_world, lens_from_intrinsics
-from ..files.capture_file import CameraFile
 from .footage import Footage, find_footage
 
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.capture_file import CameraFile, CaptureFile
+from ..conventions.collections import child_collection
+from ..conventions.materials import MARKER_COLOUR
 from ..conventions.timing import TakeTiming, set_scene_frame_rate
-from ..files.capture_file import CameraFile, CaptureFile
 from .cameras import add_background, create_camera, look_through
-from .collections import child_collection
 from .floor import create_floor
-from .materials import DETECTION_COLOUR, MARKER_COLOUR
-from .overlay import create_point_overlay, create_view_overlay
+from .overlay import PointLook, create_point_overlay, create_view_overlay
 
-_MARKER_M = 0.008
+_MARKER_LOOK = PointLook(0.008, MARKER_COLOUR)
 
 
 @dataclass(frozen=True)
@@ -75,13 +75,11 @@ def create_detections(
     """Create the points each camera detected, as that camera sees them, and the optical markers."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
-        cloud = create_point_overlay(
-            "Markers", capture.markers, capture.fps, timing, folder, radius_m=_MARKER_M, colour=MARKER_COLOUR
-        )
+        cloud = create_point_overlay("Markers", capture.markers, capture.fps, timing, folder, _MARKER_LOOK)
         overlays.append(cloud)
     if capture.xy is not None and capture.xy.size:
         for camera, source, xy in zip(cameras, capture.cameras, capture.xy, strict=True):
-            overlays.append(create_view_overlay(camera, source, xy, capture.fps, timing, folder, DETECTION_COLOUR))
+            overlays.append(create_view_overlay(camera, source, xy, capture.fps, timing, folder))
     return tuple(overlays)
 
 

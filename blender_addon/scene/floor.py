@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .materials import FLOOR_COLOURS, create_material
+from ..conventions.materials import FLOOR_COLOURS, create_material
 
 _LINE_M = 0.015
 

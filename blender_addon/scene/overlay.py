@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 
+from .._exchange.capture_file import CameraFile
+from .._exchange.lens import normalised, undistort
 from ..conventions.coordinates import camera_rays
-from ..conventions.distortion import normalised, undistort
+from ..conventions.materials import DETECTION_COLOUR, Colour, create_material
 from ..conventions.timing import TakeTiming
-from ..files.capture_file import CameraFile
-from .materials import Colour, create_material
 from .point_player import SEEN, PlayerSettings, create_player
 
 _PLANE_M = 0.5
@@ -18,15 +20,23 @@ _DOT = 0.0045
 """Radius of a detection, as a share of the image's longer side: three pixels of a usual viewport."""
 
 
+@dataclass(frozen=True)
+class PointLook:
+    """What points look like."""
+
+    radius_m: float
+    """Radius of a point."""
+    colour: Colour
+    """Linear RGBA."""
+
+
 def create_point_overlay(
     name: str,
     points: np.ndarray,
     fps: float,
     timing: TakeTiming,
     collection: bpy.types.Collection,
-    *,
-    radius_m: float,
-    colour: Colour,
+    look: PointLook,
 ) -> bpy.types.Object:
     """Create one object that plays points; it is shown in the viewport and left out of renders.
 
@@ -36,8 +46,7 @@ def create_point_overlay(
         fps: frames per second of the points.
         timing: where the take lies in the scene.
         collection: where the object is linked.
-        radius_m: radius of a point.
-        colour: linear RGBA.
+        look: size and colour of a point.
     """
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
@@ -48,8 +57,8 @@ def create_point_overlay(
     overlay = bpy.data.objects.new(name, mesh)
     collection.objects.link(overlay)
     settings = PlayerSettings(
-        points=count, rows=rows, frame_start=timing.start, rows_per_frame=fps / timing.scene_fps, radius_m=radius_m,
-        material=create_material(name, colour),
+        points=count, rows=rows, frame_start=timing.start, rows_per_frame=fps / timing.scene_fps,
+        radius_m=look.radius_m, material=create_material(name, look.colour),
     )  # fmt: skip
     overlay.modifiers.new("Points of this frame", "NODES").node_group = create_player(name, settings)
     overlay.hide_render = True
@@ -65,7 +74,6 @@ def create_view_overlay(
     fps: float,
     timing: TakeTiming,
     collection: bpy.types.Collection,
-    colour: Colour,
 ) -> bpy.types.Object:
     """Create one view's detections as a child of its camera, half a metre in front of it.
 
@@ -78,12 +86,10 @@ def create_view_overlay(
         fps: frames per second of the detections.
         timing: where the take lies in the scene.
         collection: where the object is linked.
-        colour: linear RGBA.
     """
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
-    overlay = create_point_overlay(
-        f"{source.name} detections", points, fps, timing, collection, radius_m=radius_m, colour=colour
-    )
+    look = PointLook(radius_m, DETECTION_COLOUR)
+    overlay = create_point_overlay(f"{source.name} detections", points, fps, timing, collection, look)
     overlay.parent = camera
     return overlay

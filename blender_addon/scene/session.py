@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from mathutils import Vector
 
-from ..errors import OutputNotWritable
+from .._exchange.errors import OutputNotWritable
 
 _WORLD = (0.24, 0.25, 0.28)
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)

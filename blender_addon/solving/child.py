@@ -11,7 +11,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, Any
 
-from ..errors import BackendMissing
+from .._exchange.errors import BackendMissing
 
 _GRACE_S = 5.0
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .._exchange.errors import sentence
 from ..backend_environment import backend_command, environment_for_child
-from ..errors import sentence
 from .child import SolverProcess
 
 _LOG_LINES = 2000

@@ -1,4 +1,4 @@
-"""Where a scene's captures and takes are written."""
+"""Paths of a scene: those that begin with ``//``, and where captures and takes are written."""
 
 from __future__ import annotations
 
@@ -6,12 +6,22 @@ from pathlib import Path
 
 import bpy
 
-from ..errors import OutputNotWritable
-from ..outputs import probe
-from .paths import absolute
+from .._exchange.errors import OutputNotWritable
+from .._exchange.outputs import probe
+from . import ADDON
 
-_PACKAGE = __package__.rpartition(".")[0]
 _BESIDE = "mocap"
+RELATIVE = (
+    {"PATH_SUPPORTS_BLEND_RELATIVE"}
+    if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
+    else set()
+)
+"""Option of a path property that may begin with ``//``; before Blender 4.5 every one may."""
+
+
+def absolute(text: str) -> Path:
+    """Return the path that a property means."""
+    return Path(bpy.path.abspath(text))
 
 
 def files_folder(scene: bpy.types.Scene) -> Path:
@@ -55,6 +65,6 @@ def _wanted(scene: bpy.types.Scene) -> Path:
     if bpy.data.filepath:
         return Path(bpy.data.filepath).parent / _BESIDE
     try:
-        return Path(bpy.utils.extension_path_user(_PACKAGE, path=_BESIDE))
+        return Path(bpy.utils.extension_path_user(ADDON, path=_BESIDE))
     except ValueError:  # run from the source tree: not an installed extension
         return Path(bpy.utils.user_resource("DATAFILES", path=_BESIDE))

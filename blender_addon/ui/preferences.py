@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..errors import AddonError
+from .._exchange.errors import MocapError
+from . import ADDON
 
 if TYPE_CHECKING:
     from ..solving.python_probe import PythonFound
-
-_PACKAGE = __package__.rpartition(".")[0]
 
 
 class MocapPreferences(bpy.types.AddonPreferences):
     """Per user, not per file."""
 
-    bl_idname = _PACKAGE
+    bl_idname = ADDON
 
     python: bpy.props.StringProperty(
         name="Python with PyTorch",
@@ -63,7 +62,7 @@ class MOCAP_OT_test_python(bpy.types.Operator):
         preferences.found = preferences.failed = ""
         try:
             preferences.found = _lines(probe_python(chosen_python(context)))
-        except AddonError as error:
+        except MocapError as error:
             preferences.failed = str(error)
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -78,7 +77,7 @@ def chosen_python(context: bpy.types.Context) -> Path | None:
 
 
 def _preferences(context: bpy.types.Context) -> MocapPreferences | None:
-    addon = context.preferences.addons.get(_PACKAGE)
+    addon = context.preferences.addons.get(ADDON)
     return None if addon is None else addon.preferences
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..solving.presets import PRESETS
-from .paths import RELATIVE
+from .locations import RELATIVE
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (

@@ -11,9 +11,7 @@ from ..headless.blender_command import command
 from . import (
     bone_colours,
     preferences,
-)
-from . import (
-    properties as settings,
+    properties,
 )
 from .operators import (
     export_take,
@@ -21,11 +19,9 @@ from .operators import (
     import_motion,
     review,
     solve,
+    solver_operator,
     takes,
     views,
-)
-from .operators import (
-    solver_operator as following,
 )
 from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
@@ -60,12 +56,12 @@ def _pointer(owner: type, name: str, cls: type) -> Entry:
 
 
 TABLE: tuple[Entry, ...] = (
-    *map(_class, settings.CLASSES),
-    _pointer(bpy.types.Scene, "mocap", settings.MocapSettings),
+    *map(_class, properties.CLASSES),
+    _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     _class(preferences.MOCAP_OT_test_python),
     _class(preferences.MocapPreferences),
-    Entry(lambda: None, following.current.abandon),
-    _class(following.MOCAP_OT_cancel),
+    Entry(lambda: None, solver_operator.current.abandon),
+    _class(solver_operator.MOCAP_OT_cancel),
     _class(import_motion.MOCAP_OT_import_motion),
     _class(import_capture.MOCAP_OT_import_capture),
     _class(import_capture.MOCAP_OT_demo_capture),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import (
     quat_conjugate,
@@ -17,7 +18,6 @@ from solver_backend.geometry.quaternions import (
     rotvec_from_quat,
 )
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 
 MARGIN_DEG = 15.0
 """Added at both ends: the spread between people (10 to 15 degrees in the sources) and between conventions of zero."""

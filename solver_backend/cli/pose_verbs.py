@@ -9,8 +9,8 @@ from typing import Any
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
-from solver_backend.io.files import check_output
 from solver_backend.types import Motion
 
 

@@ -11,10 +11,10 @@ from typing import Any
 from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid
+from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import Stretch
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.io.files import check_output
 from solver_backend.job import Job, Resolve, joint_set_named, positive_fps
 from solver_backend.types import Capture
 
@@ -65,7 +65,8 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the bodies that can be chosen by name, and the folder they are looked for in."""
-    from solver_backend.body.files.choices import bodies_folder, list_bodies
+    from solver_backend.body.files.choices import list_bodies
+    from solver_backend.exchange.body_choice import bodies_folder
 
     found = {body.name: str(body.path) for body in list_bodies()}
     width = max(map(len, found))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 
 class MocapError(Exception):
     """Base of every error a user can cause or meet.
@@ -22,22 +24,17 @@ class MocapError(Exception):
         self.hint = hint
 
     def __str__(self) -> str:
-        parts = [self.message]
-        if self.where:
-            parts.append(f"({self.where})")
-        if self.hint:
-            parts.append(self.hint)
-        return " ".join(parts)
+        return sentence(self.as_event())
 
     def as_event(self) -> dict[str, str]:
         """Return the error as the ``error`` event of the progress protocol."""
-        return {
-            "event": "error",
-            "code": self.code,
-            "message": self.message,
-            "where": self.where,
-            "hint": self.hint,
-        }
+        return {"event": "error", "code": self.code, "message": self.message, "where": self.where, "hint": self.hint}
+
+
+def sentence(event: Mapping[str, str]) -> str:
+    """Return an ``error`` event as one line: what happened, where, what to try."""
+    where = f"({event['where']})" if event.get("where") else ""
+    return " ".join(part for part in (event.get("message", ""), where, event.get("hint", "")) if part)
 
 
 class CaptureNotRecognised(MocapError):
@@ -167,13 +164,19 @@ class PoseInvalid(MocapError):
 
 
 class MotionInvalid(MocapError):
-    """A motion file lacks keys or its arrays disagree."""
+    """A motion file lacks keys, or its arrays disagree or hold impossible values."""
 
     code = "motion_invalid"
 
 
+class CaptureInvalid(MocapError):
+    """The arrays of a capture file disagree or hold impossible values."""
+
+    code = "capture_invalid"
+
+
 class BackendMissing(MocapError):
-    """The chosen array backend is not installed."""
+    """The chosen array backend, the solver or a Python to run it with is not there."""
 
     code = "backend_missing"
 

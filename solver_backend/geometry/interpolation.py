@@ -62,7 +62,7 @@ def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     Returns:
         (..., d).
 
-    Reference: Shoemake 1985; thesis 6.2.3.
+    Reference: Shoemake 1985; thesis eq. 4.9 and 6.2.3.
     """
     value, _, _ = _geodesic(a, b, constant(t, a))
     return value

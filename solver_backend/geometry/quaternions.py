@@ -39,6 +39,11 @@ def quat_conjugate(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     return q * constant((1.0, -1.0, -1.0, -1.0), q)
 
 
+def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """Return the same rotations as quaternions wxyz with ``w >= 0``; (..., 4) -> (..., 4)."""
+    return array_namespace(q).where(q[..., :1] < 0, -q, q)
+
+
 def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotation matrices of quaternions of any length but zero.
 

@@ -12,7 +12,7 @@ from solver_backend.geometry.curves import bezier, bspline, lerp, squad
 from solver_backend.geometry.interpolation import slerp
 
 Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]
-"""How codes are blended: (4.8)-(4.12)."""
+"""How codes are blended: thesis eqs. 4.8 to 4.12."""
 TWO_ANCHORS: tuple[Blend, ...] = ("lerp", "slerp")
 EXPONENTIAL_LIMIT = 3.0
 """Largest relevance of the exponential kernel."""
@@ -39,13 +39,16 @@ class CodeStatistics:
         return cls(codes.mean(axis=0), np.linalg.pinv(np.cov(codes, rowvar=False), hermitian=True))
 
     def mahalanobis(self, codes: np.ndarray) -> np.ndarray:
-        """Return ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` of (N, d) codes, (N,) (4.2)."""
+        """Return ``sqrt((z - μ)ᵀ Σ⁻¹ (z - μ))`` of (N, d) codes: (N,), without unit.
+
+        Reference: Mahalanobis 1936; thesis eq. 4.2.
+        """
         difference = codes - self.mean
         return np.sqrt(np.maximum(((difference @ self.precision) * difference).sum(axis=-1), 0.0))
 
 
 def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
-    """Return the root mean square distance of joints by the bounding box's diagonal (4.3).
+    """Return the root mean square distance of joints by the bounding box's diagonal (thesis eq. 4.3).
 
     Args:
         joints: (N, J, 3) metres.
@@ -59,27 +62,32 @@ def reconstruction_error(joints: np.ndarray, decoded: np.ndarray) -> np.ndarray:
 
 
 def sigmoid_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2 (4.4)."""
+    """Return ``1 + 2 (sigmoid(ε/φ) - 1/2)``, 1 to 2; ε and φ as in ``exponential_relevance`` (thesis eq. 4.4)."""
     return 1.0 + np.tanh(0.5 * np.asarray(epsilon) / scale)
 
 
 def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
-    """Return ``exp(ε/φ)``, clamped to 3 (4.5)."""
+    """Return ``exp(ε/φ)``, clamped to 3 (thesis eq. 4.5).
+
+    Args:
+        epsilon: (N,) how rare each pose is: ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
+        scale: φ, in the same unit.
+    """
     return np.exp(np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT)))
 
 
 def tail_anchors(codes: np.ndarray, relevance: np.ndarray, threshold: float) -> np.ndarray:
-    """Return the (A, d) codes whose relevance exceeds the threshold (4.6)."""
+    """Return the (A, d) codes whose relevance exceeds the threshold (thesis eq. 4.6)."""
     return codes[relevance > threshold]
 
 
 def sample_tail(
     anchors: np.ndarray, count: int, seed: int, *, blend: Blend = "slerp", sigma: float = 0.05
 ) -> np.ndarray:
-    """Blend noisy anchors: two for LERP and SLERP (4.13), four for the others (4.7).
+    """Blend noisy anchors: two for LERP and SLERP (thesis eq. 4.13), four for the others (eq. 4.7).
 
     Spherical blends act on the anchors' directions; their lengths are blended linearly, so that codes of a sphere stay
-    on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (4.10).
+    on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (eq. 4.10).
 
     Args:
         anchors: (A, d) codes of tail poses.

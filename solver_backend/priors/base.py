@@ -10,8 +10,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
-from solver_backend.geometry.arrays import Array, identity
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.types.shapes import Float
 
 Poses = Float[Array, "poses 21 3 3"]
@@ -77,6 +77,10 @@ class AutoencodingPrior(PosePrior):
     metadata: dict[str, Any]
     """What is known of the weights: command, data, figures and ``sha256``; empty without weights."""
 
+    def reconstruct(self, rotations: Array) -> Array:
+        """Return ``G(E(θ))`` (N, 21, 3, 3) of (N, 21, 3, 3) poses, encoded and decoded (thesis eq. 4.1)."""
+        return self.decode(self.encode(rotations))
+
 
 def check_rotations(rotations: Array) -> None:
     """Make sure that poses are (N, 21, 3, 3) finite rotations.
@@ -116,6 +120,13 @@ def check_codes(z: Array, latent_dim: int) -> None:
         raise PoseInvalid(f"Codes must have the shape (N, {latent_dim}), not {tuple(z.shape)}.")
     if not bool(xp.all(xp.isfinite(z))):
         raise PoseInvalid("A code has NaN or infinite values.")
+
+
+def in_own_columns(blocks: Array) -> Array:
+    """Return the Jacobian (N, 21, 3, 21 k) of joints with k numbers of their own each, from blocks (N, 21, 3, k)."""
+    xp = array_namespace(blocks)
+    own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], blocks)
+    return xp.reshape(own * blocks[:, :, :, None, :], (*blocks.shape[:3], NUM_BODY_JOINTS * blocks.shape[3]))
 
 
 def _determinant(R: Array) -> Array:

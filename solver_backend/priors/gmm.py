@@ -9,11 +9,20 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
-from solver_backend.priors.base import CodeJacobian, Codes, Energies, PosePrior, Poses, check_codes, check_rotations
+from solver_backend.priors.base import (
+    CodeJacobian,
+    Codes,
+    Energies,
+    PosePrior,
+    Poses,
+    check_codes,
+    check_rotations,
+    in_own_columns,
+)
 from solver_backend.priors.weights import ASSETS, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 _DIM = 3 * NUM_BODY_JOINTS
 
@@ -74,11 +83,8 @@ class GaussianMixture(PosePrior):
 
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return ``decode(z)`` and J (N, 21, 3, 63), the left Jacobian of SO(3) in each joint's own columns."""
-        xp = array_namespace(z)
-        R = self.decode(z)
-        blocks = left_jacobian_so3(xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
-        own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], z)
-        return R, xp.reshape(own * blocks[:, :, :, None, :], (z.shape[0], NUM_BODY_JOINTS, 3, _DIM))
+        vectors = array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3))
+        return self.decode(z), in_own_columns(left_jacobian_so3(vectors))
 
     def energy(self, rotations: Poses) -> Energies:
         """Return the negative log density, zero where every component would be at its peak: (N,).

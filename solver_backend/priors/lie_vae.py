@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.quaternions import matrix_from_quat
 from solver_backend.geometry.rotations import matrix_from_6d
 from solver_backend.priors.base import Codes, Energies, Poses
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 FACTORS = 10
 """Rotations of a code: SO(3)^10 has 30 dimensions, as SPoser's sphere."""

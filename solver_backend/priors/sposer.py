@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import matrix_to_6d
 from solver_backend.priors.base import Codes, Energies, Poses, check_rotations
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 LATENT_DIM = 32
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"

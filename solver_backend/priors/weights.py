@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import FileMissing, WeightsInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.priors.networks.dense import DenseStack
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 
 FORMAT = "manifold_mocap_prior"
 VERSION = 1

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
-from solver_backend.io.files import write_text
+from solver_backend.exchange.outputs import write_text
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections
 from solver_backend.report.findings import findings_of

@@ -13,11 +13,11 @@ import numpy as np
 from solver_backend.cameras.distortion import distort
 from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.people.detections import Detections as Everybody
+from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_person
 from solver_backend.simulation.benchmark import JOINT_SET, Take, cast_person
-from solver_backend.simulation.filming import Person, film
-from solver_backend.simulation.keypoint_detector import Detections, DetectorModel
+from solver_backend.simulation.filming import FilmSettings, Person, film
+from solver_backend.simulation.keypoint_detector import DetectorModel, DetectorOutput
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 WALK_M_S = 1.4
@@ -98,7 +98,7 @@ def away(capture: Capture, first: int, seconds: float = 3.0) -> Capture:
 def with_passerby(
     capture: Capture, take: Take, seed: int = 1, *, single_person_detector: bool = False, clearance_m: float = 0.7,
     reach_m: float = 2.5,
-) -> tuple[Capture, Everybody]:  # fmt: skip
+) -> tuple[Capture, Detections]:  # fmt: skip
     """Send a second person past the first at ``clearance_m``, detected as long as within ``reach_m``.
 
     Returns:
@@ -110,7 +110,7 @@ def with_passerby(
     true = replace(cameras, R=capture.truth["R"], t=capture.truth["t"])
     walker, away_m = _across(cast_person(take, rng), capture.truth["joints"][:, 0], clearance_m, keypoints.fps)
     there = away_m < reach_m
-    found = film(walker, true, JOINT_SET, keypoints.fps, DetectorModel(), rng)
+    found = film(walker, true, FilmSettings(JOINT_SET, keypoints.fps, DetectorModel()), rng)
     found = replace(
         found, xy=np.where(there[:, None, None], found.xy, np.nan),
         confidence=np.where(there[:, None], found.confidence, 0.0),
@@ -143,14 +143,16 @@ def _across(person: Person, pelvis: np.ndarray, clearance_m: float, fps: float) 
     return replace(person, orient=person.orient[cycle], local=person.local[cycle], transl=transl), np.abs(way)
 
 
-def _both(keypoints: Keypoints2D, other: Detections, names: tuple[str, ...], rng: np.random.Generator) -> Everybody:
+def _both(
+    keypoints: Keypoints2D, other: DetectorOutput, names: tuple[str, ...], rng: np.random.Generator
+) -> Detections:
     xy = np.stack([keypoints.xy, other.xy], axis=2)
     confidence = np.stack([keypoints.confidence, other.confidence], axis=2)
     first = rng.integers(2, size=xy.shape[:2])
     order = np.stack([first, 1 - first], axis=2)
     xy = np.take_along_axis(xy, order[..., None, None], axis=2)
     confidence = np.take_along_axis(confidence, order[..., None], axis=2)
-    return Everybody(names, xy.astype(np.float32), confidence.astype(np.float32), keypoints.joint_set)
+    return Detections(names, xy.astype(np.float32), confidence.astype(np.float32), keypoints.joint_set)
 
 
 def _height(xy: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.simulation.filming import Person, around, film, miscalibrated
+from solver_backend.simulation.filming import FilmSettings, Person, around, film, miscalibrated
 from solver_backend.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import NUM_BETAS, NUM_JOINTS, SMPL_JOINTS, Capture, JointSet, Keypoints2D
 
@@ -74,16 +74,8 @@ def benchmark_capture(take: Take, settings: BenchmarkSettings = BenchmarkSetting
     pelvis = true.skeleton.joints[:, 0]
     cameras = around(pelvis, settings.num_views)
     delays = np.r_[0.0, rng.uniform(-1, 1, len(cameras) - 1)] * settings.sync_offset_frames
-    found = film(
-        person,
-        cameras,
-        JOINT_SET,
-        take.fps,
-        settings.detector,
-        rng,
-        anatomy_m=1e-3 * settings.anatomy_mm,
-        delays=delays,
-    )
+    filming = FilmSettings(JOINT_SET, take.fps, settings.detector, 1e-3 * settings.anatomy_mm, delays)
+    found = film(person, cameras, filming, rng)
     body_pose = np.zeros((len(person.local), 3 * (NUM_JOINTS - 1)))
     body_pose[:, :63] = log_so3(person.local).reshape(len(person.local), -1)
     truth = {

@@ -12,8 +12,8 @@ from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.simulation.keypoint_detector import Detections, DetectorModel, detect_keypoints
-from solver_backend.simulation.occlusion import hidden_by, self_occluded
+from solver_backend.simulation.keypoint_detector import DetectorModel, DetectorOutput, Sight, detect_keypoints
+from solver_backend.simulation.occlusion import self_occluded
 from solver_backend.synthetic.demo import tripods
 from solver_backend.types import Cameras, JointSet
 
@@ -76,51 +76,54 @@ def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np
     return replace(cameras, R=turn @ cameras.R, t=(turn @ cameras.t[..., None])[..., 0])
 
 
-def film(
-    person: Person, cameras: Cameras, joint_set: JointSet, fps: float, detector: DetectorModel,
-    rng: np.random.Generator, *, anatomy_m: float = 0.0, delays: np.ndarray | None = None,
-    others: tuple[Person, ...] = (),
-) -> Detections:  # fmt: skip
+@dataclass(frozen=True)
+class FilmSettings:
+    """What films, and how far it errs."""
+
+    joint_set: JointSet
+    """Names of the K keypoints."""
+    fps: float
+    """Frames per second."""
+    detector: DetectorModel
+    """The detector."""
+    anatomy_m: float = 0.0
+    """Standard deviation per axis of what the detector means by a joint against what the body means, metres."""
+    delays: np.ndarray | None = None
+    """(C,) frames by which views lag; None for none."""
+
+
+def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
     """Return what a detector finds of a person.
 
     Args:
         person: F frames.
         cameras: C cameras as they truly stand.
-        joint_set: names of the K keypoints.
-        fps: frames per second.
-        detector: its errors.
+        settings: the detector and its errors.
         rng: seeded source of randomness.
-        anatomy_m: standard deviation per axis of what the detector means by a joint against what the body means.
-        delays: (C,) frames by which views lag; None for none.
-        others: people who may stand in between.
     """
-    count = joint_set.num_keypoints
-    posed = person.landmarks(joint_set, anatomy_m * rng.normal(size=(count, 3)))
+    joint_set = settings.joint_set
+    posed = person.landmarks(joint_set, settings.anatomy_m * rng.normal(size=(joint_set.num_keypoints, 3)))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
-    if delays is not None:
-        px = np.stack([delayed(track, delay) for track, delay in zip(px, delays, strict=True)])
+    if settings.delays is not None:
+        px = np.stack([delayed(track, delay) for track, delay in zip(px, settings.delays, strict=True)])
     way = cameras.centres[:, None] - posed.skeleton.joints[None, :, 0]
     body_way = np.einsum("fij,cfi->cfj", person.orient, way)
-    return detect_keypoints(
+    sight = Sight(
         px, px_per_mm(cameras, posed.points), np.arctan2(body_way[..., 0], body_way[..., 2]),
-        _out_of_sight(person, cameras, posed.points, joint_set, fps, others), cameras.image_size, joint_set, fps,
-        detector, rng,
+        _out_of_sight(person, cameras, posed.points, settings), cameras.image_size,
     )  # fmt: skip
+    return detect_keypoints(sight, joint_set, settings.fps, settings.detector, rng)
 
 
-def _out_of_sight(
-    person: Person, cameras: Cameras, points: np.ndarray, joint_set: JointSet, fps: float, others: tuple[Person, ...]
-) -> np.ndarray:
-    """Return (C, F, K) bool: hidden by the own body or another's; looked at ``OCCLUSION_HZ`` times a second."""
-    step = max(1, round(fps / OCCLUSION_HZ))
-    frames = np.arange(0, len(points), step)
-    parts = []
-    for chunk in np.array_split(frames, -(-len(frames) // _CHUNK)):
-        hidden = self_occluded(cameras, person.body, person.skin(chunk), points[chunk], joint_set.keypoints)
-        for other in others:
-            hidden |= hidden_by(cameras, other.body.faces, other.skin(chunk), points[chunk])
-        parts.append(hidden)
-    return np.repeat(np.concatenate(parts, axis=1), step, axis=1)[:, : len(points)]
+def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
+    """Return (C, F, K) bool: hidden by the person's own body; looked at ``OCCLUSION_HZ`` times a second."""
+    step = max(1, round(settings.fps / OCCLUSION_HZ))
+    frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
+    hidden = [
+        self_occluded(cameras, person.body, person.skin(chunk), points[chunk], keypoints)
+        for chunk in np.array_split(frames, -(-len(frames) // _CHUNK))
+    ]
+    return np.repeat(np.concatenate(hidden, axis=1), step, axis=1)[:, : len(points)]
 
 
 def delayed(track: np.ndarray, frames: float) -> np.ndarray:

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.cameras.view_checks.label_swaps import EXCHANGED, limb_columns
+from solver_backend.synthetic.temporal_noise import autoregressive, bursts
 from solver_backend.types import JointSet
 
-LIMBS: dict[str, tuple[str, ...]] = {
-    "arms": ("shoulder", "elbow", "wrist"),
-    "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
-}
-"""Keypoints that are exchanged together."""
 _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
 """Of a bias that turns with the person: constant, cos and sin of the angle and of its double; variance 1 everywhere."""
 
@@ -37,7 +34,7 @@ class DetectorModel:
     unevenness: float = 0.43
     """Standard deviation of the logarithm of drift and jitter over views and keypoints: measured."""
     occluded_missing: float = 0.5
-    """Share of stretches out of sight in which the detector gives up: chosen; the face is missing 0-36 % in the
+    """Share of runs out of sight in which the detector gives up: chosen; the face is missing 0-36 % in the
     recording, limbs at most 1 %."""
     occluded_jitter: float = 2.0
     """Factor on drift and jitter where it guesses instead: chosen."""
@@ -58,7 +55,7 @@ class DetectorModel:
 
 
 @dataclass(frozen=True)
-class Detections:
+class DetectorOutput:
     """What the detector says, and what it did wrong."""
 
     xy: np.ndarray
@@ -70,46 +67,58 @@ class Detections:
     outlier: np.ndarray
     """(C, F, K) bool."""
     swaps: np.ndarray
-    """(N, 4) whole numbers: view, index into ``LIMBS``, first frame, one past the last."""
+    """(N, 4) whole numbers: view, index into ``EXCHANGED``, first frame, one past the last."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What there is to see of K keypoints from C cameras."""
+
+    px: np.ndarray
+    """(C, F, K, 2) true pixels."""
+    px_per_mm: np.ndarray
+    """(C, F, K) pixels a millimetre spans at the point."""
+    seen_from: np.ndarray
+    """(C, F) radians, the camera's direction about the body's upright axis, 0 in front."""
+    occluded: np.ndarray
+    """(C, F, K) bool, from ``self_occluded``."""
+    image_size: np.ndarray
+    """(C, 2)."""
 
 
 def detect_keypoints(
-    px: np.ndarray, px_per_mm: np.ndarray, seen_from: np.ndarray, occluded: np.ndarray, image_size: np.ndarray,
-    joint_set: JointSet, fps: float, model: DetectorModel, rng: np.random.Generator,
-) -> Detections:  # fmt: skip
+    sight: Sight, joint_set: JointSet, fps: float, model: DetectorModel, rng: np.random.Generator
+) -> DetectorOutput:
     """Return detections of true pixels.
 
     Args:
-        px: (C, F, K, 2) true pixels.
-        px_per_mm: (C, F, K) pixels a millimetre spans at the point.
-        seen_from: (C, F) radians, the camera's direction about the body's upright axis, 0 in front.
-        occluded: (C, F, K) bool, from ``self_occluded``.
-        image_size: (C, 2).
+        sight: what there is to see.
         joint_set: names of the K keypoints.
         fps: frames per second.
         model: the detector.
         rng: seeded source of randomness.
     """
+    px, occluded = sight.px, sight.occluded
     shape = px.shape[:-1]
     uneven = np.exp(model.unevenness * rng.normal(size=(shape[0], 1, shape[2], 1)) - model.unevenness**2)
     drift = model.drift_mm * autoregressive(px.shape, float(np.exp(-1.0 / (model.drift_s * fps))), rng)
     moving = uneven * (drift + model.jitter_mm * rng.normal(size=px.shape))
     moving = moving * np.where(occluded, model.occluded_jitter, 1.0)[..., None]
-    error_mm = moving + model.view_bias_mm * bias_by_direction(seen_from, shape[2], rng)
-    outlier = bursts(shape, model.outliers, max(1.0, model.outlier_s * fps), rng)
+    error_mm = moving + model.view_bias_mm * bias_by_direction(sight.seen_from, shape[2], rng)
+    outlier = bursts(rng.random(shape), model.outliers, max(1.0, model.outlier_s * fps))
     confidence = _confidence(np.linalg.norm(error_mm, axis=-1), outlier, occluded, rng)
     error_mm = error_mm + np.where(outlier[..., None], _elsewhere(shape, model, rng), 0.0)
-    xy = px + error_mm * px_per_mm[..., None]
+    xy = px + error_mm * sight.px_per_mm[..., None]
     swapped, swaps = _swaps(shape, joint_set, fps, model, rng)
     mirrored = list(joint_set.mirrored())
     xy = np.where(swapped[..., None], xy[:, :, mirrored], xy)
     confidence = np.where(swapped, confidence[:, :, mirrored], confidence)
     frames = max(1.0, model.burst_s * fps)
-    gives_up = occluded & bursts(shape, model.occluded_missing, 2 * frames, rng)
-    inside = ((xy >= 0) & (xy < image_size[:, None, None])).all(-1)
-    missing = gives_up | bursts(shape, model.missing, frames, rng) | ~inside
+    gives_up = occluded & bursts(rng.random(shape), model.occluded_missing, 2 * frames)
+    inside = ((xy >= 0) & (xy < sight.image_size[:, None, None])).all(-1)
+    missing = gives_up | bursts(rng.random(shape), model.missing, frames) | ~inside
     xy, confidence = np.where(missing[..., None], np.nan, xy), np.where(missing, 0.0, confidence)
-    return Detections(xy, confidence, swapped & ~missing, outlier & ~missing, swaps)
+    return DetectorOutput(xy, confidence, swapped & ~missing, outlier & ~missing, swaps)
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
@@ -136,8 +145,8 @@ def _confidence(
     error_mm: np.ndarray, outlier: np.ndarray, occluded: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Return confidences that tell part of the truth: measured rank correlation with the error, -0.29."""
-    told = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
-    return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), told), 0.05, 1.0)
+    inlier = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
+    return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), inlier), 0.05, 1.0)
 
 
 def _swaps(
@@ -145,7 +154,7 @@ def _swaps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (C, F, K) where limbs are exchanged, and (N, 4) the exchanges; they never touch within a view and limb."""
     mask, swaps = np.zeros(shape, dtype=bool), []
-    for limb, columns in enumerate(limb_columns(joint_set).values()):
+    for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
             for _ in range(rng.poisson(model.swaps_per_minute * shape[1] / fps / 60.0)):
                 start = int(rng.integers(shape[1]))
@@ -158,27 +167,6 @@ def _swaps(
     return mask, np.array(swaps, dtype=np.int64).reshape(-1, 4)
 
 
-def limb_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return the columns of each of ``LIMBS``, both sides."""
-    names = joint_set.keypoints
-    sided = [(k, name.split("_", 1)[1]) for k, name in enumerate(names) if name.startswith(("left_", "right_"))]
-    return {limb: [k for k, part in sided if part in parts] for limb, parts in LIMBS.items()}
-
-
-def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """Return unit-variance noise along axis 1: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
-    noise = rng.normal(size=shape)
-    for f in range(1, shape[1]):
-        noise[:, f] = correlation * noise[:, f - 1] + np.sqrt(1 - correlation**2) * noise[:, f]
-    return noise
-
-
-def bursts(shape: tuple[int, ...], share: float, length: float, rng: np.random.Generator) -> np.ndarray:
-    """Return a mask with runs along axis 1: a two-state Markov chain of this share and mean run length."""
-    leave = 1.0 / length
-    enter = leave * share / (1.0 - share)
-    draws = rng.random(shape)
-    mask = draws < share
-    for f in range(1, shape[1]):
-        mask[:, f] = np.where(mask[:, f - 1], draws[:, f] >= leave, draws[:, f] < enter)
-    return mask
+def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
+    """Return the columns that are exchanged together, those of both sides of each pair of limbs."""
+    return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}

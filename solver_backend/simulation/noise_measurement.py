@@ -15,6 +15,7 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.metrics.rank_correlation import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 REFERENCE_CUTOFF_HZ = 12.0
@@ -124,7 +125,7 @@ def measure_noise(capture: Capture) -> NoiseFigures:
         outlier_frames=_run_length(wrong),
         swaps=_swapped(keypoints.xy, px, scale, list(keypoints.joint_set.mirrored())),
         delay_frames=_delays(jitter, px * scale),
-        confidence_rank_correlation=_rank_correlation(keypoints.confidence[seen], length[seen]),
+        confidence_rank_correlation=spearman(keypoints.confidence[seen], length[seen]),
         error_by_confidence_mm=_by_fifths(keypoints.confidence[seen], length[seen]),
     )
 
@@ -198,11 +199,6 @@ def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[i
     apart = np.linalg.norm((px[:, :, first] - px[:, :, second]) * scale[:, :, first], axis=-1) > OUTLIER_MM
     judged = apart & np.isfinite(own)
     return float((crossed[judged] < 0.5 * own[judged]).mean()) if judged.any() else float("nan")
-
-
-def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
-    ranks = [np.argsort(np.argsort(values)).astype(np.float64) for values in (a, b)]
-    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
 
 
 def _by_fifths(confidence: np.ndarray, error: np.ndarray) -> np.ndarray:

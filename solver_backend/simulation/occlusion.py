@@ -40,33 +40,18 @@ def self_occluded(
         points: (F, K, 3) the keypoints' true places.
         keypoints: names of the K keypoints.
     """
-    return hidden_by(cameras, body.faces, vertices, points, own_faces(body, keypoints))
-
-
-def hidden_by(
-    cameras: Cameras, faces: np.ndarray, vertices: np.ndarray, points: np.ndarray, but: np.ndarray | None = None
-) -> np.ndarray:
-    """Return (C, F, K) bool: a face stands between camera and point.
-
-    Args:
-        cameras: C cameras.
-        faces: (T, 3) corners, counter-clockwise from outside.
-        vertices: (F, V, 3) metres.
-        points: (F, K, 3) metres.
-        but: (K, T) bool, faces that do not hide a point; None if all do.
-    """
-    kept = np.zeros((points.shape[1], len(faces)), dtype=bool) if but is None else but
+    own = own_faces(body, keypoints)
     hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
     for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
         for frame in range(len(points)):
             skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
-            face, target = stabbed_faces(skin, faces, targets)
-            hidden[view, frame] = np.bincount(target, ~kept[target, face], minlength=len(targets)) > 0
+            face, target = stabbed_faces(skin, body.faces, targets)
+            hidden[view, frame] = np.bincount(target, ~own[target, face], minlength=len(targets)) > 0
     return hidden
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (face, target) where a face turned to the origin crosses the sight line before the target.
+    """Return the pairs (face, target) where a face that looks to the origin crosses the sight line before the target.
 
     In the plane z = 1 a face covers a target where all three barycentric coordinates are positive; there its inverse
     depth is their blend of the corners' (perspective-correct interpolation).
@@ -78,12 +63,12 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
     """
     flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]
     a, b, c = (flat[faces[:, i]] for i in range(3))
-    turned = np.flatnonzero(_cross(b - a, c - a) < 0)
-    a, b, c = a[turned], b[turned], c[turned]
+    facing = np.flatnonzero(_cross(b - a, c - a) < 0)
+    a, b, c = a[facing], b[facing], c[facing]
     low, high = np.minimum(np.minimum(a, b), c).T[:, None], np.maximum(np.maximum(a, b), c).T[:, None]
     x, y = goal.T[:, :, None]
     target, near = np.nonzero((low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1]))
-    a, b, c, p, face = a[near], b[near], c[near], goal[target], turned[near]
+    a, b, c, p, face = a[near], b[near], c[near], goal[target], facing[near]
     u, v = _cross(p - a, c - a), _cross(b - a, p - a)
     area = _cross(b - a, c - a)
     weights = np.stack([area - u - v, u, v], axis=-1) / area[:, None]

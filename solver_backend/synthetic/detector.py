@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.synthetic.temporal_noise import autoregressive, bursts
+
 
 @dataclass(frozen=True)
 class DetectorNoise:
@@ -40,35 +42,16 @@ def detect(
         xy (C, F, K, 2) with NaN where missing, and confidence (C, F, K), 0 where missing.
     """
     scale = image_size[:, None, None, :].max(axis=-1, keepdims=True) / 1920
-    jitter = _autoregressive(px.shape, noise.correlation, rng) * noise.sigma_px * scale
+    jitter = autoregressive(px.shape, noise.correlation, rng) * noise.sigma_px * scale
     angle = rng.uniform(0, 2 * np.pi, px.shape[:-1])
     elsewhere = noise.outlier_px * scale * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     wrong = rng.random(px.shape[:-1]) < noise.outliers
     xy = px + jitter + np.where(wrong[..., None], elsewhere, 0.0)
     inside = ((xy >= 0) & (xy < image_size[:, None, None, :])).all(-1)
-    missing = _bursts(px.shape[:-1], noise.missing, noise.burst_frames, rng) | ~inside
+    views, frames, points = wrong.shape
+    missing = bursts(rng.random((frames, views, points)).swapaxes(0, 1), noise.missing, noise.burst_frames) | ~inside
     confidence = np.clip(
         0.85 - 0.03 * np.linalg.norm(jitter / scale, axis=-1) + 0.08 * rng.normal(size=wrong.shape), 0.1, 1
     )
     confidence = np.where(wrong, rng.uniform(0.15, 0.7, wrong.shape), confidence)
     return np.where(missing[..., None], np.nan, xy), np.where(missing, 0.0, confidence)
-
-
-def _autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """Return unit-variance noise correlated along axis 1: ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``."""
-    noise = rng.normal(size=shape)
-    for f in range(1, shape[1]):
-        noise[:, f] = correlation * noise[:, f - 1] + np.sqrt(1 - correlation**2) * noise[:, f]
-    return noise
-
-
-def _bursts(shape: tuple[int, ...], share: float, length: float, rng: np.random.Generator) -> np.ndarray:
-    """Return a mask with runs along axis 1: a two-state Markov chain of this share and mean run length."""
-    leave = 1.0 / length
-    enter = leave * share / (1.0 - share)
-    mask = np.zeros(shape, dtype=bool)
-    mask[:, 0] = rng.random(mask[:, 0].shape) < share
-    for f in range(1, shape[1]):
-        draw = rng.random(mask[:, f].shape)
-        mask[:, f] = np.where(mask[:, f - 1], draw >= leave, draw < enter)
-    return mask

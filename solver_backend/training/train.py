@@ -15,14 +15,14 @@ from solver_backend.training.data.corpus import HELD_OUT, KEYED_REPEATS, NEAR_RE
 from solver_backend.training.data.sources.clips import load_clips
 from solver_backend.training.engine.devices import check_device
 from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.engine.recipe import Finished, Job
+from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.gmm.train import train_gmm
 from solver_backend.training.lifter.train import train_lifter
 from solver_backend.training.pose_ndf.train import train_pose_ndf
 from solver_backend.training.sposer.train import train_sposer
 from solver_backend.training.vae.train import train_vae
 
-RECIPES: dict[str, Callable[[Job], Finished]] = {
+RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "gmm": train_gmm,
     "sposer": train_sposer,
     "pose_ndf": train_pose_ndf,
@@ -71,7 +71,7 @@ def train(
     check_device(chosen.device)
     training, validation = split_corpus(load_clips(Path(data_dir), progress, cache=out / "fitted_takes"))
     command = _command(prior, chosen) + (f" --hidden {hidden}" if prior == "sposer" else "")
-    job = Job(
+    job = TrainingJob(
         training, validation, chosen, out, Path(work) if work else out / f"{prior}_run", command,
         _describe(training, validation), progress, hidden,
     )  # fmt: skip
@@ -80,11 +80,11 @@ def train(
 
 def _command(prior: str, settings: TrainingSettings) -> str:
     """Return the command that repeats a training, with the options that are not left at their defaults."""
-    usual, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
+    defaults, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
     command += f" --steps {settings.steps}"
     for name in ("batch", "learning_rate", "device"):
         value = getattr(settings, name)
-        command += f" --{name.replace('_', '-')} {value}" if value != getattr(usual, name) else ""
+        command += f" --{name.replace('_', '-')} {value}" if value != getattr(defaults, name) else ""
     return command
 
 

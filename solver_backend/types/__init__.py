@@ -1,9 +1,6 @@
-"""Plain data that moves through the pipeline; imports nothing but errors."""
+"""Plain data that moves through the pipeline; imports nothing but the exchange library."""
 
-from solver_backend.types.cameras import Cameras
-from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
-from solver_backend.types.fault import Fault, FaultKind, Remedy
-from solver_backend.types.joint_sets import (
+from solver_backend.exchange.joint_sets import (
     NUM_BETAS,
     NUM_BODY_JOINTS,
     NUM_JOINTS,
@@ -11,8 +8,12 @@ from solver_backend.types.joint_sets import (
     SMPL_PARENTS,
     JointSet,
 )
+from solver_backend.exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
+from solver_backend.types.cameras import Cameras
+from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
+from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.limbs import FEET, LIMBS
-from solver_backend.types.motion import FLAG_UNSEEN, FLAG_UNSURE, Motion
+from solver_backend.types.motion import Motion
 
 __all__ = [
     "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS",

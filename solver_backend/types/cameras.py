@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import DISTORTION_MODELS
 from solver_backend.types.shapes import Float, Int
-
-DISTORTION_MODELS = {"opencv": 8, "fisheye": 4}
-"""Coefficients per model: k1 k2 p1 p2 k3 k4 k5 k6, or the fisheye's k1 k2 k3 k4."""
 
 
 @dataclass(frozen=True)

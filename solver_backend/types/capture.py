@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData, TooFewViews
+from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
-from solver_backend.types.joint_sets import JointSet
 from solver_backend.types.shapes import Float
 
 

@@ -32,7 +32,7 @@ class Remedy(StrEnum):
     """What was done about a fault."""
 
     REPAIRED = "repaired"
-    """The detections or the camera were put right."""
+    """The detections or the camera were repaired."""
     EXCLUDED = "excluded"
     """The view's detections were not used in these frames."""
     BRIDGED = "bridged"
@@ -43,7 +43,7 @@ class Remedy(StrEnum):
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of one view over a stretch of frames."""
+    """One fault of one view over a range of frames."""
 
     kind: FaultKind
     """What is wrong."""

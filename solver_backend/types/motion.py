@@ -8,13 +8,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
-from solver_backend.types.joint_sets import NUM_JOINTS, JointSet
+from solver_backend.exchange.joint_sets import NUM_JOINTS, JointSet
 from solver_backend.types.shapes import Bool, Float, Int
-
-FLAG_UNSEEN = 1
-"""The frame has no usable observation: its pose was bridged from its neighbours."""
-FLAG_UNSURE = 2
-"""The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 import bpy
 import numpy as np
 
+from blender_addon._exchange.motion_file import MotionFile, read_motion
 from blender_addon.animation.action import bake_action
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
-from blender_addon.files.motion_file import MotionFile, read_motion
 from blender_addon.scene.bake import bake_take
 from tests.benchmarks.metric import Metric
 from tests.support.addon_stand_in import motion_arrays

@@ -11,12 +11,12 @@ import time
 import bpy
 import numpy as np
 
+from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.action import bake_action
 from blender_addon.animation.deviation import measure_deviation
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.rig import create_rig
 from blender_addon.conventions.timing import TakeTiming
-from blender_addon.files.motion_file import MotionFile
 from tests.benchmarks.metric import Metric
 
 FRAMES, FPS, REPEATS = 200, 30.0, 3

@@ -16,15 +16,15 @@ from dataclasses import asdict
 
 import numpy as np
 
-from tests.benchmarks.captures import TAKES
-from tests.benchmarks.methods import PUBLISHED
+from tests.benchmarks.comparison.captures import TAKES
+from tests.benchmarks.comparison.methods import PUBLISHED
+from tests.benchmarks.comparison.passage import hardest
+from tests.benchmarks.comparison.passage_video import render_apart
+from tests.benchmarks.comparison.plots import error_against_time, knee_flexion
+from tests.benchmarks.comparison.requirements import requirements
+from tests.benchmarks.comparison.runs import ROOT, outcomes
+from tests.benchmarks.comparison.sections import SECTIONS, Found, Scope, Section, medians, quick
 from tests.benchmarks.metric import Metric
-from tests.benchmarks.passage import hardest
-from tests.benchmarks.passage_video import render_apart
-from tests.benchmarks.plots import error_against_time, knee_flexion
-from tests.benchmarks.requirements import requirements
-from tests.benchmarks.runs import ROOT, outcomes
-from tests.benchmarks.sections import SECTIONS, Found, Scope, Section, medians, quick
 
 OUT = ROOT / "build" / "bench_bundle"
 UNITS = {

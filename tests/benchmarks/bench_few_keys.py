@@ -10,12 +10,12 @@ import time
 import bpy
 import numpy as np
 
+from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.action import pose_channels
 from blender_addon.animation.few_keys import thin_channels
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.rig import create_rig
-from blender_addon.files.motion_file import MotionFile
-from tests.benchmarks.captures import filmed
+from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric
 
 TAKES = {"exercises": "13_29:600+600", "dance": "salsa_07:20+600"}

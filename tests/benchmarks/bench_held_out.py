@@ -6,22 +6,17 @@ filter from the same three. Needs the recordings kept beside the repository (or 
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 from solver_backend.io.load import load_capture
 from tests.benchmarks.holdout import leave_one_camera_out
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
-
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-TRIAL = Path("multiview", "pose2sim", "S00_P00_SingleParticipant", "S00_P00_T01_BalancingTrial")
+from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
 
 def run() -> list[Metric]:
     """Hold out each camera in turn."""
-    folder = Path(os.environ.get("MOCAP_SHARED_DATA", DATA)) / TRIAL
+    folder = recordings_folder() / BALANCING_TRIAL
     if not folder.is_dir():
-        raise BenchmarkSkipped("The recording is not here.", hint="Set MOCAP_SHARED_DATA to the folder of recordings.")
+        raise BenchmarkSkipped("The recording is not here.", hint=ABSENT)
     found = leave_one_camera_out(load_capture(folder))
     ours, theirs = found.pooled_px
     cameras = zip(found.cameras, found.solver_px, strict=True)

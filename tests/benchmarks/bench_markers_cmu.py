@@ -8,7 +8,6 @@ MOCAP_SHARED_DATA).
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,8 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.data.sources.marker_fit import fit_markers
 from solver_backend.types import SMPL_JOINTS
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
+from tests.support.recordings import ABSENT, recordings_folder
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _METRES_PER_UNIT, _THORAX_M, _WRIST_BONE = 0.0564444, 0.119, 0.5
 """Bones that this conversion of the skeleton lacks: the thorax's, and the wrist's, half as long as the radius's."""
 _REFERENCE = {
@@ -44,7 +43,7 @@ class Take:
 
 def run() -> list[Metric]:
     """Fit and compare."""
-    take = read_take(Path(os.environ.get("MOCAP_SHARED_DATA", DATA)))
+    take = read_take(recordings_folder())
     fitted = fit_markers(take.labels, take.markers, load_body(), load_sposer())
     subject, frames, residual = fitted.subject, fitted.frames, fitted.residual_m
     skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
@@ -73,7 +72,7 @@ def read_take(data: Path) -> Take:
     """
     c3d, bvh = data / "markers" / "cmu_pairs" / "02_01.c3d", data / "bvh_samples" / "cmu_mb2_02_01.bvh"
     if not (c3d.is_file() and bvh.is_file()):
-        raise BenchmarkSkipped("The recording is not here.", hint="Set MOCAP_SHARED_DATA to the folder of recordings.")
+        raise BenchmarkSkipped("The recording is not here.", hint=ABSENT)
     try:
         import ezc3d
     except ImportError:

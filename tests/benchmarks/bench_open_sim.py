@@ -8,7 +8,6 @@ these are from each other is how well the reference knows itself. Needs the reco
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -16,10 +15,10 @@ import numpy as np
 
 from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
-from tests.benchmarks.bench_held_out import DATA, TRIAL
-from tests.benchmarks.methods import FILTER, OURS, PUBLISHED, Method
+from tests.benchmarks.comparison.methods import FILTER, OURS, PUBLISHED, Method
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.open_sim import read_mot
+from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
 RESULTS = Path("multiview", "pose2sim", "S00_P00_SingleParticipant", "S00_P00_OpenSim")
 STEM = "S00_P00_T01_BalancingTrial_filt_butterworth_0-100"
@@ -46,10 +45,10 @@ def measured() -> tuple[dict[str, Angles], dict[str, Angles]]:
     Raises:
         BenchmarkSkipped: the recording is not here.
     """
-    data = Path(os.environ.get("MOCAP_SHARED_DATA", DATA))
-    if not (data / TRIAL).is_dir():
-        raise BenchmarkSkipped("The recording is not here.", hint="Set MOCAP_SHARED_DATA to the folder of recordings.")
-    capture = load_capture(data / TRIAL)
+    data = recordings_folder()
+    if not (data / BALANCING_TRIAL).is_dir():
+        raise BenchmarkSkipped("The recording is not here.", hint=ABSENT)
+    capture = load_capture(data / BALANCING_TRIAL)
     methods = {"ours": Method(OURS), PUBLISHED: Method(PUBLISHED), "MuVS": Method("MuVS"), FILTER: Method(FILTER)}
     found = {name: solved_angles(method, capture) for name, method in methods.items()}
     return found, {kind: reference_angles(data / RESULTS / f"{STEM}_{kind}.mot") for kind in REFERENCES}

@@ -33,11 +33,11 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
-from tests.benchmarks.keypoint_fits import latent_fit, manifold_fit, sighting
-from tests.benchmarks.latent_chain import LatentChain
+from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.metric import Metric
-from tests.benchmarks.pose_pictures import draw_strips
-from tests.benchmarks.validation_takes import take_named
+from tests.benchmarks.pose_priors.keypoint_fits import latent_fit, manifold_fit, sighting
+from tests.benchmarks.pose_priors.latent_chain import LatentChain
+from tests.benchmarks.pose_priors.pose_pictures import draw_strips
 
 TAKES = (("03_03", 120), ("03_04", 1200), ("13_29", 900), ("salsa_07", 60))
 """Held-out takes and the frame, at 60 Hz, they are cut from."""

@@ -12,7 +12,7 @@ from blender_addon.solving.presets import PRESETS
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solve import solve
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
-from tests.benchmarks.captures import filmed
+from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric
 
 TAKES = {"exercises": "13_29:600+600", "dance": "salsa_07:20+600"}

@@ -11,7 +11,6 @@ trains nine small networks, which takes half an hour; both are kept.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,14 +29,14 @@ from solver_backend.priors.sposer import SPoser
 from solver_backend.training.data.corpus import Corpus, split_corpus
 from solver_backend.training.data.sources.clips import load_clips
 from solver_backend.training.data.sources.marker_takes import fitted_takes
-from solver_backend.training.sposer.accuracy import accuracy_by_source
-from tests.benchmarks import prior_tables as tables
+from solver_backend.training.engine.accuracy import accuracy_by_source
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
-from tests.benchmarks.prior_pictures import embedding, pose_grid
-from tests.benchmarks.prior_widths import jacobian_times, width_table
+from tests.benchmarks.pose_priors import prior_tables as tables
+from tests.benchmarks.pose_priors.prior_pictures import embedding, pose_grid
+from tests.benchmarks.pose_priors.prior_widths import jacobian_times, width_table
+from tests.support.recordings import ABSENT, recordings_folder
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data"
 OUT = ROOT / "build" / "priors"
 _SEEDS = (0, 1, 2)
 _SAMPLES, _REAL, _VALIDATION, _KEYS, _NOISED = 1000, 4000, 1000, 300, 150
@@ -59,10 +58,10 @@ class _Poses:
 
 def run(out: Path = OUT) -> list[Metric]:
     """Print the tables, write them and the pictures, and return SPoser's figures."""
-    poses = _read(Path(os.environ.get("MOCAP_SHARED_DATA", DATA)), out)
+    poses = _read(recordings_folder(), out)
     priors = [load_prior(name) for name in shipped_priors()]
     parts = [
-        _marker_residuals(Path(os.environ.get("MOCAP_SHARED_DATA", DATA)), out),
+        _marker_residuals(recordings_folder(), out),
         tables.text_table("Synthesis and reconstruction (thesis tables 4.5 and 6.5)", _main_table(priors, poses)),
         _by_source(priors, poses.validation),
         tables.text_table("Noise of 20 joints: error after over before", _denoising(priors, poses)),
@@ -81,8 +80,7 @@ def _read(data: Path, out: Path) -> _Poses:
     try:
         training, validation = split_corpus(load_clips(data, cache=out / "fitted_takes"))
     except FileMissing as error:
-        hint = "Set MOCAP_SHARED_DATA to the folder of recordings."
-        raise BenchmarkSkipped("The recordings are not here.", hint=hint) from error
+        raise BenchmarkSkipped("The recordings are not here.", hint=ABSENT) from error
     real = tables.features(_some(training, _REAL))
     return _Poses(training, validation, real, _some(validation, _VALIDATION))
 

@@ -25,8 +25,8 @@ from solver_backend.fitters.solve import solve
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.solver.riemannian import MinimiseSettings, gradient_descent
 from solver_backend.types import Capture
-from tests.benchmarks.autograd_window import AutogradWindow, keypoint_regressor, resident
-from tests.benchmarks.captures import LONG_TAKE, filmed
+from tests.benchmarks.comparison.autograd_window import AutogradWindow, keypoint_regressor, resident
+from tests.benchmarks.comparison.captures import LONG_TAKE, filmed
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 
 WINDOWS = 3

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from solver_backend.io.load import load_capture
 from solver_backend.simulation.noise_measurement import measure_noise
-from tests.benchmarks.bench_held_out import DATA, TRIAL
+from tests.support.recordings import BALANCING_TRIAL, recordings_folder
 
 
 def main(argv: list[str]) -> int:
     """Measure the given capture, or the balancing trial kept beside the repository."""
-    path = Path(argv[0]) if argv else DATA / TRIAL
+    path = Path(argv[0]) if argv else recordings_folder() / BALANCING_TRIAL
     sys.stdout.write("\n".join(measure_noise(load_capture(path)).lines()) + "\n")
     return 0
 

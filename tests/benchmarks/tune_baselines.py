@@ -15,7 +15,7 @@ from solver_backend.baselines import DCT, DMMR, ETC, Baseline, BundleMoCap, Bund
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
-from tests.benchmarks.validation_takes import training_take
+from tests.benchmarks.comparison.validation_takes import training_take
 
 TAKES = (("49_02", 120, 600), ("06_02", 120, 60))
 """Name, frames, first frame."""

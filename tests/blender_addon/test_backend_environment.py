@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from blender_addon import backend_environment
+from blender_addon._exchange.errors import BackendMissing
 from blender_addon.backend_environment import backend_command, backend_folder, environment_for_child
-from blender_addon.errors import BackendMissing
 from tests.support.full_disk import full_disk
 
 

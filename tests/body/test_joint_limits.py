@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
+from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.types.joint_sets import SMPL_JOINTS
 
 
 def pose(**degrees: tuple[float, float, float]) -> np.ndarray:

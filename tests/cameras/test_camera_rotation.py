@@ -6,7 +6,7 @@ import pytest
 from solver_backend.cameras.camera_rotation import estimated_rotation, rotated_back
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from tests.cameras.triangulation.test_triangulate import record, ring
+from tests.support.camera_ring import record, ring
 
 
 @pytest.mark.parametrize("model", ["opencv", "fisheye"])

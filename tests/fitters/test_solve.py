@@ -12,19 +12,12 @@ from solver_backend.fitters.solve import solve
 from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D
-
-QUICK = SolveSettings(iterations=4)
+from tests.support.short_solves import QUICK, cut
 
 
 @pytest.fixture(scope="module")
 def capture() -> Capture:
     return demo_capture()
-
-
-def cut(capture: Capture, start: int, stop: int) -> Capture:
-    assert capture.keypoints is not None
-    truth = {k: v if k == "betas" else v[start:stop] for k, v in capture.truth.items()}
-    return replace(capture, keypoints=capture.keypoints.frames(start, stop), truth=truth)
 
 
 def hidden(capture: Capture, frames: slice, views: slice = slice(None)) -> Capture:

@@ -13,6 +13,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.weights import ASSETS
+from tests.support.bad_poses import bad_poses
 from tests.support.random_weights import WIDTHS, write_random
 
 LEARNED = ("sposer", "gmm")
@@ -68,17 +69,7 @@ def test_samples_are_seeded(prior: PosePrior) -> None:
 
 @pytest.mark.misshapen
 def test_bad_poses_are_named(prior: PosePrior) -> None:
-    good = poses(3)
-    with_nan, scaled, reflected = good.copy(), good.copy(), good.copy()
-    with_nan[1, 4, 0, 0] = np.nan
-    scaled[2, 0] *= 1.1
-    reflected[0, 3] *= -1.0
-    for bad, text in (
-        (with_nan, r"NaN or infinite.*pose 1"),
-        (scaled, r"no rotations.*pose 2"),
-        (reflected, r"no rotations.*pose 0"),
-        (good[:, :20], r"shape \(N, 21, 3, 3\), not \(3, 20, 3, 3\)"),
-    ):
+    for bad, text in bad_poses(poses(3)):
         for ask in (prior.encode, prior.energy):
             with pytest.raises(PoseInvalid, match=text):
                 ask(bad)

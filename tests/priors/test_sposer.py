@@ -13,6 +13,7 @@ from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInva
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, LATENT_DIM, SPoser, load_sposer, spherical
 from solver_backend.priors.weights import PriorWeights, read_weights, write_weights
+from tests.support.bad_poses import bad_poses
 
 
 @pytest.fixture(scope="module")
@@ -99,17 +100,7 @@ def test_reconstruction_spread_is_stored(prior: SPoser) -> None:
 
 @pytest.mark.misshapen
 def test_bad_poses_are_named(prior: SPoser) -> None:
-    good = poses(3)
-    with_nan, scaled, reflected = good.copy(), good.copy(), good.copy()
-    with_nan[1, 4, 0, 0] = np.nan
-    scaled[2, 0] *= 1.1
-    reflected[0, 3] *= -1.0
-    for bad, text in (
-        (with_nan, r"NaN or infinite.*pose 1"),
-        (scaled, r"no rotations.*pose 2"),
-        (reflected, r"no rotations.*pose 0"),
-        (good[:, :20], r"shape \(N, 21, 3, 3\), not \(3, 20, 3, 3\)"),
-    ):
+    for bad, text in bad_poses(poses(3)):
         with pytest.raises(PoseInvalid, match=text):
             prior.encode(bad)
     with pytest.raises(PoseInvalid, match=r"shape \(N, 32\), not \(2, 31\)"):

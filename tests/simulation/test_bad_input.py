@@ -13,7 +13,7 @@ from solver_backend.simulation import bad_input
 from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import Cameras, Capture, JointSet
-from tests.simulation.test_benchmark import EXACT, walk
+from tests.support.walking_take import EXACT, walk
 
 
 @pytest.fixture(scope="module")

@@ -11,25 +11,12 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.simulation.benchmark import BenchmarkSettings, Take, benchmark_capture, running_floor
+from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture, running_floor
 from solver_backend.simulation.filming import around, delayed, miscalibrated
 from solver_backend.simulation.keypoint_detector import DetectorModel
 from solver_backend.simulation.noise_measurement import measure_noise
 from solver_backend.types import JointSet
-
-EXACT = DetectorModel(
-    view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
-)
-
-
-def walk(num_frames: int = 90) -> Take:
-    """A person who swings arms and legs and drifts forward, the pelvis a metre high."""
-    phase = 2 * np.pi * np.arange(num_frames) / 60.0
-    rotvec = np.zeros((num_frames, 22, 3))
-    rotvec[:, 1, 0], rotvec[:, 2, 0] = -0.4 * np.sin(phase), 0.4 * np.sin(phase)
-    rotvec[:, 16, 2], rotvec[:, 17, 2] = -1.1, 1.1
-    root = np.stack([0 * phase, 1.0 + 0.02 * np.cos(2 * phase), phase / 6], axis=1)
-    return Take("walk", exp_so3(rotvec), root, 60.0)
+from tests.support.walking_take import EXACT, walk
 
 
 def test_the_truth_is_the_body_posed_by_its_parameters() -> None:

@@ -7,23 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.simulation.keypoint_detector import Detections, DetectorModel, bias_by_direction, detect_keypoints
+from solver_backend.simulation.keypoint_detector import (
+    DetectorModel,
+    DetectorOutput,
+    Sight,
+    bias_by_direction,
+    detect_keypoints,
+)
 from solver_backend.types import JointSet
+from tests.support.walking_take import EXACT
 
 SHAPE = (4, 600, 25)
-QUIET = DetectorModel(
-    view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
-)
 
 
-def _detect(model: DetectorModel, occluded: np.ndarray | None = None, fps: float = 60.0, seed: int = 1) -> Detections:
-    px = _truth()
+def _detect(
+    model: DetectorModel, occluded: np.ndarray | None = None, fps: float = 60.0, seed: int = 1
+) -> DetectorOutput:
     hidden = np.zeros(SHAPE, dtype=bool) if occluded is None else occluded
-    size = np.tile([1920, 1080], (4, 1))
-    rng = np.random.default_rng(seed)
-    return detect_keypoints(
-        px, np.full(SHAPE, 0.3), _seen_from(), hidden, size, JointSet.BODY_25, fps, model, rng
-    )  # fmt: skip
+    sight = Sight(_truth(), np.full(SHAPE, 0.3), _seen_from(), hidden, np.tile([1920, 1080], (4, 1)))
+    return detect_keypoints(sight, JointSet.BODY_25, fps, model, np.random.default_rng(seed))
 
 
 def _seen_from() -> np.ndarray:
@@ -35,26 +37,26 @@ def _truth() -> np.ndarray:
 
 
 def test_a_detector_without_errors_tells_the_truth() -> None:
-    assert np.array_equal(_detect(QUIET).xy, _truth())
+    assert np.array_equal(_detect(EXACT).xy, _truth())
 
 
 def test_drift_has_its_size_and_time_constant_at_any_frame_rate() -> None:
     for fps in (60.0, 30.0):
-        error = (_detect(replace(QUIET, drift_mm=10.0, drift_s=0.19, unevenness=0.0), fps=fps).xy - _truth()) / 0.3
+        error = (_detect(replace(EXACT, drift_mm=10.0, drift_s=0.19, unevenness=0.0), fps=fps).xy - _truth()) / 0.3
         assert error.std() == pytest.approx(10.0, rel=0.04)
         correlation = (error[:, 1:] * error[:, :-1]).mean() / (error**2).mean()
         assert correlation == pytest.approx(np.exp(-1 / (0.19 * fps)), abs=0.02)
 
 
 def test_some_keypoints_are_steadier_than_others() -> None:
-    error = (_detect(replace(QUIET, jitter_mm=10.0, unevenness=0.4)).xy - _truth()) / 0.3
+    error = (_detect(replace(EXACT, jitter_mm=10.0, unevenness=0.4)).xy - _truth()) / 0.3
     spread = np.log(error.std(axis=(1, 3)))
     assert spread.std() == pytest.approx(0.4, abs=0.08)
     assert error.std() == pytest.approx(10.0, rel=0.15)
 
 
 def test_bias_belongs_to_the_direction_the_person_is_seen_from() -> None:
-    error = (_detect(replace(QUIET, view_bias_mm=9.0)).xy - _truth()) / 0.3
+    error = (_detect(replace(EXACT, view_bias_mm=9.0)).xy - _truth()) / 0.3
     assert np.allclose(error[0], error[1])
     assert np.abs(error[0] - error[2]).mean() > 3.0
     assert np.linalg.norm(np.diff(error, axis=1), axis=-1).max() < 0.2
@@ -65,13 +67,13 @@ def test_bias_belongs_to_the_direction_the_person_is_seen_from() -> None:
 def test_hidden_keypoints_are_missing_in_runs_of_the_asked_share() -> None:
     occluded = np.zeros(SHAPE, dtype=bool)
     occluded[:, :, :10] = True
-    missing = np.isnan(_detect(replace(QUIET, occluded_missing=0.5), occluded).xy).all(-1)
+    missing = np.isnan(_detect(replace(EXACT, occluded_missing=0.5), occluded).xy).all(-1)
     assert missing[..., :10].mean() == pytest.approx(0.5, abs=0.06)
     assert not missing[..., 10:].any()
 
 
 def test_exchanged_limbs_are_whole_limbs_of_one_view_for_2_to_30_frames() -> None:
-    found = _detect(replace(QUIET, swaps_per_minute=6.0))
+    found = _detect(replace(EXACT, swaps_per_minute=6.0))
     mirrored = list(JointSet.BODY_25.mirrored())
     assert found.swapped.any()
     assert np.array_equal(found.swapped, found.swapped[:, :, mirrored])
@@ -90,7 +92,7 @@ def test_exchanged_limbs_are_whole_limbs_of_one_view_for_2_to_30_frames() -> Non
 
 
 def test_outliers_are_told_and_lie_far() -> None:
-    found = _detect(replace(QUIET, outliers=0.05, outlier_mm=220.0))
+    found = _detect(replace(EXACT, outliers=0.05, outlier_mm=220.0))
     far = np.linalg.norm(found.xy - _truth(), axis=-1) / 0.3 > 109.9
     assert found.outlier.mean() == pytest.approx(0.05, abs=0.008)
     assert np.array_equal(far, found.outlier)

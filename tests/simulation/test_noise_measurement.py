@@ -13,8 +13,7 @@ from solver_backend.simulation.noise_measurement import measure_noise, millimetr
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.synthetic.detector import DetectorNoise
 from solver_backend.types import Keypoints2D
-
-REAL = "multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
+from tests.support.recordings import BALANCING_TRIAL
 
 
 def test_jitter_misses_and_correlation_come_back() -> None:
@@ -63,7 +62,7 @@ def test_the_figures_are_rows_of_text() -> None:
 
 @pytest.mark.shared
 def test_the_recording_shows_what_the_detector_model_says(shared_data: Path) -> None:
-    found = measure_noise(load_capture(shared_data / REAL))
+    found = measure_noise(load_capture(shared_data / BALANCING_TRIAL))
     assert np.median(found.as_calibrated_mm) == pytest.approx(27.2, abs=0.5)
     assert np.median(found.bias_mm) == pytest.approx(10.1, abs=0.7)
     assert found.error_mm == pytest.approx(15.8, abs=0.4)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from blender_addon.body.body_file import read_body
+from blender_addon._exchange.capture_file import CaptureFile, read_capture
+from blender_addon._exchange.lens import distort, pixels
+from blender_addon._exchange.motion_file import MotionFile, read_motion
+from blender_addon.body.body_file import BodyFile, read_body
 from blender_addon.body.posed_body import pose_joints
-from blender_addon.conventions.distortion import distort, pixels
 from blender_addon.conventions.skeleton import MAIN_CHILD, NUM_JOINTS, PARENTS
 
 _REST = np.array([
@@ -21,6 +24,36 @@ _REST = np.array([
 _LEAF_END = {10: (0, 0, 0.12), 11: (0, 0, 0.12), 15: (0, 0.18, 0), 22: (0.09, 0, 0), 23: (-0.09, 0, 0)}
 _HALF_WIDTH = {0: 0.13, 3: 0.12, 6: 0.13, 9: 0.14, 12: 0.055, 15: 0.085, 1: 0.075, 2: 0.075, 10: 0.04, 11: 0.04}
 _SIDES = 8
+
+
+@dataclass(frozen=True)
+class Files:
+    """Stand-in files and what they hold."""
+
+    folder: Path
+    body_path: Path
+    motion_path: Path
+    capture_path: Path
+    body: BodyFile
+    motion: MotionFile
+    capture: CaptureFile
+
+
+def write_files(folder: Path) -> Files:
+    """Write a body, a motion and a capture of it."""
+    body = write_body(folder / "body.npz")
+    arrays = motion_arrays(body)
+    np.savez(folder / "walk.npz", **arrays)
+    np.savez(folder / "capture.npz", **capture_arrays(arrays["joints"]))
+    return Files(
+        folder=folder,
+        body_path=body,
+        motion_path=folder / "walk.npz",
+        capture_path=folder / "capture.npz",
+        body=read_body(body),
+        motion=read_motion(folder / "walk.npz"),
+        capture=read_capture(folder / "capture.npz"),
+    )
 
 
 def write_body(path: Path, *, body_id: str = "stand_in") -> Path:

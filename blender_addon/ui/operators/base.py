@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 
-from ...errors import AddonError
+from ..._exchange.errors import MocapError
+
+if TYPE_CHECKING:
+    Operator = bpy.types.Operator
+else:
+    Operator = object  # Blender's own stands beside a mixin, not above it
 
 
-class MocapOperator:
+class MocapOperator(Operator):
     """Mixin of operators that change the scene in one undo step; ``work`` does what the operator is for.
 
     Modules that do the work are imported there, not at the top: registering loads no arrays and no solver.
@@ -19,7 +26,7 @@ class MocapOperator:
         """Do the work, or say what is wrong."""
         try:
             return self.work(context)
-        except AddonError as error:
+        except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
 
@@ -27,7 +34,7 @@ class MocapOperator:
         """Do what the operator is for and return its answer.
 
         Raises:
-            AddonError: it cannot be done.
+            MocapError: it cannot be done.
         """
         raise NotImplementedError
 
@@ -38,10 +45,7 @@ class NeedsBody(MocapOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a body."""
-        if context.scene.mocap.review.armature is None:
-            cls.poll_message_set("Solve a capture first")
-            return False
-        return True
+        return _there(cls, context.scene.mocap.review.armature)
 
 
 class NeedsTake(MocapOperator):
@@ -50,7 +54,10 @@ class NeedsTake(MocapOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a solved take."""
-        if context.scene.mocap.review.take is None:
-            cls.poll_message_set("Solve a capture first")
-            return False
-        return True
+        return _there(cls, context.scene.mocap.review.take)
+
+
+def _there(operator: type[MocapOperator], needed: bpy.types.ID | None) -> bool:
+    if needed is None:
+        operator.poll_message_set("Solve a capture first")
+    return needed is not None

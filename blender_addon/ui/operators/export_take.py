@@ -3,9 +3,9 @@
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ...errors import AddonError
+from ..._exchange.errors import MocapError
 from ...export.formats import FORMATS
-from ..paths import RELATIVE, absolute
+from ..locations import RELATIVE, absolute
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
@@ -66,9 +66,9 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
             take = take_of(context.scene, context.object)
             export_take(
                 take, self.format, path, overwrite=self.overwrite,
-                progress=lambda _, done, total: windows.progress_update(done / max(total, 1)),
+                progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),
             )  # fmt: skip
-        except AddonError as error:
+        except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         finally:

@@ -8,15 +8,14 @@ from typing import Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..locations import files_folder, usable
-from ..paths import RELATIVE, absolute
-from .solver_operator import FollowsRun
+from ..locations import RELATIVE, absolute, files_folder, usable
+from .solver_operator import SolverOperator
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml")
 """Of the files a capture is made of: our own, detections, calibrations, settings."""
 
 
-class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
+class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
     """Reads a capture in the solver's process and sets up its cameras, footage and detections."""
 
     bl_idname = "mocap.import_capture"
@@ -39,7 +38,7 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start reading; a solved motion is baked at once instead."""
-        from ...files.motion_file import is_motion
+        from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
         from ...solving.take_paths import capture_folder, capture_root
         from .import_results import add_motion
@@ -76,7 +75,7 @@ class MOCAP_OT_import_capture(FollowsRun, bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
-class MOCAP_OT_demo_capture(FollowsRun, bpy.types.Operator):
+class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
     """Makes the capture that ships with the add-on."""
 
     bl_idname = "mocap.demo_capture"

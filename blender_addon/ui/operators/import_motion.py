@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..paths import RELATIVE, absolute
+from ..locations import RELATIVE, absolute
 from .base import MocapOperator
 
 

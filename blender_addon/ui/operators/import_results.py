@@ -8,11 +8,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...animation.solved_takes import Provenance, add_take
+from ..._exchange.capture_file import read_capture
+from ..._exchange.motion_file import read_motion
+from ...animation.takes import SolveFiles
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
-from ...files.capture_file import read_capture
-from ...files.motion_file import read_motion
+from ...scene.add_take import add_take
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.capture_stage import CaptureStage, set_stage
 
@@ -25,7 +26,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         result: result event of the verb ``convert``.
 
     Raises:
-        AddonError: the capture file is missing or wrong.
+        MocapError: the capture file is missing or wrong.
     """
     file = read_capture(Path(result["capture"]))
     capture, review = scene.mocap.capture, scene.mocap.review
@@ -64,11 +65,11 @@ def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
     space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
-def take_motion(context: bpy.types.Context, files: Provenance) -> bpy.types.Action:
+def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Action:
     """Add the solved motion to the scene.
 
     Raises:
-        AddonError: the motion or the body cannot be read, or do not belong together.
+        MocapError: the motion or the body cannot be read, or do not belong together.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
@@ -101,7 +102,7 @@ def add_motion(
         body: body file; None for the one the motion was solved for.
 
     Raises:
-        AddonError: a file is missing or wrong.
+        MocapError: a file is missing or wrong.
     """
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance))

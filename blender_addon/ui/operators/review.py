@@ -1,4 +1,4 @@
-"""Looking at a take: doubtful stretches, pins, confidence, the report."""
+"""Looking at a take: doubtful ranges, pins, confidence, the report."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from pathlib import Path
 
 import bpy
 
-from ...errors import FileMissing
+from ..._exchange.errors import FileMissing
 from ..bone_colours import colour_bones
 from .base import MocapOperator, NeedsBody, NeedsTake
 
 _MARGIN = 5
-"""Scene frames a range reaches beyond a doubtful stretch, whose neighbours it must meet."""
+"""Scene frames that a range to solve again reaches beyond a doubtful one, whose neighbours it must meet."""
 
 
 class MOCAP_OT_next_bad_range(NeedsTake, bpy.types.Operator):
-    """Goes to a doubtful stretch."""
+    """Goes to a doubtful frame range."""
 
     bl_idname = "mocap.next_bad_range"
     bl_label = "Next Doubtful Range"

@@ -7,31 +7,31 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from .solver_operator import FollowsRun, current
+from .solver_operator import SolverOperator, current
 
 if TYPE_CHECKING:
-    from ...review.pinning import Stretch
+    from ...review.pinning import FrameRange
 
 
-class _Solves(FollowsRun):
-    """What solving a take and solving a stretch of it have in common."""
+class _Solves(SolverOperator):
+    """What solving a take and solving a range of its frames have in common."""
 
-    def solve(self, context: bpy.types.Context, stretch: Stretch | None) -> set[str]:
+    def solve(self, context: bpy.types.Context, frames: FrameRange | None) -> set[str]:
         """Write the job and start the solver."""
-        from ...animation.solved_takes import Provenance
-        from ...solving.job_file import write_job
-        from ..jobs import prepare_job
+        from ..._exchange.job_file import write_job
+        from ...animation.takes import SolveFiles
+        from ..scene_job import prepare_job
 
-        job, path = prepare_job(context.scene, stretch)
+        job, path = prepare_job(context.scene, frames)
         write_job(path, job)
-        self._provenance = Provenance(job.out, job.capture, job.report, path)
+        self._files = SolveFiles(job.out, job.capture, job.report, path)
         return self.launch(context, "solve", ["--job", str(path)], path.parent)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Bake the motion as a new action."""
         from .import_results import take_motion
 
-        action = take_motion(context, self._provenance)
+        action = take_motion(context, self._files)
         doubtful = result["unseen_frames"] + result["unsure_frames"]
         look = f"; {doubtful} frames deserve a look" if doubtful else ""
         self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
@@ -41,9 +41,9 @@ class _Solves(FollowsRun):
         """Bake a motion that is whole although what follows it, the report, is not."""
         from .import_results import take_motion
 
-        if not self._provenance.motion.is_file():
+        if not self._files.motion.is_file():
             return ""
-        action = take_motion(context, replace(self._provenance, report=None))
+        action = take_motion(context, replace(self._files, report=None))
         return f"The motion itself is whole: it arrived as '{action.name}'."
 
 
@@ -68,7 +68,7 @@ class MOCAP_OT_solve(_Solves, bpy.types.Operator):
 
 
 class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
-    """Solves a stretch of the current take again."""
+    """Solves a frame range of the current take again."""
 
     bl_idname = "mocap.resolve_range"
     bl_label = "Solve Range Again"
@@ -84,11 +84,11 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start."""
-        from ...review.pinning import Stretch
+        from ...review.pinning import FrameRange
 
         review = context.scene.mocap.review
         pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
-        return self.solve(context, Stretch(review.take, review.first, review.last, pins))
+        return self.solve(context, FrameRange(review.take, review.first, review.last, pins))
 
 
 class MOCAP_OT_show_log(bpy.types.Operator):

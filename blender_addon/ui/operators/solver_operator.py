@@ -1,4 +1,4 @@
-"""Following a run of the solver from a modal operator: Blender stays free, the run is polled by a timer."""
+"""Operators that run the solver: Blender stays free, the run is polled by a timer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ...errors import AddonError, sentence
+from ..._exchange.errors import MocapError, sentence
 from ..preferences import chosen_python
 from .base import MocapOperator
 
@@ -46,7 +46,7 @@ class Current:
 current = Current()
 
 
-class FollowsRun(MocapOperator):
+class SolverOperator(MocapOperator):
     """Mixin of modal operators that start the solver; ``received`` takes its result.
 
     Escape is not taken: the run is cancelled by the panel's button alone.
@@ -72,7 +72,7 @@ class FollowsRun(MocapOperator):
         """Take what a run that failed has finished into the scene, and say so in a sentence; "" if there is nothing.
 
         Raises:
-            AddonError: what is there cannot be read.
+            MocapError: what is there cannot be read.
         """
         return ""
 
@@ -80,7 +80,7 @@ class FollowsRun(MocapOperator):
         """Start the solver and follow it; without a window, wait for it.
 
         Raises:
-            AddonError: it cannot be started.
+            MocapError: it cannot be started.
         """
         from ...solving.run import start
 
@@ -143,7 +143,7 @@ class FollowsRun(MocapOperator):
                 return {"FINISHED"}
             else:
                 self.report({"ERROR"}, sentence(error))
-        except AddonError as error:
+        except MocapError as error:
             run.error = error.as_event()
             self.report({"ERROR"}, str(error))
         return {"CANCELLED"}

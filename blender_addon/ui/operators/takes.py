@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-from ...animation.takes import mark_as_asset, push_down, takes_of
 from ...errors import TakeMissing
 from .base import NeedsBody, NeedsTake
 
@@ -20,7 +19,7 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Play it."""
-        from ...animation.solved_takes import show_take
+        from ...animation.takes import show_take, takes_of
 
         scene, settings = context.scene, context.scene.mocap
         action = next((a for a in takes_of(settings.capture.file) if a.name == self.name), None)
@@ -47,7 +46,7 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Make it and play it."""
-        from ...animation.solved_takes import thinned_take
+        from ...scene.add_take import thinned_take
 
         scene, review = context.scene, context.scene.mocap.review
         action = thinned_take(scene, review.take, review.armature, self.keys_per_second)
@@ -64,6 +63,8 @@ class MOCAP_OT_push_down(NeedsTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Lay it aside."""
+        from ...animation.takes import push_down
+
         review = context.scene.mocap.review
         name = review.take.name
         push_down(review.armature)
@@ -80,6 +81,8 @@ class MOCAP_OT_mark_take(NeedsTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Mark it."""
+        from ...animation.takes import mark_as_asset
+
         take = context.scene.mocap.review.take
         mark_as_asset(take)
         self.report({"INFO"}, f"'{take.name}' is an asset of this file")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...errors import CaptureInvalid
+from ..._exchange.errors import CaptureInvalid
 from .base import MocapOperator
 
 

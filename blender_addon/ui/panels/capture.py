@@ -7,7 +7,7 @@ import bpy
 from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
 from ..operators.solver_operator import current
 from ..properties import MocapCapture
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -82,7 +82,7 @@ class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
                 wrapped(self.layout, context, message.text, "DOT", alert=True)
 
 
-class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_notes(CapturePanel, bpy.types.Panel):
     """What the reader assumed."""
 
     bl_idname = "VIEW3D_PT_mocap_notes"
@@ -90,11 +90,6 @@ class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
     bl_label = "Notes"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = 1
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture."""
-        return bool(context.scene.mocap.capture.file)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the notes."""

@@ -7,20 +7,15 @@ import bpy
 from ...export.formats import FORMATS
 from ..operators.export_take import MOCAP_OT_export_take
 from ..operators.review import MOCAP_OT_select_body
-from .parts import MocapPanel, draw_next, wrapped
+from .parts import BodyPanel, draw_next, wrapped
 
 
-class VIEW3D_PT_mocap_export(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_export(BodyPanel, bpy.types.Panel):
     """Writing the take for other programs."""
 
     bl_idname = "VIEW3D_PT_mocap_export"
     bl_label = "Export"
     bl_order = 4
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved body."""
-        return context.scene.mocap.review.armature is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the formats, or how to get ready for them."""

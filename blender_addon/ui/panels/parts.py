@@ -6,7 +6,7 @@ import textwrap
 
 import bpy
 
-from ...errors import sentence
+from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import MOCAP_OT_cancel, current
 
@@ -20,6 +20,33 @@ class MocapPanel:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "MoCap"
+
+
+class CapturePanel(MocapPanel):
+    """A panel about the capture."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture."""
+        return bool(context.scene.mocap.capture.file)
+
+
+class BodyPanel(MocapPanel):
+    """A panel about the solved body."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved body."""
+        return context.scene.mocap.review.armature is not None
+
+
+class TakePanel(MocapPanel):
+    """A panel about the take that the body plays."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        return context.scene.mocap.review.take is not None
 
 
 def wrapped(

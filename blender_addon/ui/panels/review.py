@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-from ...animation.takes import takes_of
 from ..operators.review import (
     MOCAP_OT_next_bad_range,
     MOCAP_OT_open_report,
@@ -16,20 +15,15 @@ from ..operators.solve import MOCAP_OT_resolve_range
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
 from ..properties import MocapReview
-from .parts import MocapPanel, wrapped
+from .parts import BodyPanel, TakePanel, wrapped
 
 
-class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
     """Looking at the current take."""
 
     bl_idname = "VIEW3D_PT_mocap_review"
     bl_label = "Review"
     bl_order = 3
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved body."""
-        return context.scene.mocap.review.armature is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw takes, confidence and the report."""
@@ -47,17 +41,12 @@ class VIEW3D_PT_mocap_review(MocapPanel, bpy.types.Panel):
         layout.operator(MOCAP_OT_open_report.bl_idname, icon="URL")
 
 
-class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
-    """Solving a stretch again."""
+class VIEW3D_PT_mocap_resolve(TakePanel, bpy.types.Panel):
+    """Solving a frame range again."""
 
     bl_idname = "VIEW3D_PT_mocap_resolve"
     bl_parent_id = "VIEW3D_PT_mocap_review"
     bl_label = "Fix a Range"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        return context.scene.mocap.review.take is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the range, the pins and the button."""
@@ -78,7 +67,7 @@ class VIEW3D_PT_mocap_resolve(MocapPanel, bpy.types.Panel):
         button.operator(MOCAP_OT_resolve_range.bl_idname, icon="FILE_REFRESH")
 
 
-class VIEW3D_PT_mocap_take(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
     """What else may become of a take."""
 
     bl_idname = "VIEW3D_PT_mocap_take"
@@ -86,11 +75,6 @@ class VIEW3D_PT_mocap_take(MocapPanel, bpy.types.Panel):
     bl_label = "Use the Take"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = 3
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        return context.scene.mocap.review.take is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the ways, and how far a thinned take is from the full one."""
@@ -104,6 +88,8 @@ class VIEW3D_PT_mocap_take(MocapPanel, bpy.types.Panel):
 
 
 def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:
+    from ...animation.takes import takes_of
+
     takes = takes_of(capture_file)
     if len(takes) < 2 and take is not None:
         layout.label(text=take.name, icon="ACTION", translate=False)
@@ -116,8 +102,8 @@ def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.A
 
 
 def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
-    from ...review.confidence import sigma_of
-    from ...review.confidence_lane import current_confidence
+    from ...animation.confidence import sigma_of
+    from ...animation.confidence_lane import current_confidence
 
     confidence = current_confidence(review.armature)
     if not confidence:

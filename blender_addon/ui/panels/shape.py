@@ -27,6 +27,7 @@ class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw one slider a component."""
         mesh = body_mesh(context.scene.mocap.review.armature)
+        assert mesh is not None  # polled
         column = self.layout.column(align=True)
         for index in range(NUM_BETAS):
             key = mesh.data.shape_keys.key_blocks.get(slider_name(index))

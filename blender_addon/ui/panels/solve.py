@@ -8,7 +8,7 @@ from ..locations import is_beside_file
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..properties import CHOSEN_BY_PRESETS
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("solve",)
 
@@ -40,18 +40,13 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
         _draw_outcome(layout)
 
 
-class VIEW3D_PT_mocap_solve_settings(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
     """What the presets choose."""
 
     bl_idname = "VIEW3D_PT_mocap_solve_settings"
     bl_parent_id = "VIEW3D_PT_mocap_solve"
     bl_label = "Advanced"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture."""
-        return bool(context.scene.mocap.capture.file)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings; those a preset chooses are greyed."""

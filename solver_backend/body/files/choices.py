@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from solver_backend.body.body import DEFAULT_BODY, Body, load_body
 from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.exchange.body_choice import SHIPPED, SUFFIXES, bodies_folder, is_path
 from solver_backend.exchange.errors import BodyUnknown
-
-SHIPPED = "neutral"
-"""Name of the body that ships with the solver."""
-SUFFIXES = (".npz", ".pkl")
-FOLDER_VARIABLE = "MANIFOLD_MOCAP_BODIES"
-"""Environment variable that names another folder of bodies."""
 
 
 @dataclass(frozen=True)
@@ -27,34 +19,12 @@ class BodyChoice:
     path: Path
 
 
-def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> Path:
-    """Return the user's folder of bodies, which need not exist.
-
-    It is ``MANIFOLD_MOCAP_BODIES``, or ``bodies`` in the system's folder for application data.
-    """
-    if environment.get(FOLDER_VARIABLE):
-        return Path(environment[FOLDER_VARIABLE]).expanduser()
-    home = Path.home()
-    if platform == "win32":
-        data = Path(environment.get("APPDATA") or home / "AppData" / "Roaming")
-    elif platform == "darwin":
-        data = home / "Library" / "Application Support"
-    else:
-        data = Path(environment.get("XDG_DATA_HOME") or home / ".local" / "share")
-    return data / "manifold-mocap" / "bodies"
-
-
 def list_bodies() -> tuple[BodyChoice, ...]:
     """Return the bodies that have a name: the one that ships, then the user's by name."""
     folder = bodies_folder()
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     own = {path.stem: path for path in files if path.stem != SHIPPED}
     return (BodyChoice(SHIPPED, DEFAULT_BODY), *(BodyChoice(name, path) for name, path in own.items()))
-
-
-def is_path(choice: str) -> bool:
-    """Tell a path from a name: it ends as a body file does, or has folders."""
-    return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice
 
 
 def resolve_body(choice: str) -> Path:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose, select_frames
 from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseChain
 from solver_backend.fitters.pose_ndf.sequence_solver import solve_chain
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 
 _SIDED = {
     "arm": ("shoulder", "elbow", "wrist"),

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
+from solver_backend.exchange.npz import require_file
 from solver_backend.io.calibration.entry import CameraEntry
-from solver_backend.io.files import require_file
 
 SUBPIXELS = 64.0
 """Focal lengths and centres are in 1/64 pixel."""

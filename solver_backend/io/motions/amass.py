@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
-from solver_backend.io.fields import Fields, read_fields
+from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.io.reader import Reader
 from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
 

@@ -1,19 +1,17 @@
-"""Our own capture file: one ``.npz`` with cameras, detections, markers, notes and truth."""
+"""Our capture file in the solver's types: one ``.npz`` with cameras, detections, markers, notes and truth."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
 from solver_backend.exchange.errors import CalibrationMismatch
-from solver_backend.io.fields import Fields, read_fields
-from solver_backend.io.files import write_npz
+from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud
 
-FORMAT = "manifold_mocap_capture"
-VERSION = 1
 _TRUTH = "truth_"
 
 
@@ -41,7 +39,7 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
             "image_size": cameras.image_size,
         }  # fmt: skip
     if capture.footage:
-        arrays["footage"] = _strings(tuple(_portable(item, Path(path).parent) for item in capture.footage))
+        arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
     if capture.keypoints is not None:
         keypoints = capture.keypoints
         arrays |= {
@@ -72,14 +70,12 @@ def read_capture(path: Path | str) -> Capture:
             f"The file holds {len(cameras)} cameras ({', '.join(cameras.names)}) and {keypoints.num_views} views.",
             where=str(path),
         )
-    folder = Path(path).absolute().parent
-    footage = tuple(_resolved(item, folder) for item in fields.texts("footage"))
     return Capture(
         name=fields.text("name", Path(path).stem),
         cameras=cameras,
         keypoints=keypoints,
         markers=_markers(fields) if "marker_positions" in fields else None,
-        footage=footage,
+        footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
         sources=fields.texts("sources"),
         notes=fields.texts("notes"),
         problems=fields.texts("problems"),
@@ -89,18 +85,6 @@ def read_capture(path: Path | str) -> Capture:
 
 def _strings(items: tuple[str, ...]) -> np.ndarray:
     return np.array(items, dtype=np.str_) if items else np.zeros(0, dtype="U1")
-
-
-def _portable(item: Path | None, folder: Path) -> str:
-    if item is None:
-        return ""
-    full, base = os.path.abspath(item), os.path.abspath(folder)
-    inside = os.path.splitdrive(full)[0] == os.path.splitdrive(base)[0] and os.path.commonpath([full, base]) == base
-    return Path(os.path.relpath(full, base)).as_posix() if inside else full
-
-
-def _resolved(item: str, folder: Path) -> Path | None:
-    return folder / item if item else None
 
 
 def _marker_arrays(markers: MarkerCloud) -> dict[str, np.ndarray]:

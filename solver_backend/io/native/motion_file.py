@@ -1,4 +1,4 @@
-"""Our motion file: one ``.npz`` that other tools read as AMASS, with our own arrays beside."""
+"""Our motion file as a motion in the solver's types, every array required to be as the solver writes it."""
 
 from __future__ import annotations
 
@@ -9,55 +9,34 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.fields import Fields, read_fields
-from solver_backend.io.files import write_npz
-from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
+from solver_backend.exchange.motion_file import AMASS_POSE_WIDTH, FORMAT, VERSION, MotionFile, motion_of
+from solver_backend.exchange.schema import Fields, read_fields
+from solver_backend.types import NUM_BETAS, NUM_JOINTS, Motion
 
-FORMAT = "manifold_mocap_motion"
-VERSION = 1
-AMASS_POSE_WIDTH = 156
-"""SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
-_OBSERVED = 3 + 3 * NUM_BODY_JOINTS
+_SAME = (
+    "betas", "transl", "fps", "body", "joints", "keypoints3d", "joint_sigma", "joint_covariance", "keyframes",
+    "contacts", "flags", "reprojection_px",
+)  # fmt: skip
+"""What a motion and its file call by one name."""
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False) -> Path:
     """Write a motion; optional parts it lacks are left out of the file.
 
-    ``poses`` (F, 156) holds the root and joints 1..21; SMPL's hand joints 22 and 23, which AMASS does not know, are
-    kept in ``hand_pose`` (F, 6) where they are not zero.
-
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
     """
-    frames = motion.num_frames
-    poses = np.zeros((frames, AMASS_POSE_WIDTH), np.float32)
-    poses[:, :3] = motion.global_orient
-    poses[:, 3:_OBSERVED] = motion.body_pose[:, : 3 * NUM_BODY_JOINTS]
-    hands = np.asarray(motion.body_pose[:, 3 * NUM_BODY_JOINTS :], np.float32)
-    arrays: dict[str, np.ndarray] = {
-        "format": np.array(FORMAT),
-        "version": np.array(VERSION),
-        "poses": poses,
-        "trans": np.asarray(motion.transl, np.float32),
-        "betas": np.asarray(motion.betas, np.float32),
-        "mocap_framerate": np.array(float(motion.fps)),
-        "gender": np.array("neutral"),
-        "body": np.array(motion.body),
-        "joints": np.asarray(motion.joints, np.float32),
-        "provenance": np.array(json.dumps(_plain(motion.provenance), sort_keys=True)),
-    }
-    if hands.any():
-        arrays["hand_pose"] = hands
-    if motion.joint_set is not None:
-        arrays["joint_set"] = np.array(motion.joint_set.value)
-    for key in ("keypoints3d", "joint_sigma", "joint_covariance", "reprojection_px"):
-        if (value := getattr(motion, key)) is not None:
-            arrays[key] = np.asarray(value, np.float32)
-    for key, dtype in (("keyframes", np.bool_), ("contacts", np.bool_), ("flags", np.uint8)):
-        if (value := getattr(motion, key)) is not None:
-            arrays[key] = np.asarray(value, dtype)
-    return write_npz(path, arrays, overwrite=overwrite)
+    rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
+    record = MotionFile(
+        name=Path(path).stem,
+        rotvec=rotvec.reshape(motion.num_frames, NUM_JOINTS, 3),
+        joint_set="" if motion.joint_set is None else motion.joint_set.value,
+        provenance=json.dumps(_plain(motion.provenance), sort_keys=True),
+        **{name: getattr(motion, name) for name in _SAME},
+    )
+    return motion_file.write_motion(path, record, overwrite=overwrite)
 
 
 def read_motion(path: Path | str) -> Motion:
@@ -65,7 +44,7 @@ def read_motion(path: Path | str) -> Motion:
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        MotionInvalid: its arrays disagree or are not finite.
+        MotionInvalid: its values are not finite.
     """
     fields = read_fields(path)
     if "format" not in fields and "poses" in fields:
@@ -75,31 +54,30 @@ def read_motion(path: Path | str) -> Motion:
             hint="Convert it first.",
         )
     fields.require_format(FORMAT, VERSION)
-    poses = fields.numbers("poses", (None, AMASS_POSE_WIDTH))
-    frames = len(poses)
-    hands = fields.numbers("hand_pose", (frames, 6)) if "hand_pose" in fields else np.zeros((frames, 6))
+    _require_arrays(fields)
+    record = motion_of(fields)
     return Motion(
-        betas=fields.numbers("betas", (NUM_BETAS,)),
-        global_orient=poses[:, :3].copy(),
-        body_pose=np.concatenate([poses[:, 3:_OBSERVED], hands], axis=1),
-        transl=fields.numbers("trans", (frames, 3)),
-        fps=fields.number("mocap_framerate"),
-        body=fields.text("body"),
-        joints=fields.numbers("joints", (frames, NUM_JOINTS, 3)),
-        keypoints3d=_optional(fields, "keypoints3d", (frames, None, 3)),
+        global_orient=record.rotvec[:, 0].copy(),
+        body_pose=record.rotvec[:, 1:].reshape(record.num_frames, -1),
         joint_set=fields.joint_set() if "joint_set" in fields else None,
-        joint_sigma=_optional(fields, "joint_sigma", (frames, NUM_JOINTS)),
-        joint_covariance=_optional(fields, "joint_covariance", (frames, NUM_JOINTS, 6)),
-        keyframes=_optional(fields, "keyframes", (frames,), np.bool_),
-        contacts=_optional(fields, "contacts", (frames, 2), np.bool_),
-        flags=_optional(fields, "flags", (frames,), np.uint8),
-        reprojection_px=_optional(fields, "reprojection_px", (None, frames, None)),
         provenance=_provenance(fields),
+        **{name: getattr(record, name) for name in _SAME},
     )
 
 
-def _optional(fields: Fields, key: str, shape: tuple[int | None, ...], dtype: type = np.float64) -> np.ndarray | None:
-    return fields.numbers(key, shape).astype(dtype) if key in fields else None
+def _require_arrays(fields: Fields) -> None:
+    """Make sure that every array is there that the solver writes, and of the shape it has then.
+
+    Raises:
+        FileDamaged: one is not.
+    """
+    frames = len(fields.numbers("poses", (None, AMASS_POSE_WIDTH)))
+    shapes = {"betas": (NUM_BETAS,), "trans": (frames, 3), "mocap_framerate": (), "hand_pose": (frames, 6)}
+    shapes |= motion_file.optional_shapes(frames)
+    for key, shape in shapes.items():
+        if key in fields or key in ("betas", "trans", "mocap_framerate", "joints"):
+            fields.numbers(key, shape)
+    fields.text("body")
 
 
 def _plain(value: Any) -> Any:

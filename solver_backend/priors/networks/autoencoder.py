@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, device_of
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Poses, check_codes, check_rotations
@@ -18,7 +19,6 @@ from solver_backend.priors.networks.decoder import (
     reconstruction_energy,
 )
 from solver_backend.priors.networks.dense import DenseStack
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 
 class PoseAutoencoder(AutoencodingPrior):
@@ -90,7 +90,7 @@ class PoseAutoencoder(AutoencodingPrior):
 
     def _distance_to_reconstruction(self, rotations: Array) -> Array:
         """Return the mean squared rotation of poses to their reconstructions by ``residual_sigma``: (N,)."""
-        return reconstruction_energy(rotations, self.decode(self.encode(rotations)), self.residual_sigma)
+        return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
     def _decoder_for(self, z: Array) -> DenseStack:
         check_codes(z, self.latent_dim)

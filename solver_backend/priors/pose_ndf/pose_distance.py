@@ -6,8 +6,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.kinematics import subtree_matrix
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 
 
 def _joint_weights() -> np.ndarray:

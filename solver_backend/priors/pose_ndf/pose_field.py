@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.networks.softplus_stack import SoftplusStack, softplus
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,11 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 
 @dataclass(frozen=True)
 class PoseField:
-    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k`` (eq. 3).
+    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
 
     Children of the pelvis, which has no feature, see zeros in its place. ``s`` is the softplus.
+
+    Reference: Tiwari et al. 2022, eq. 3.
     """
 
     w0: Array

@@ -7,19 +7,27 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent
-from solver_backend.priors.base import CodeJacobian, Codes, Energies, PosePrior, Poses, check_codes, check_rotations
+from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
+from solver_backend.priors.base import (
+    CodeJacobian,
+    Codes,
+    Energies,
+    PosePrior,
+    Poses,
+    check_codes,
+    check_rotations,
+    in_own_columns,
+)
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS
 from solver_backend.priors.pose_ndf.pose_field import PoseField
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
-from solver_backend.types.joint_sets import NUM_BODY_JOINTS
 
 _DIM = 4 * NUM_BODY_JOINTS
 _UNIT_WITHIN = 1e-3
@@ -34,7 +42,7 @@ _ARRIVED = 1e-3
 
 @dataclass(frozen=True)
 class ProjectionSettings:
-    """Gradient descent to the manifold (eq. 6)."""
+    """Gradient descent to the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
     """At most."""
@@ -50,6 +58,8 @@ class PoseNDF(PosePrior):
     """The distance of a pose to the manifold of plausible ones, rad: zero on it, in the metric of ``pose_distance``.
 
     Quaternions enter with ``w >= 0``, so that q and -q are the same pose by construction.
+
+    Reference: Tiwari et al. 2022, eq. 1 (the manifold is where the field is zero).
     """
 
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
@@ -73,7 +83,7 @@ class PoseNDF(PosePrior):
         """
         check_rotations(rotations)
         xp = array_namespace(rotations)
-        return xp.reshape(_upper(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
+        return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
 
     def decode(self, z: Codes) -> Poses:
         """Return (N, 21, 3, 3) rotations of (N, 84) quaternions of any length but zero."""
@@ -87,8 +97,7 @@ class PoseNDF(PosePrior):
         quats = xp.reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))
         square = xp.sum(quats * quats, axis=-1)[..., None, None]
         blocks = 4.0 * xp.permute_dims(quat_left_tangent(quats), (0, 1, 3, 2)) / square
-        own = constant(np.eye(NUM_BODY_JOINTS)[None, :, None, :, None], z)
-        return rotations, xp.reshape(own * blocks[:, :, :, None, :], (z.shape[0], NUM_BODY_JOINTS, 3, _DIM))
+        return rotations, in_own_columns(blocks)
 
     def energy(self, rotations: Poses) -> Energies:
         """Return the predicted distance of (N, 21, 3, 3) poses to the manifold, rad: (N,)."""
@@ -130,11 +139,13 @@ class PoseNDF(PosePrior):
         return distance, sign * gradient
 
     def project(self, rotations: Array, settings: ProjectionSettings = ProjectionSettings()) -> Array:
-        """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length (eq. 6).
+        """Return (N, 21, 3, 3) poses moved down the field, ``θ - α f ∇f`` and back to unit length.
 
         The gradient is that of the metric, ``2/w_k`` times the part tangent to each joint's sphere: with α = 1 a field
         that is a distance is left in one step. A step that would raise a pose's distance is halved; α then grows again.
         No pose goes farther than ``reach`` times the distance it began at.
+
+        Reference: Tiwari et al. 2022, eq. 5 (the nearest pose of the manifold), eq. 6 (the step).
 
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.
@@ -214,11 +225,6 @@ def _stack(stored: PriorWeights, part: str, widths: tuple[int, ...]) -> Softplus
     matrices = tuple(stored.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairs))
     biases = tuple(stored.array(f"{part}_b{i}", (b,)) for i, (_, b) in enumerate(pairs))
     return SoftplusStack(matrices, biases, last_is_positive=True)
-
-
-def _upper(quats: Array) -> Array:
-    xp = array_namespace(quats)
-    return xp.where(quats[..., :1] < 0, -quats, quats)
 
 
 def _unit(quats: Array) -> Array:

@@ -8,11 +8,11 @@ import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.training.data.rest_skeleton import MIRROR
+from solver_backend.training.data.rest_skeleton import BODY_MIRROR
 
-_MIRRORED = torch.tensor([MIRROR[j] - 1 for j in range(1, 22)])
+_MIRRORED = torch.tensor(BODY_MIRROR)
 _FLIP = torch.tensor([[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
-LIMBS: tuple[tuple[int, ...], ...] = (
+EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
     (13, 16, 18, 20),
     (14, 17, 19, 21),
     (1, 2, 4, 5, 7, 8, 10, 11),
@@ -49,7 +49,7 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
     count = len(windows)
     any_chance = torch.rand(count, generator=generator) < chance
     out = windows.clone()
-    for limb, likely in zip(LIMBS, EXCHANGE_CHANCE, strict=True):
+    for limb, likely in zip(EXCHANGED_JOINTS, EXCHANGE_CHANCE, strict=True):
         donor = torch.randperm(count, generator=generator)
         take = (torch.rand(count, generator=generator) < likely) & any_chance
         columns = torch.tensor([j - 1 for j in limb])

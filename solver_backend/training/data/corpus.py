@@ -39,6 +39,10 @@ class Corpus:
         """Frames with repeats."""
         return len(self.rotations)
 
+    def some_distinct(self, most: int) -> np.ndarray:
+        """Return about ``most`` of the distinct poses (n, 21, 3, 3), evenly from all of them."""
+        return self.rotations[self.distinct[:: max(1, len(self.distinct) // most)]]
+
     @property
     def sources(self) -> np.ndarray:
         """(N,) source of each frame: what stands before the slash of its clip's name."""
@@ -66,11 +70,11 @@ class Corpus:
 
 def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:
     """Return (training, validation); takes of the held-out subjects under another name are in neither."""
-    held = [clip for clip in clips if clip.subject in HELD_OUT]
+    held_out = [clip for clip in clips if clip.subject in HELD_OUT]
     rest = [clip for clip in clips if clip.subject not in HELD_OUT]
-    known = _features(np.concatenate([clip.rotations for clip in held]))
+    known = _features(np.concatenate([clip.rotations for clip in held_out]))
     kept = [clip for clip in rest if clip.subject != UNKNOWN or not _repeats(clip, known)]
-    return build_corpus(kept), build_corpus(held)
+    return build_corpus(kept), build_corpus(held_out)
 
 
 def build_corpus(clips: list[Clip]) -> Corpus:

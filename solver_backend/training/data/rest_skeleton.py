@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.types.joint_sets import NUM_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
 
 _LEFT = {
     1: (0.085, -0.088, 0.0), 4: (0.098, -0.470, 0.002), 7: (0.100, -0.865, -0.030), 10: (0.112, -0.922, 0.095),
@@ -35,6 +35,8 @@ MIRROR: tuple[int, ...] = tuple(
     _RIGHT_OF.get(j, {v: k for k, v in _RIGHT_OF.items()}.get(j, j)) for j in range(NUM_JOINTS)
 )
 """Joint of the other side of the body."""
+BODY_MIRROR: tuple[int, ...] = tuple(MIRROR[j] - 1 for j in range(1, 1 + NUM_BODY_JOINTS))
+"""The same for the columns of joints 1..21."""
 
 AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == 15 else 0.1 for joint in range(NUM_JOINTS))
 """Distance of the three points along the axes of each joint's frame that make rotations count in metres."""

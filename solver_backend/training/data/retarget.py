@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
+from solver_backend.exchange.joint_sets import SMPL_PARENTS
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.training.data.skeleton_maps import SkeletonMap, skeleton_map
-from solver_backend.types.joint_sets import SMPL_PARENTS
 
 _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 _FOREARMS = ((18, 20), (19, 21))
@@ -122,10 +122,10 @@ def _rotations_since_tpose(clip: RecordedClip, mapping: SkeletonMap) -> np.ndarr
 
 def _global_rotations(rotvec: np.ndarray, parents: np.ndarray) -> np.ndarray:
     local = exp_so3(rotvec)
-    turned: list[np.ndarray] = []
+    rotations: list[np.ndarray] = []
     for joint, parent in enumerate(parents):
-        turned.append(local[:, joint] if parent < 0 else turned[int(parent)] @ local[:, joint])
-    return np.stack(turned, axis=1)
+        rotations.append(local[:, joint] if parent < 0 else rotations[int(parent)] @ local[:, joint])
+    return np.stack(rotations, axis=1)
 
 
 def _relative(parent: np.ndarray, child: np.ndarray) -> np.ndarray:

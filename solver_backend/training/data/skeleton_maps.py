@@ -26,7 +26,7 @@ class SkeletonMap:
         return [names.index(joint) for joint in self.joints]
 
 
-_HIP_SPLAY = 0.3665
+HIP_SPLAY = 0.3665
 """rad, by which the legs of the CMU skeletons' zero pose are spread (21 degrees)."""
 
 MAPS: tuple[SkeletonMap, ...] = (
@@ -54,8 +54,8 @@ MAPS: tuple[SkeletonMap, ...] = (
             "LeftShoulder", "RightShoulder", "LeftElbow", "RightElbow", "lhand", "rhand",
         ),
         (
-            ("LeftHip", (0.0, 0.0, -_HIP_SPLAY)),
-            ("RightHip", (0.0, 0.0, _HIP_SPLAY)),
+            ("LeftHip", (0.0, 0.0, -HIP_SPLAY)),
+            ("RightHip", (0.0, 0.0, HIP_SPLAY)),
             ("LeftShoulder", (0.0, 0.0, np.pi / 2)),
             ("RightShoulder", (0.0, 0.0, -np.pi / 2)),
         ),

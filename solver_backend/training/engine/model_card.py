@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,26 +42,35 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 """
 
 
-def write_model_card(
-    path: Path, title: str, summary: str, metadata: dict[str, Any], *, augmented: bool = True, method: str = ""
-) -> None:
+@dataclass(frozen=True)
+class Card:
+    """What a card says that neither data nor settings do."""
+
+    title: str
+    """Name of the prior."""
+    summary: str
+    """A few sentences on what it is."""
+    method: str = ""
+    """How the metrics were measured, where that is not how the other priors' are."""
+    augmented: bool = True
+    """Whether training drew augmented poses."""
+
+
+def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
     """Write the card beside the weights.
 
     Args:
         path: the card.
-        title: name of the prior.
-        summary: a few sentences on what it is.
+        card: what the prior is.
         metadata: ``data, command, settings, metrics, sha256``, and perhaps ``by_source``.
-        augmented: whether training drew augmented poses.
-        method: how the metrics were measured, where that is not how the other priors' are.
     """
-    method = method or (_METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD)
-    augmentation = _AUGMENTATION if augmented else ""
+    method = card.method or (_METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD)
+    augmentation = _AUGMENTATION if card.augmented else ""
     metrics = "\n".join(f"| `{key}` | {value:.4g} |" for key, value in metadata["metrics"].items())
     settings = "\n".join(f"| `{key}` | {value} |" for key, value in metadata["settings"].items())
     sources = _SOURCES.format(table=_source_table(metadata["data"]["sources"]), **metadata["data"])
     text = (
-        f"# {title}\n\n{summary}\n\n{sources}{augmentation}\n"
+        f"# {card.title}\n\n{card.summary}\n\n{sources}{augmentation}\n"
         f"## Training\n\n`{metadata['command']}`\n\n| setting | value |\n|---|---|\n{settings}\n\n"
         f"## Validation\n\n{method}\n"
         f"| metric | value |\n|---|---|\n{metrics}\n\n{_accuracy_table(metadata.get('by_source', {}))}"

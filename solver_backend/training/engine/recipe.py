@@ -11,7 +11,7 @@ from solver_backend.training.engine.loop import TrainingSettings
 
 
 @dataclass(frozen=True)
-class Job:
+class TrainingJob:
     """One prior to train."""
 
     training: Corpus

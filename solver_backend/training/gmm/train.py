@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,20 +11,24 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.data.rest_skeleton import MIRROR
-from solver_backend.training.engine.export_weights import export_prior
-from solver_backend.training.engine.model_card import write_model_card
-from solver_backend.training.engine.recipe import Finished, Job
+from solver_backend.training.data.rest_skeleton import BODY_MIRROR
+from solver_backend.training.engine.model_card import Card
+from solver_backend.training.engine.publish import publish
+from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.gmm.expectation_maximisation import fit_mixture
 
 COMPONENTS = 8
 RIDGE = 1e-3
 """rad², added to every variance: joints that never bent in the recordings may bend a little (1.8 degrees)."""
-_SUMMARY = """A mixture of eight Gaussians over the rotation vectors of the 21 body joints (Bogo et al. 2016), fitted by
-expectation maximisation to the distinct poses and their mirror images, without further augmentation."""
+_CARD = Card(
+    "Gaussian mixture",
+    """A mixture of eight Gaussians over the rotation vectors of the 21 body joints (Bogo et al. 2016), fitted by
+expectation maximisation to the distinct poses and their mirror images, without further augmentation.""",
+    augmented=False,
+)
 
 
-def train_gmm(job: Job) -> Finished:
+def train_gmm(job: TrainingJob) -> Finished:
     """Fit, export and measure the mixture.
 
     Raises:
@@ -39,25 +44,21 @@ def train_gmm(job: Job) -> Finished:
         "factors": mixture.factors.astype(np.float32),
     }
     held_out = mixture.log_densities(rotation_vectors(job.validation))
-    metadata: dict[str, Any] = {
-        "command": job.command,
-        "settings": {"components": COMPONENTS, "ridge": RIDGE, "seed": job.settings.seed},
-        "data": job.data,
-        "metrics": {
-            "train_log_likelihood_nats": history[-1],
-            "validation_log_likelihood_nats": float(np.logaddexp.reduce(held_out, axis=1).mean()),
-        },
+    metrics = {
+        "train_log_likelihood_nats": history[-1],
+        "validation_log_likelihood_nats": float(np.logaddexp.reduce(held_out, axis=1).mean()),
     }
-    path = job.out / "gmm.npz"
-    metadata["sha256"] = export_prior(path, "gmm", arrays, metadata)
-    load_gmm(path)
-    write_model_card(path.with_suffix(".md"), "Gaussian mixture", _SUMMARY, metadata, augmented=False)
-    return Finished(path, metadata["metrics"])
+    settings = {"components": COMPONENTS, "ridge": RIDGE, "seed": job.settings.seed}
+
+    def measure(path: Path) -> dict[str, Any]:
+        load_gmm(path)
+        return {"metrics": metrics}
+
+    return publish(job, "gmm", arrays, {}, settings, measure, _CARD)
 
 
 def rotation_vectors(corpus: Corpus) -> np.ndarray:
     """Return (2 D, 63) rotation vectors of the distinct poses and their mirror images."""
     vectors = log_so3(corpus.rotations[corpus.distinct].astype(np.float64))
-    swapped = [MIRROR[joint] - 1 for joint in range(1, 22)]
-    flipped = vectors[:, swapped] * np.array([1.0, -1.0, -1.0])
+    flipped = vectors[:, BODY_MIRROR] * np.array([1.0, -1.0, -1.0])
     return np.concatenate((vectors, flipped)).reshape(-1, 63)

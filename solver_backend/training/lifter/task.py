@@ -17,7 +17,7 @@ from solver_backend.priors.sposer import SPoser
 from solver_backend.training.data.augmentation import exchanged_limbs, maybe_mirrored, varied_joints
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
-from solver_backend.training.sposer.network import dense_stack
+from solver_backend.training.engine.dense_layers import dense_stack
 from solver_backend.types import NUM_BETAS, JointSet
 
 _JOINT_SET = JointSet.BODY_25B
@@ -76,8 +76,7 @@ class LifterTask:
         self._landmarks, self._columns = landmarks, [landmarks.names.index(name) for name in POINTS]
         self._poses = torch.from_numpy(training.rotations)
         self._distinct = torch.from_numpy(training.distinct)
-        held = validation.distinct[:: max(1, len(validation.distinct) // _VALIDATION_POSES)]
-        unseen = torch.from_numpy(validation.rotations[held])
+        unseen = torch.from_numpy(validation.some_distinct(_VALIDATION_POSES))
         self._unseen = self._people(unseen, torch.Generator().manual_seed(seed + 1))
 
     @property
@@ -125,8 +124,8 @@ class LifterTask:
         chosen, count = self._settings, len(local)
         root = exp_so3(_directions(count, generator) * np.pi * torch.rand(count, 1, generator=generator))
         parts = [
-            self._person(part, turned, generator)
-            for part, turned in zip(local.chunk(chosen.people), root.chunk(chosen.people), strict=True)
+            self._person(part, turn, generator)
+            for part, turn in zip(local.chunk(chosen.people), root.chunk(chosen.people), strict=True)
         ]
         points, pelvis, betas = (torch.cat(column) for column in zip(*parts, strict=True))
         low, high = chosen.noise_m

@@ -3,46 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, cast
+from typing import cast
 
 from torch import nn
 
 from solver_backend.body.body import load_body
 from solver_backend.priors.lifter import POINTS
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.training.engine.export_weights import export_prior, stack_arrays
+from solver_backend.training.engine.dense_layers import stack_arrays
 from solver_backend.training.engine.loop import run_training
-from solver_backend.training.engine.model_card import write_model_card
-from solver_backend.training.engine.recipe import Finished, Job
+from solver_backend.training.engine.model_card import Card
+from solver_backend.training.engine.publish import publish
+from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.lifter.task import LifterSettings, LifterTask
 
-SUMMARY = """The lifter: where a fit to a frame's 3D keypoints starts. A network from 19 points, seen from the trunk, to
+CARD = Card(
+    "Lifter",
+    """The lifter: where a fit to a frame's 3D keypoints starts. A network from 19 points, seen from the trunk, to
 SPoser's code, the root's rotation and place, and the shape. Trained on synthetic people alone: random shapes in the
-corpus's poses, with a detector's bias, located with 3 to 30 mm of noise per axis, up to half of the points missing."""
-METHOD = """On the distinct poses of unseen subjects, people and noise drawn as in training. `points_mm`: mean distance
+corpus's poses, with a detector's bias, located with 3 to 30 mm of noise per axis, up to half of the points missing.""",
+    """On the distinct poses of unseen subjects, people and noise drawn as in training. `points_mm`: mean distance
 of joints 1 to 23 on a skeleton of 1.70 m, pelvis fixed. `betas_explained`: share of the first two shape parameters'
 variance that a single frame tells.
-"""
+""",
+)
 
 
-def train_lifter(job: Job, settings: LifterSettings = LifterSettings()) -> Finished:
+def train_lifter(job: TrainingJob, settings: LifterSettings = LifterSettings()) -> Finished:
     """Train, export and write the model card."""
     prior = load_sposer()
     task = LifterTask(
         job.training, job.validation, load_body(), prior, settings, job.settings.batch, job.settings.seed
     )  # fmt: skip
     network = cast(nn.Sequential, run_training(task, job.settings, job.work, job.progress))
-    metadata: dict[str, Any] = {
+    header = {
         "network_hidden": settings.hidden,
         "activation": "silu",
         "points": POINTS,
         "sposer_sha256": prior.metadata["sha256"],
-        "command": job.command,
-        "settings": asdict(settings) | asdict(job.settings),
-        "data": job.data,
-        "metrics": task.evaluate(network),
     }
-    path = job.out / "lifter.npz"
-    metadata["sha256"] = export_prior(path, "lifter", stack_arrays(network, "network"), metadata)
-    write_model_card(path.with_suffix(".md"), "Lifter", SUMMARY, metadata, method=METHOD)
-    return Finished(path, metadata["metrics"])
+    arrays, figures = stack_arrays(network, "network"), {"metrics": task.evaluate(network)}
+    asked = asdict(settings) | asdict(job.settings)
+    return publish(job, "lifter", arrays, header, asked, lambda path: figures, CARD)

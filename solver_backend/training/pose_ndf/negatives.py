@@ -20,7 +20,7 @@ NOBODY = -1
 
 
 @dataclass(frozen=True)
-class Manifold:
+class PoseManifold:
     """The recorded poses that a distance is measured to."""
 
     quats: torch.Tensor
@@ -35,7 +35,7 @@ class Manifold:
         return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
-    def of(cls, quats: torch.Tensor, people: torch.Tensor) -> Manifold:
+    def of(cls, quats: torch.Tensor, people: torch.Tensor) -> PoseManifold:
         """Take (M, 21, 4) poses and whose they are."""
         return cls(quats, people, NearestPoses(quats, people))
 
@@ -75,7 +75,7 @@ def spread(count: int, degrees: tuple[float, float], generator: torch.Generator,
     return drawn if even else torch.exp(drawn)
 
 
-def turned(poses: Poses, sigma: torch.Tensor, generator: torch.Generator) -> Poses:
+def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator) -> Poses:
     """Return poses whose joints are turned about random axes, half of them in some joints only.
 
     Args:
@@ -91,7 +91,7 @@ def turned(poses: Poses, sigma: torch.Tensor, generator: torch.Generator) -> Pos
     return Poses(quat_multiply(quat_from_rotvec(turn), poses.quats), poses.people)
 
 
-def blended(manifold: Manifold, count: int, generator: torch.Generator) -> Poses:
+def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
     """Return points between pairs of recorded poses, normalised."""
     a, b = (manifold.drawn(count, generator).quats for _ in range(2))
     b = torch.where((a * b).sum(-1, keepdim=True) < 0, -b, b)
@@ -99,14 +99,14 @@ def blended(manifold: Manifold, count: int, generator: torch.Generator) -> Poses
     return Poses(mixed / torch.linalg.vector_norm(mixed, dim=-1, keepdim=True), torch.full((count,), NOBODY))
 
 
-def projected(prior: PoseNDF, manifold: Manifold, count: int, generator: torch.Generator) -> Poses:
+def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:
     """Return (about) ``count`` poses met on the way down the field, after 4, 12 and 40 steps.
 
     A third starts at random poses (60 degrees about every axis, at one sigma), the rest at turned recorded ones.
     """
     third = count // 3
     random = quat_from_rotvec(math.radians(START_DEG) / 3**0.5 * torch.randn(third, 21, 3, generator=generator))
-    near = turned(manifold.drawn(2 * third, generator), spread(2 * third, (5.0, 60.0), generator), generator)
+    near = rotated(manifold.drawn(2 * third, generator), spread(2 * third, (5.0, 60.0), generator), generator)
     order = torch.randperm(3 * third, generator=generator)
     rotations = matrix_from_quat(torch.cat((random, near.quats))[order])
     parts = [
@@ -117,7 +117,7 @@ def projected(prior: PoseNDF, manifold: Manifold, count: int, generator: torch.G
     return Poses(quat_from_matrix(torch.cat(parts)), people)
 
 
-def labelled(poses: Poses, manifold: Manifold) -> Labelled:
+def labelled(poses: Poses, manifold: PoseManifold) -> Labelled:
     """Return poses with their true distances to what was recorded of everybody but whose they were.
 
     Poses of somebody unseen lie as far from the recorded ones as somebody's do from all others'; with their own

@@ -13,14 +13,15 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.geometry.quaternions import upper_hemisphere
+from solver_backend.metrics.rank_correlation import spearman
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_field import PoseField
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, in_metric, metric_length
 from solver_backend.training.engine.devices import device_of
 from solver_backend.training.pose_ndf.negatives import Labelled
-
-NUM_JOINTS = 21
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,11 @@ class PoseFieldNet(nn.Module):
     def __init__(self, settings: PoseNdfSettings) -> None:
         super().__init__()
         features, hidden = settings.features, settings.encoder_hidden
-        self.w0 = nn.Parameter(torch.randn(NUM_JOINTS, hidden, 4 + features) * (2.0 / (4 + features)) ** 0.5)
-        self.b0 = nn.Parameter(0.1 * torch.randn(NUM_JOINTS, hidden))
-        self.w1 = nn.Parameter(torch.randn(NUM_JOINTS, features, hidden) * (1.0 / hidden) ** 0.5)
-        self.b1 = nn.Parameter(torch.zeros(NUM_JOINTS, features))
-        widths = (NUM_JOINTS * features, *settings.field_hidden, 1)
+        self.w0 = nn.Parameter(torch.randn(NUM_BODY_JOINTS, hidden, 4 + features) * (2.0 / (4 + features)) ** 0.5)
+        self.b0 = nn.Parameter(0.1 * torch.randn(NUM_BODY_JOINTS, hidden))
+        self.w1 = nn.Parameter(torch.randn(NUM_BODY_JOINTS, features, hidden) * (1.0 / hidden) ** 0.5)
+        self.b1 = nn.Parameter(torch.zeros(NUM_BODY_JOINTS, features))
+        widths = (NUM_BODY_JOINTS * features, *settings.field_hidden, 1)
         self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
 
     @property
@@ -70,7 +71,7 @@ class PoseFieldNet(nn.Module):
 
 
 class PoseNdfTask:
-    """Losses (4) on one stage's poses, and validation; zero is no distance of its own, see ``labelled``."""
+    """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation; see ``labelled`` for why no zeros."""
 
     def __init__(
         self,
@@ -97,10 +98,13 @@ class PoseNdfTask:
         return self._make()
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance."""
+        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance.
+
+        Reference: Tiwari et al. 2022, eq. 4: the distance's error, and the eikonal equation.
+        """
         s, pool, device = self._settings, self._poses, device_of(self.model)
         chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
-        quats, target = upper(pool.quats[chosen]).to(device), pool.distance[chosen].to(device)
+        quats, target = upper_hemisphere(pool.quats[chosen]).to(device), pool.distance[chosen].to(device)
         steep, field = int(s.eikonal_share * self._batch), self.model.field
         distance, gradient = field.with_gradient(quats[:steep])
         off = (metric_length(in_metric(quats[:steep], gradient)) - 1.0) * (target[:steep] > s.eikonal_from)
@@ -110,7 +114,7 @@ class PoseNdfTask:
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return how the field ranks and measures the perturbed poses of unseen subjects."""
         with torch.no_grad():
-            found = cast(PoseFieldNet, model).field(upper(self._validation.quats))
+            found = cast(PoseFieldNet, model).field(upper_hemisphere(self._validation.quats))
         truth = self._validation.distance
         return {
             "spearman": spearman(found.numpy(), truth.numpy()),
@@ -121,16 +125,6 @@ class PoseNdfTask:
 def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
     """Return the prior of a network that is still being trained."""
     return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
-
-
-def spearman(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the correlation of the ranks of two lists of numbers without ties (Spearman 1904)."""
-    return float(np.corrcoef(np.argsort(np.argsort(a)), np.argsort(np.argsort(b)))[0, 1])
-
-
-def upper(quats: torch.Tensor) -> torch.Tensor:
-    """Return the same rotations as quaternions with ``w >= 0``."""
-    return torch.where(quats[..., :1] < 0, -quats, quats)
 
 
 def field_arrays(model: PoseFieldNet, dtype: type = np.float16) -> dict[str, np.ndarray]:

@@ -13,19 +13,19 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.training.data.augmentation import mirrored
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.engine.loop import run_training
-from solver_backend.training.engine.recipe import Job
+from solver_backend.training.engine.recipe import TrainingJob
 from solver_backend.training.pose_ndf.nearest_poses import unit_quats
 from solver_backend.training.pose_ndf.negatives import (
     NOBODY,
     Labelled,
-    Manifold,
+    PoseManifold,
     Poses,
     blended,
     joined,
     labelled,
     projected,
+    rotated,
     spread,
-    turned,
 )
 from solver_backend.training.pose_ndf.network import PoseFieldNet, PoseNdfSettings, PoseNdfTask, as_prior
 
@@ -33,7 +33,7 @@ FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (0.5, 40.0), (1.0, 60.0)
 """Spread of the turns about each axis: of the first stage, the second, and the validation."""
 
 
-def manifold_of(training: Corpus) -> Manifold:
+def manifold_of(training: Corpus) -> PoseManifold:
     """Return the distinct poses of a corpus that lie within the joints' limits, and their mirror images.
 
     Raises:
@@ -44,7 +44,7 @@ def manifold_of(training: Corpus) -> Manifold:
     if len(people.unique()) < 2:
         raise JobInvalid("Pose-NDF learns from the recordings of several people, and these are of one.", where="data")
     quats = torch.cat((unit_quats(rotations), unit_quats(mirrored(rotations))))
-    return Manifold.of(quats, people.repeat(2))
+    return PoseManifold.of(quats, people.repeat(2))
 
 
 def possible_frames(corpus: Corpus) -> np.ndarray:
@@ -53,7 +53,7 @@ def possible_frames(corpus: Corpus) -> np.ndarray:
     return distinct[(excess_deg(corpus.rotations[distinct].astype(np.float64)) == 0).all(axis=1)]
 
 
-def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, even: bool = True) -> Labelled:
+def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int, *, even: bool = True) -> Labelled:
     """Return poses of unseen subjects with their distance to the training poses, turned by 1 to 60 degrees.
 
     The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
@@ -63,13 +63,13 @@ def perturbed_validation(validation: Corpus, manifold: Manifold, count: int, *, 
     generator = torch.Generator().manual_seed(1)
     chosen = poses[torch.randint(len(poses), (count,), generator=generator)]
     unseen = Poses(chosen, torch.full((count,), NOBODY))
-    return labelled(turned(unseen, spread(count, ALL_DEG, generator, even=even), generator), manifold)
+    return labelled(rotated(unseen, spread(count, ALL_DEG, generator, even=even), generator), manifold)
 
 
 class Stages:
     """The poses of every stage; those of a finished stage are made again only if a later one mixes them in."""
 
-    def __init__(self, manifold: Manifold, settings: PoseNdfSettings, seed: int) -> None:
+    def __init__(self, manifold: PoseManifold, settings: PoseNdfSettings, seed: int) -> None:
         self._manifold, self._settings, self._seed = manifold, settings, seed
         self._pools: dict[int, Labelled] = {}
 
@@ -89,17 +89,17 @@ class Stages:
         generator = torch.Generator().manual_seed(1000 * self._seed + stage)
         manifold, count = self._manifold, self._settings.pool
         if stage == 0:
-            far = turned(manifold.drawn(count, generator), spread(count, FAR_DEG, generator), generator)
+            far = rotated(manifold.drawn(count, generator), spread(count, FAR_DEG, generator), generator)
             parts = [far, manifold.drawn(count // 2, generator)]
         elif stage == 1:
-            near = turned(manifold.drawn(2 * count, generator), spread(2 * count, NEAR_DEG, generator), generator)
+            near = rotated(manifold.drawn(2 * count, generator), spread(2 * count, NEAR_DEG, generator), generator)
             parts = [near, blended(manifold, count // 4, generator)]
         else:
             parts = [projected(as_prior(before[stage - 1], manifold.spread), manifold, count, generator)]
         return joined([labelled(part, manifold) for part in parts])
 
 
-def train_stages(job: Job, settings: PoseNdfSettings, manifold: Manifold) -> PoseFieldNet:
+def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: PoseManifold) -> PoseFieldNet:
     """Train stage after stage, each from where the last one ended, each with checkpoints in a folder of its own."""
     torch.manual_seed(job.settings.seed)
     model = PoseFieldNet(settings)

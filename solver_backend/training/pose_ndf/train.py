@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import torch
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.geometry.quaternions import matrix_from_quat
+from solver_backend.metrics.rank_correlation import spearman
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf
 from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.engine.export_weights import export_prior
-from solver_backend.training.engine.model_card import write_model_card
-from solver_backend.training.engine.recipe import Finished, Job
+from solver_backend.training.engine.model_card import Card
+from solver_backend.training.engine.publish import Figures, publish
+from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.pose_ndf.nearest_poses import unit_quats
-from solver_backend.training.pose_ndf.negatives import Manifold
-from solver_backend.training.pose_ndf.network import PoseNdfSettings, field_arrays, spearman
+from solver_backend.training.pose_ndf.negatives import PoseManifold
+from solver_backend.training.pose_ndf.network import PoseNdfSettings, field_arrays
 from solver_backend.training.pose_ndf.stages import manifold_of, perturbed_validation, train_stages
 
-_SUMMARY = """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
+_CARD = Card(
+    "Pose-NDF",
+    """Pose-NDF (Tiwari et al. 2022): the distance of a pose to the manifold of plausible poses, a neural field
 over the 21 body joints' quaternions with features down the kinematic tree; softplus layers, trained in three stages on
 the mean of distances (2) to the 5 nearest recorded poses and on the eikonal equation: on poses far from the manifold
 and on it, then also near it, then also on those that projections meet. Manifold: distinct training poses within the
@@ -28,41 +31,36 @@ limits of joints (`body/joint_limits.py`), mirrored too. Unlike the paper, q and
 gradient is taken in the metric of the distance, features have 8 numbers, and **distances are to the poses of other
 people than the one a pose came from**, recorded poses included: these lie 0.4 rad (median) from everybody else's, and
 so do those of somebody unseen. With zero for recorded poses, and negatives labelled by their own neighbours, a field
-says 0.0 where the true distance of an unseen person's pose is 0.4, and negatives nearer and nearer make that worse."""
-_METHOD = """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
+says 0.0 where the true distance of an unseen person's pose is 0.4, and negatives nearer and nearer make that worse.""",
+    """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
 turned by 1° to 60° about every axis at one sigma (half of them in some joints only). `near`: half of the poses turned
 by less than 8°. True distance: mean over the 5 nearest training poses. `lowered`: poses whose distance, predicted or
 true, a projection (eq. 6) lowers; it moves no pose farther than 0.9 of the distance it began at. Samples begin with
 every joint drawn on its own as it turns in the recordings, 1.75 times as wide and within its range; `outside`: any
 joint beyond its range of motion and 15°.
-"""
+""",
+    augmented=False,
+)
 
 
-def train_pose_ndf(job: Job, settings: PoseNdfSettings = PoseNdfSettings()) -> Finished:
+def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings()) -> Finished:
     """Train, export, measure the exported weights and write the model card."""
     manifold = manifold_of(job.training)
     model = train_stages(job, settings, manifold)
-    path = job.out / "pose_ndf.npz"
     spread = manifold.spread
     arrays = field_arrays(model) | {
         "joint_mean": spread.mean.astype(np.float32), "joint_factor": spread.factor.astype(np.float32),
     }  # fmt: skip
     size = {name: getattr(settings, name) for name in ("features", "encoder_hidden", "field_hidden")}
-    metadata: dict[str, Any] = {
-        "field_size": size,
-        "command": job.command,
-        "settings": asdict(settings) | asdict(job.settings),
-        "data": job.data,
-    }
-    export_prior(path, "pose_ndf", arrays, metadata)
-    metadata["metrics"] = measure(load_pose_ndf(path), job.validation, manifold, settings)
-    metadata["sha256"] = export_prior(path, "pose_ndf", arrays, metadata)
-    card = path.with_suffix(".md")
-    write_model_card(card, "Pose-NDF", _SUMMARY, metadata, augmented=False, method=_METHOD)
-    return Finished(path, metadata["metrics"])
+    asked = asdict(settings) | asdict(job.settings)
+
+    def measured(path: Path) -> Figures:
+        return {"metrics": measure(load_pose_ndf(path), job.validation, manifold, settings)}
+
+    return publish(job, "pose_ndf", arrays, {"field_size": size}, asked, measured, _CARD)
 
 
-def measure(prior: PoseNDF, validation: Corpus, manifold: Manifold, settings: PoseNdfSettings) -> dict[str, float]:
+def measure(prior: PoseNDF, validation: Corpus, manifold: PoseManifold, settings: PoseNdfSettings) -> dict[str, float]:
     """Return how well the field ranks, measures and projects perturbed poses, and what it samples."""
     perturbed = perturbed_validation(validation, manifold, settings.validation)
     truth = perturbed.distance.numpy().astype(np.float64)

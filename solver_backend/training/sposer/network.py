@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import torch
 from torch import nn
 
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
-
-LATENT = 32
-_ACTIVATIONS = {"silu": nn.SiLU, "elu": nn.ELU, "leaky_relu": nn.LeakyReLU}
+from solver_backend.priors.sposer import LATENT_DIM
+from solver_backend.training.engine.dense_layers import dense_stack, linear_layers
 
 
 def spherical(z: torch.Tensor) -> torch.Tensor:
@@ -19,28 +16,13 @@ def spherical(z: torch.Tensor) -> torch.Tensor:
     return centred / torch.linalg.vector_norm(centred, dim=-1, keepdim=True).clamp_min(1e-12)
 
 
-def dense_stack(widths: tuple[int, ...], activation: str) -> nn.Sequential:
-    """Return linear layers with the activation between them."""
-    layers: list[nn.Module] = []
-    for number, (before, after) in enumerate(pairwise(widths)):
-        layers.append(nn.Linear(before, after))
-        if number < len(widths) - 2:
-            layers.append(_ACTIVATIONS[activation]())
-    return nn.Sequential(*layers)
-
-
-def linear_layers(stack: nn.Sequential) -> list[nn.Linear]:
-    """Return the linear layers of a stack."""
-    return [layer for layer in stack if isinstance(layer, nn.Linear)]
-
-
 class SphericalAutoencoder(nn.Module):
     """Poses to unit zero-mean codes and back."""
 
     def __init__(self, encoder_hidden: tuple[int, ...], decoder_hidden: tuple[int, ...], activation: str) -> None:
         super().__init__()
-        self.encoder = dense_stack((126, *encoder_hidden, LATENT), activation)
-        self.decoder = dense_stack((LATENT, *decoder_hidden, 126), activation)
+        self.encoder = dense_stack((126, *encoder_hidden, LATENT_DIM), activation)
+        self.decoder = dense_stack((LATENT_DIM, *decoder_hidden, 126), activation)
 
     def start_from(self, mean_6d: torch.Tensor) -> None:
         """Centre the encoder's input and the decoder's output on the mean pose, and the code's scale on one."""
@@ -48,7 +30,7 @@ class SphericalAutoencoder(nn.Module):
             first, last = linear_layers(self.encoder)[0], linear_layers(self.decoder)[-1]
             first.weight.mul_(3.0)
             first.bias.sub_(first.weight @ mean_6d)
-            linear_layers(self.decoder)[0].weight.mul_(LATENT**0.5)
+            linear_layers(self.decoder)[0].weight.mul_(LATENT_DIM**0.5)
             last.weight.mul_(0.5)
             last.bias.copy_(mean_6d)
 

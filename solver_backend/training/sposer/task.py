@@ -1,4 +1,4 @@
-"""SPoser's training: reconstruction on a sphere whose geodesics are motion (thesis 6.1-6.4)."""
+"""SPoser's training: reconstruction on a sphere whose geodesics are motion (thesis eqs. 6.1 to 6.4)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from torch import nn
 
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.data.points import rotation_points
 from solver_backend.training.data.windows import WindowSampler
+from solver_backend.training.engine.accuracy import VALIDATION_POSES, reconstructed, reconstruction_accuracy
 from solver_backend.training.engine.devices import device_of
-from solver_backend.training.sposer.accuracy import reconstruction_accuracy
+from solver_backend.training.engine.pose_loss import pose_loss
 from solver_backend.training.sposer.network import SphericalAutoencoder, spherical
 
 
@@ -26,7 +26,7 @@ class SPoserSettings:
     decoder_hidden: tuple[int, ...] = (512, 512)
     activation: str = "silu"
     orthogonality: float = 0.05
-    """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` (6.4) next to squared distances of points in dm² (6.3)."""
+    """Weight of ``1 - (Tr(R^T R̂) - 1) / 2`` next to squared distances of points in dm² (thesis eqs. 6.4, 6.3)."""
     between: float = 0.5
     """Weight of the frame between keys against the keys themselves."""
     latent_noise: float = 0.01
@@ -43,8 +43,7 @@ class SPoserTask:
         mean = torch.cat((distinct[..., 0], distinct[..., 1]), dim=-1).mean(dim=0).flatten()
         self.model.start_from(mean)
         self._sampler, self._settings, self._batch = WindowSampler.of(train), settings, batch
-        step = max(1, len(validation.distinct) // 4000)
-        self._validation = torch.as_tensor(validation.rotations[validation.distinct[::step]])
+        self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct middle keys through noisy codes, and frames between through SIDER2 of three codes."""
@@ -59,23 +58,5 @@ class SPoserTask:
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return reconstruction figures on the validation poses."""
-        truth = self._validation.numpy().astype(np.float64)
-        return reconstruction_accuracy(truth, decode_all(cast(SphericalAutoencoder, model), truth)).as_dict()
-
-
-def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
-    """Return ``mean w (|p - p̂|² + λ Σ(1 - cos angle))`` over (N, 21, 3, 3) poses, distances in dm (6.3, 6.4).
-
-    Points stand for the mesh's vertices: joints, and tips on the axes of every joint's frame.
-    """
-    distance = (10.0 * (rotation_points(truth) - rotation_points(decoded))).square().sum(-1).mean(-1)
-    trace = (truth * decoded).sum((-2, -1))
-    misaligned = (1.0 - 0.5 * (trace - 1.0)).mean(-1)
-    return 2.0 * (weight * (distance + orthogonality * misaligned)).mean()
-
-
-def decode_all(model: SphericalAutoencoder, rotations: np.ndarray) -> np.ndarray:
-    """Return reconstructions of (N, 21, 3, 3) poses."""
-    with torch.no_grad():
-        poses = torch.as_tensor(rotations, dtype=torch.float32)
-        return model.decode(model.encode(poses)).numpy().astype(np.float64)
+        decoded = reconstructed(cast(SphericalAutoencoder, model), self._validation)
+        return reconstruction_accuracy(self._validation, decoded).as_dict()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, cast
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -11,58 +12,48 @@ from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.sources.clips import FPS
-from solver_backend.training.engine.export_weights import export_prior, stack_arrays
-from solver_backend.training.engine.loop import run_training
-from solver_backend.training.engine.model_card import write_model_card
-from solver_backend.training.engine.recipe import Finished, Job
-from solver_backend.training.sposer.accuracy import (
+from solver_backend.training.engine.accuracy import (
     accuracy_by_source,
+    autoencoder_arrays,
     joint_distances,
     reconstruction_accuracy,
-    reconstruction_statistics,
 )
+from solver_backend.training.engine.loop import run_training
+from solver_backend.training.engine.model_card import Card
+from solver_backend.training.engine.publish import Figures, publish
+from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.sposer.network import SphericalAutoencoder
-from solver_backend.training.sposer.task import SPoserSettings, SPoserTask, decode_all
+from solver_backend.training.sposer.task import SPoserSettings, SPoserTask
 
-SUMMARY = """SPoser (thesis 6.2.2): an autoencoder of the 21 body joints' rotations whose codes are unit vectors of zero
+CARD = Card(
+    "SPoser",
+    """SPoser (thesis 6.2.2): an autoencoder of the 21 body joints' rotations whose codes are unit vectors of zero
 mean in R^32. It is trained to reproduce poses (6.3, 6.4; points are joints and axis tips of every joint's frame), and
-to reproduce the frame between keys up to 0.3 s apart from SIDER2 of the keys' codes, as the solver interpolates."""
+to reproduce the frame between keys up to 0.3 s apart from SIDER2 of the keys' codes, as the solver interpolates.""",
+)
 
 
-def train_sposer(job: Job, settings: SPoserSettings | None = None) -> Finished:
+def train_sposer(job: TrainingJob, settings: SPoserSettings | None = None) -> Finished:
     """Train, export, measure the exported weights and write the model card."""
     settings = settings or SPoserSettings(decoder_hidden=(job.hidden, job.hidden))
     task = SPoserTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
     model = cast(SphericalAutoencoder, run_training(task, job.settings, job.work, job.progress))
-    return export_sposer(model, job, settings)
-
-
-def export_sposer(model: SphericalAutoencoder, job: Job, settings: SPoserSettings) -> Finished:
-    """Write weights and model card of a trained network."""
-    path = job.out / "sposer.npz"
     truth = job.validation.rotations[job.validation.distinct].astype(np.float64)
-    arrays: dict[str, Any] = stack_arrays(model.encoder, "encoder") | stack_arrays(model.decoder, "decoder")
-    arrays["residual_sigma"] = reconstruction_statistics(truth, decode_all(model, truth)).astype(np.float32)
-    metadata: dict[str, Any] = {
-        "encoder_hidden": settings.encoder_hidden,
-        "decoder_hidden": settings.decoder_hidden,
-        "activation": settings.activation,
-        "command": job.command,
-        "settings": asdict(settings) | asdict(job.settings),
-        "data": job.data,
-    }
-    export_prior(path, "sposer", arrays, metadata)
-    shipped = load_sposer(path)
-    metadata["metrics"] = measure(shipped, truth, job.validation)
-    metadata["by_source"] = accuracy_by_source(job.validation, lambda R: shipped.decode(shipped.encode(R)))
-    metadata["sha256"] = export_prior(path, "sposer", arrays, metadata)
-    write_model_card(path.with_suffix(".md"), "SPoser", SUMMARY, metadata)
-    return Finished(path, metadata["metrics"])
+    arrays = autoencoder_arrays(model, model.encoder, model.decoder, truth)
+    header = {name: getattr(settings, name) for name in ("encoder_hidden", "decoder_hidden", "activation")}
+    asked = asdict(settings) | asdict(job.settings)
+
+    def measured(path: Path) -> Figures:
+        prior = load_sposer(path)
+        by_source = accuracy_by_source(job.validation, prior.reconstruct)
+        return {"metrics": measure(prior, truth, job.validation), "by_source": by_source}
+
+    return publish(job, "sposer", arrays, header, asked, measured, CARD)
 
 
 def measure(prior: SPoser, truth: np.ndarray, validation: Corpus) -> dict[str, float]:
     """Return reconstruction figures, and the error of frames between keys at 0.1, 0.2 and 0.3 s."""
-    figures = reconstruction_accuracy(truth, prior.decode(prior.encode(truth))).as_dict()
+    figures = reconstruction_accuracy(truth, prior.reconstruct(truth)).as_dict()
     for spacing in (3, 6, 9):
         error = between_error_mm(prior, validation, spacing)
         figures[f"between_keys_{spacing / FPS:.1f}s_mpjpe_mm"] = error

@@ -12,9 +12,9 @@ from torch import nn
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.windows import WindowSampler
+from solver_backend.training.engine.accuracy import VALIDATION_POSES, reconstructed, reconstruction_accuracy
 from solver_backend.training.engine.devices import device_of
-from solver_backend.training.sposer.accuracy import reconstruction_accuracy
-from solver_backend.training.sposer.task import pose_loss
+from solver_backend.training.engine.pose_loss import pose_loss
 from solver_backend.training.vae.latents import LATENTS, Kind
 
 HIDDEN = 512
@@ -27,9 +27,9 @@ class VaeSettings:
 
     kind: Kind
     divergence: float = 1e-3
-    """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (4.17)."""
+    """Weight of the Kullback-Leibler divergence (nats), or of its Charbonnier penalty (thesis eq. 4.17)."""
     orthogonality: float = 0.5
-    """Weight of (4.19)."""
+    """Weight of the rotations' disagreement (thesis eq. 4.19)."""
 
 
 class VariationalAutoencoder(nn.Module):
@@ -68,14 +68,13 @@ class VariationalAutoencoder(nn.Module):
 
 
 class VaeTask:
-    """Losses (4.16)-(4.19) and validation."""
+    """Losses (thesis eqs. 4.16 to 4.19) and validation."""
 
     def __init__(self, train: Corpus, validation: Corpus, settings: VaeSettings, batch: int, seed: int) -> None:
         torch.manual_seed(seed)
         self.model = VariationalAutoencoder(settings.kind)
         self._sampler, self._settings, self._batch = WindowSampler.of(train), settings, batch
-        step = max(1, len(validation.distinct) // 4000)
-        self._validation = validation.rotations[validation.distinct[::step]].astype(np.float64)
+        self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct the middle and the in-between frame of every window."""
@@ -90,12 +89,5 @@ class VaeTask:
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return reconstruction figures on the validation poses, from codes without noise."""
-        decoded = decode_all(cast(VariationalAutoencoder, model), self._validation)
+        decoded = reconstructed(cast(VariationalAutoencoder, model), self._validation)
         return reconstruction_accuracy(self._validation, decoded).as_dict()
-
-
-def decode_all(model: VariationalAutoencoder, rotations: np.ndarray) -> np.ndarray:
-    """Return reconstructions of (N, 21, 3, 3) poses."""
-    model.eval()
-    with torch.no_grad():
-        return model.decode(model.encode(torch.as_tensor(rotations, dtype=torch.float32))).numpy().astype(np.float64)

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, cast
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
 from torch import nn
 
-from solver_backend.priors.base import PosePrior
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.catalogue import load_prior
-from solver_backend.training.engine.export_weights import export_prior, stack_arrays
+from solver_backend.training.engine.accuracy import accuracy_by_source, autoencoder_arrays, reconstruction_accuracy
+from solver_backend.training.engine.dense_layers import linear_layers
 from solver_backend.training.engine.loop import run_training
-from solver_backend.training.engine.model_card import write_model_card
-from solver_backend.training.engine.recipe import Finished, Job
-from solver_backend.training.sposer.accuracy import (
-    accuracy_by_source,
-    reconstruction_accuracy,
-    reconstruction_statistics,
-)
-from solver_backend.training.sposer.network import linear_layers
+from solver_backend.training.engine.model_card import Card
+from solver_backend.training.engine.publish import Figures, publish
+from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.vae.latents import Kind
 from solver_backend.training.vae.network import (
     HIDDEN,
     VaeSettings,
     VaeTask,
     VariationalAutoencoder,
-    decode_all,
 )
 
 _SUMMARIES: dict[Kind, str] = {
@@ -45,41 +41,27 @@ Layers as RVPoser's.""",
 _TITLES: dict[Kind, str] = {"vposer": "VPoser", "rvposer": "RVPoser", "svae": "SVAE", "lie_vae": "LieVAE"}
 
 
-def train_vae(kind: Kind, job: Job) -> Finished:
+def train_vae(kind: Kind, job: TrainingJob) -> Finished:
     """Train and export one of the variational autoencoders."""
     settings = VaeSettings(kind)
     task = VaeTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
     model = cast(VariationalAutoencoder, run_training(task, job.settings, job.work, job.progress))
-    return export_vae(model, job, settings)
-
-
-def export_vae(model: VariationalAutoencoder, job: Job, settings: VaeSettings) -> Finished:
-    """Write weights and model card of a trained network."""
-    kind = settings.kind
-    path = job.out / f"{kind}.npz"
     truth = job.validation.rotations[job.validation.distinct].astype(np.float64)
-    arrays = stack_arrays(folded_encoder(model), "encoder") | stack_arrays(model.decoder, "decoder")
-    arrays["residual_sigma"] = reconstruction_statistics(truth, decode_all(model, truth)).astype(np.float32)
-    metadata: dict[str, Any] = {
+    arrays = autoencoder_arrays(model, folded_encoder(model), model.decoder, truth)
+    header = {
         "encoder_hidden": (HIDDEN, HIDDEN),
         "decoder_hidden": (HIDDEN, HIDDEN),
         "activation": "leaky_relu",
         "activate_last": kind == "vposer",
-        "command": job.command,
-        "settings": asdict(settings) | asdict(job.settings),
-        "data": job.data,
     }
-    export_prior(path, kind, arrays, metadata)
-    shipped = load_prior(kind, path)
-    metadata["metrics"] = reconstruction_accuracy(truth, _reconstructed(shipped, truth)).as_dict()
-    metadata["by_source"] = accuracy_by_source(job.validation, lambda R: _reconstructed(shipped, R))
-    metadata["sha256"] = export_prior(path, kind, arrays, metadata)
-    write_model_card(path.with_suffix(".md"), _TITLES[kind], _SUMMARIES[kind], metadata)
-    return Finished(path, metadata["metrics"])
+    asked = asdict(settings) | asdict(job.settings)
 
+    def measured(path: Path) -> Figures:
+        prior = cast(AutoencodingPrior, load_prior(kind, path))
+        by_source = accuracy_by_source(job.validation, prior.reconstruct)
+        return {"metrics": reconstruction_accuracy(truth, prior.reconstruct(truth)).as_dict(), "by_source": by_source}
 
-def _reconstructed(prior: PosePrior, rotations: np.ndarray) -> np.ndarray:
-    return prior.decode(prior.encode(rotations))
+    return publish(job, kind, arrays, header, asked, measured, Card(_TITLES[kind], _SUMMARIES[kind]))
 
 
 def folded_encoder(model: VariationalAutoencoder) -> nn.Sequential:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from assets_procedural.population.anthropometry import Measures, place_measures
 from assets_procedural.population.fields import Frame, build_fields, displace
-from assets_procedural.population.measures import Measures, place_measures
 from assets_procedural.population.shape import population_mean
 from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, load_statistics, summarise
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
@@ -86,7 +86,7 @@ def test_lengths_are_joint_distances(on_floor: tuple[np.ndarray, np.ndarray, Mea
 
 
 def test_tape_around_a_cylinder_is_its_girth() -> None:
-    from assets_procedural.population.measures import place_tape
+    from assets_procedural.population.anthropometry import place_tape
 
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], 1)

@@ -1,76 +1,15 @@
-"""Fixtures of the rig's tests: the product's body in an empty Blender, and the model to compare it with."""
+"""The rig posed and compared with the model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import bpy
-import numpy as np
 import pytest
 
-from blender_addon.animation.action import bone_quaternions
-from blender_addon.body.armature import rotation_from_body_axes
-from blender_addon.body.body_file import BodyFile, default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints, skin
-from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import get_betas
-from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.files.motion_file import MotionFile
-
-Compare = Callable[[np.ndarray], tuple[float, float]]
-
-
-@pytest.fixture(scope="session")
-def body() -> BodyFile:
-    """Return the body that ships."""
-    return read_body(default_body_path())
-
-
-@pytest.fixture
-def rig(scene: bpy.types.Scene, body: BodyFile) -> Rig:
-    """Return the mean body as a rig."""
-    return create_rig("Body", body, np.zeros(10), scene.collection)
+from blender_addon.body.body_file import BodyFile
+from blender_addon.body.rig import Rig
+from tests.support.posed_rig import Compare, distances_mm
 
 
 @pytest.fixture
 def compare(rig: Rig, body: BodyFile) -> Compare:
     """Return a function that poses the rig and returns its largest distances from the model in mm: joints, skin."""
     return lambda rotvec: distances_mm(rig, body, rotvec)
-
-
-def distances_mm(rig: Rig, body: BodyFile, rotvec: np.ndarray) -> tuple[float, float]:
-    """Pose a rig and return the largest distances of joints and skin from the model of the same shape.
-
-    Args:
-        rig: the rig; its shape is what its sliders say.
-        body: its body.
-        rotvec: (24, 3) axis-angle in radians in the body's axes, the root among them.
-    """
-    pose(rig, rotvec)
-    betas = get_betas(rig.mesh)
-    motion = MotionFile("pose", rotvec[None], -body.rest_joints(betas)[:1], betas, fps=30.0)
-    _, expected = pose_joints(body.rest_joints(betas), motion.rotvec, motion.transl)
-    joints, vertices = evaluated(rig)
-    largest = [
-        np.linalg.norm(a - b, axis=-1).max() for a, b in ((joints, expected[0]), (vertices, skin(body, motion, [0])[0]))
-    ]
-    return 1e3 * float(largest[0]), 1e3 * float(largest[1])
-
-
-def pose(rig: Rig, rotvec: np.ndarray) -> None:
-    """Turn the posed bones by (24, 3) rotations in the body's axes."""
-    quaternions = bone_quaternions(rotvec[None], rotation_from_body_axes(rig.armature))[0]
-    for joint, quaternion in zip(JOINTS, quaternions.tolist(), strict=True):
-        rig.armature.pose.bones[joint].rotation_quaternion = quaternion
-
-
-def evaluated(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (24, 3) joints and (V, 3) vertices in the world, as Blender evaluates them."""
-    bpy.context.view_layer.update()
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    armature, mesh = rig.armature.evaluated_get(depsgraph), rig.mesh.evaluated_get(depsgraph)
-    co = np.empty(3 * len(mesh.data.vertices), dtype=np.float32)
-    mesh.data.vertices.foreach_get("co", co)
-    world = np.array(mesh.matrix_world, dtype=np.float64)
-    joints = np.array([armature.matrix_world @ armature.pose.bones[joint].head for joint in JOINTS])
-    return joints, co.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]

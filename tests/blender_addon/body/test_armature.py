@@ -10,7 +10,7 @@ from blender_addon.body.armature import DEFORM_COLLECTION, bone_axes, deform_bon
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.conventions.skeleton import JOINTS, MAIN_CHILD, PARENTS
-from tests.blender_addon.body.conftest import evaluated, pose
+from tests.support.posed_rig import evaluated, pose
 
 
 def test_bones_are_smpls_tree_and_one_deform_bone_each(rig: Rig) -> None:

@@ -9,7 +9,7 @@ from blender_addon.body.armature import bone_axes, deform_bone
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.rig import Rig
 from blender_addon.conventions.skeleton import JOINTS
-from tests.blender_addon.body.conftest import evaluated
+from tests.support.posed_rig import evaluated
 
 
 def test_every_posed_bone_has_a_control_and_no_other(rig: Rig) -> None:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from assets_procedural.quality.poses import EXTREMES
+from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.correctives import add_correctives
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.body.sliders import slider_name
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.errors import BodyInvalid
-from tests.blender_addon.body.conftest import Compare, distances_mm, evaluated, pose
+from tests.support.posed_rig import Compare, distances_mm, evaluated, pose
 
 _TOLERANCE_MM = 0.1 if bpy.app.version < (5, 0) else 0.5
 """Blender 5.0 does not write driven changes below 1e-4: up to 0.1 mm a joint of the chain."""

@@ -12,20 +12,21 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.errors import OutputExists, OutputNotWritable
+from blender_addon._exchange.motion_file import read_motion
+from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import push_down
 from blender_addon.body.posed_body import pose_joints
 from blender_addon.body.shape import get_betas, set_betas
-from blender_addon.conventions.rotations import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport, OutputExists, OutputNotWritable
-from blender_addon.export import alembic, usd
-from blender_addon.export.blender_exporters import run_exporter
-from blender_addon.export.bvh import euler_zxy
+from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import WRITERS, export_take
-from blender_addon.files.motion_file import read_motion
+from blender_addon.export.writers import alembic, usd
+from blender_addon.export.writers.blender_exporters import run_exporter
+from blender_addon.export.writers.bvh import euler_zxy
 from blender_addon.scene.bake import BakedTake, bake_take
 from solver_backend.io.motions.bvh import read_bvh
 from tests.support.full_disk import full_disk

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.motion_file import read_motion
 from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.conventions.timing import scene_frame_rate
@@ -18,7 +19,6 @@ from blender_addon.errors import ExporterMissing
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
-from blender_addon.files.motion_file import read_motion
 from blender_addon.scene.bake import bake_take
 from solver_backend.io.motions.amass import read_amass
 from solver_backend.io.motions.bvh import read_bvh

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from blender_addon.__main__ import main
-from blender_addon.errors import OutputExists, OutputNotWritable
-from blender_addon.outputs import atomic_outputs
+from blender_addon._exchange.errors import OutputExists, OutputNotWritable
+from blender_addon._exchange.outputs import atomic_outputs
 
 ROOT = Path(__file__).resolve().parents[3]
 

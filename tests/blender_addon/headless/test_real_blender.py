@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import build_addon
-from blender_addon.files.motion_file import read_motion
+from blender_addon._exchange.motion_file import read_motion
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
 

@@ -15,12 +15,12 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.progress import silent
 from blender_addon.errors import SolverStopped
 from blender_addon.headless.blender_command import Command, run
 from blender_addon.headless.exit_codes import exit_code
 from blender_addon.headless.main import main
 from blender_addon.headless.solver import run_solver
-from blender_addon.progress import silent
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run
 from solver_backend.io.native.capture_file import write_capture

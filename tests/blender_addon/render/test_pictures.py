@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blender_addon.conventions.distortion import distort, normalised, pixels
+from blender_addon._exchange.lens import distort, normalised, pixels
 from blender_addon.errors import RenderFailed
 from blender_addon.render.backdrop import straightening_map
 from blender_addon.render.picture import blend, draw_dots, layer_from_render, read_targa, soften_edges, write_png

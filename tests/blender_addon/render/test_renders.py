@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.conventions.distortion import distort, normalised, pixels
-from blender_addon.progress import silent
+from blender_addon._exchange.lens import distort, normalised, pixels
+from blender_addon._exchange.progress import silent
 from blender_addon.render.backdrop import footage_backdrop
 from blender_addon.render.contact_sheet import render_contact_sheet
 from blender_addon.render.lettering import open_lettering

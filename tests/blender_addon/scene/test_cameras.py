@@ -12,10 +12,10 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
+from blender_addon._exchange.capture_file import CameraFile
+from blender_addon._exchange.lens import normalised, pixels, undistort
 from blender_addon.conventions.coordinates import camera_to_world, intrinsics_from_lens, lens_from_intrinsics
-from blender_addon.conventions.distortion import normalised, pixels, undistort
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.files.capture_file import CameraFile
 from blender_addon.render.picture import write_png
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
 from blender_addon.scene.cameras import create_camera, look_through

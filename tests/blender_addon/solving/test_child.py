@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from blender_addon.errors import BackendMissing, sentence
+from blender_addon._exchange.errors import BackendMissing, sentence
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run
 

@@ -10,7 +10,8 @@ import numpy
 import pytest
 
 import solver_backend
-from blender_addon.errors import BackendMissing, PythonUnsuitable
+from blender_addon._exchange.errors import BackendMissing
+from blender_addon.errors import PythonUnsuitable
 from blender_addon.solving.python_probe import probe_python
 
 

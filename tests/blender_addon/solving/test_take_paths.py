@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from blender_addon.solving import take_paths as places
+from blender_addon.solving import take_paths
 from blender_addon.solving.take_paths import capture_folder, capture_root, next_take, safe_name
 from solver_backend.io.captures.pose2sim import POSE_FOLDERS
 
@@ -67,4 +67,4 @@ def test_a_dropped_file_stands_for_its_capture(tmp_path, dropped, root):
 
 
 def test_the_folders_of_poses_are_those_the_solver_knows():
-    assert frozenset(POSE_FOLDERS) == places._POSE_FOLDERS
+    assert frozenset(POSE_FOLDERS) == take_paths._POSE_FOLDERS

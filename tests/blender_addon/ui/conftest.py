@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import bpy
 import pytest
 
 import blender_addon
-from blender_addon.animation.solved_takes import Provenance
 from blender_addon.solving.run import start
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from solver_backend.cli.main import main as solver
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
-
-
-@dataclass(frozen=True)
-class Solved:
-    """A short capture, what the solver said when it read it, and its solved motion."""
-
-    folder: Path
-    read: dict[str, Any]
-
-    @property
-    def files(self) -> Provenance:
-        return Provenance(*(self.folder / name for name in ("take_01.npz", "capture.npz", "take_01.html", "job.json")))
+from tests.support.solved_capture import SolvedCapture
 
 
 @pytest.fixture(scope="module")
-def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
+def solved(tmp_path_factory: pytest.TempPathFactory) -> SolvedCapture:
     """Read and solve the first half second of the demo capture once."""
     folder = tmp_path_factory.mktemp("gelöst – 1")
     whole = demo_capture()
@@ -46,7 +33,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
     out = ["--out", str(folder / "take_01.npz"), "--report", str(folder / "take_01.html")]
     assert solver(["solve", str(folder / "capture.npz"), *out]) == 0
     (folder / "job.json").write_text("{}")
-    return Solved(folder, run.result)
+    return SolvedCapture(folder, run.result)
 
 
 @pytest.fixture
@@ -58,7 +45,7 @@ def mocap(scene: bpy.types.Scene, tmp_path: Path) -> Iterator[bpy.types.Property
 
 
 @pytest.fixture
-def solved_take(mocap: bpy.types.PropertyGroup, solved: Solved) -> bpy.types.Action:
+def solved_take(mocap: bpy.types.PropertyGroup, solved: SolvedCapture) -> bpy.types.Action:
     """Return the take in the scene of its capture."""
     take_capture(bpy.context.scene, solved.read)
     return take_motion(bpy.context, solved.files)

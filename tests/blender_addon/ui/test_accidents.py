@@ -17,8 +17,8 @@ from blender_addon.ui import locations
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
-from tests.blender_addon.ui.conftest import Solved
 from tests.support.full_disk import full_disk
+from tests.support.solved_capture import SolvedCapture
 
 
 def written(folder: Path) -> dict[str, int]:
@@ -26,7 +26,7 @@ def written(folder: Path) -> dict[str, int]:
     return {p.relative_to(folder).as_posix(): p.stat().st_size for p in folder.rglob("*") if p.is_file()}
 
 
-def test_a_full_disk_keeps_the_capture_that_was_read_before(mocap, solved: Solved, tmp_path: Path) -> None:
+def test_a_full_disk_keeps_the_capture_that_was_read_before(mocap, solved: SolvedCapture, tmp_path: Path) -> None:
     assert bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz")) == {"FINISHED"}
     before, objects = written(tmp_path), len(bpy.data.objects)
     with full_disk(10_000), pytest.raises(RuntimeError, match=r"output cannot be written: File too large.*free space"):
@@ -35,7 +35,9 @@ def test_a_full_disk_keeps_the_capture_that_was_read_before(mocap, solved: Solve
     assert Path(mocap.capture.file).is_file() and not current.busy
 
 
-def test_a_full_disk_during_a_solve_leaves_earlier_takes_and_no_half_motion(mocap, solved_take, solved: Solved) -> None:
+def test_a_full_disk_during_a_solve_leaves_earlier_takes_and_no_half_motion(
+    mocap, solved_take, solved: SolvedCapture
+) -> None:
     before, actions = written(solved.folder), [action.name for action in bpy.data.actions]
     with full_disk(12_000), pytest.raises(RuntimeError, match=r"output cannot be written: File too large.*free space"):
         bpy.ops.mocap.solve()
@@ -62,7 +64,7 @@ def test_a_motion_is_not_lost_when_its_report_cannot_be_written(mocap, tmp_path:
         bpy.ops.mocap.open_report()
 
 
-def test_a_full_disk_is_said_before_the_job_is_written(mocap, solved_take, solved: Solved) -> None:
+def test_a_full_disk_is_said_before_the_job_is_written(mocap, solved_take, solved: SolvedCapture) -> None:
     before = written(solved.folder)
     mocap.folder = str(solved.folder)
     with (
@@ -74,7 +76,7 @@ def test_a_full_disk_is_said_before_the_job_is_written(mocap, solved_take, solve
 
 
 def test_takes_of_a_capture_in_a_read_only_folder_go_where_new_captures_go(
-    mocap, solved_take, solved: Solved, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    mocap, solved_take, solved: SolvedCapture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     before = written(solved.folder)
 
@@ -91,7 +93,7 @@ def test_takes_of_a_capture_in_a_read_only_folder_go_where_new_captures_go(
         bpy.ops.mocap.solve()
 
 
-def test_a_capture_folder_may_move_after_the_import(mocap, solved: Solved, tmp_path: Path) -> None:
+def test_a_capture_folder_may_move_after_the_import(mocap, solved: SolvedCapture, tmp_path: Path) -> None:
     """Everything a solve needs was copied; reading it again says that it is gone and keeps what is there."""
     source = tmp_path / "Quelle ü" / "source.npz"
     source.parent.mkdir()
@@ -117,7 +119,9 @@ def test_a_solver_that_is_killed_leaves_the_scene_and_says_so(mocap, solved_take
     assert mocap.review.take == solved_take and not current.busy
 
 
-def test_a_take_arrives_in_the_scene_it_was_solved_for(mocap, solved: Solved, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_take_arrives_in_the_scene_it_was_solved_for(
+    mocap, solved: SolvedCapture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz")) == {"FINISHED"}
     scene, other = bpy.context.scene, bpy.data.scenes.new("another")
 

@@ -10,8 +10,7 @@ import bpy
 import pytest
 
 import blender_addon
-from blender_addon.ui import properties as settings
-from blender_addon.ui import registration
+from blender_addon.ui import properties, registration
 
 ADDON = Path(blender_addon.__file__).parent
 
@@ -62,8 +61,8 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
 
 
 def test_settings_hang_on_one_pointer_and_are_described(registered):
-    assert isinstance(bpy.context.scene.mocap, settings.MocapSettings)
-    shown = (settings.MocapReading, settings.MocapSolve)
+    assert isinstance(bpy.context.scene.mocap, properties.MocapSettings)
+    shown = (properties.MocapReading, properties.MocapSolve)
     for cls in shown:
         for name, prop in cls.bl_rna.properties.items():
             assert name in ("rna_type", "name") or prop.description, f"{cls.__name__}.{name}"

@@ -112,7 +112,7 @@ def test_zip_installs_and_bakes_in_blender(files: Any, tmp_path: Path) -> None:
 import bpy, os, subprocess
 install = bpy.ops.extensions.package_install_files
 assert install(filepath={str(path)!r}, repo="user_default", enable_on_install=True) == {{"FINISHED"}}
-from bl_ext.user_default.manifold_mocap.files.body_file import default_body_path
+from bl_ext.user_default.manifold_mocap.body.body_file import default_body_path
 assert "user_default" in str(default_body_path()), default_body_path()
 from bl_ext.user_default.manifold_mocap.backend_environment import backend_command, environment_for_child
 assert all("user_default" in path for path in environment_for_child()["PYTHONPATH"].split(os.pathsep))

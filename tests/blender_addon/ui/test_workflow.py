@@ -12,18 +12,18 @@ import pytest
 from mathutils import Quaternion
 
 import solver_backend
+from blender_addon._exchange.motion_file import read_motion
+from blender_addon.animation.confidence_lane import current_confidence, read_lane
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.pose import read_pose
-from blender_addon.animation.solved_takes import add_take
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.sliders import body_mesh
 from blender_addon.conventions.timing import set_scene_frame_rate
-from blender_addon.files.motion_file import read_motion
-from blender_addon.review.confidence_lane import current_confidence, read_lane
+from blender_addon.scene.add_take import add_take
 from blender_addon.solving.presets import PRESETS
 from blender_addon.ui import locations
 from blender_addon.ui.operators import solve
-from blender_addon.ui.operators.solver_operator import FollowsRun, current
+from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from blender_addon.ui.properties import MocapSolve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.native.motion_file import read_motion as read_solver_motion
@@ -56,11 +56,13 @@ def test_a_dropped_file_stands_for_its_folder(mocap, solved, tmp_path, monkeypat
         (camera / f"frame_{frame}.json").touch()
     asked: list[list[str]] = []
 
-    def launch(self: FollowsRun, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
+    def launch(
+        self: SolverOperator, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path
+    ) -> set[str]:
         asked.append(arguments)
         return {"FINISHED"}
 
-    monkeypatch.setattr(FollowsRun, "launch", launch)
+    monkeypatch.setattr(SolverOperator, "launch", launch)
     bpy.ops.mocap.import_capture(directory=str(camera), files=[{"name": "frame_0.json"}])
     assert asked[0][0] == str(tmp_path / "trial")
     bpy.ops.mocap.import_capture(directory=f"{tmp_path}/trial/")
@@ -214,7 +216,7 @@ def test_solving_a_range_again_writes_the_job_the_solver_is_promised(mocap, take
     bpy.ops.mocap.pin_pose()
     review.first, review.last = 10, 20
     written = []
-    monkeypatch.setattr("blender_addon.solving.job_file.write_job", lambda path, job: written.append(job.as_dict()))
+    monkeypatch.setattr("blender_addon._exchange.job_file.write_job", lambda path, job: written.append(job.as_dict()))
     monkeypatch.setattr(solve._Solves, "launch", lambda *_: {"CANCELLED"})
     bpy.ops.mocap.resolve_range()
     (job,) = written

@@ -13,13 +13,11 @@ from blender_addon.body import body_choice
 from blender_addon.errors import BodyMissing
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.files.choices import (
-    FOLDER_VARIABLE,
-    SHIPPED,
-    bodies_folder,
     list_bodies,
     load_chosen_body,
     resolve_body,
 )
+from solver_backend.exchange.body_choice import FOLDER_VARIABLE, SHIPPED, bodies_folder
 from solver_backend.exchange.errors import BodyInvalid, BodyUnknown
 
 

@@ -6,7 +6,7 @@ import pytest
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.leave_one_out import predict_views
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from tests.cameras.triangulation.test_triangulate import record, ring
+from tests.support.camera_ring import record, ring
 
 
 @pytest.mark.parametrize("count", [3, 4, 6])

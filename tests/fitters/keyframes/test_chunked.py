@@ -14,7 +14,8 @@ from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, key_pose
 from solver_backend.fitters.model.subject import pose
 from solver_backend.geometry.symmetric import mean_sigma, unpacked
 from solver_backend.residuals import pose_mixture as usual_poses
-from tests.fitters.keyframes.test_optimise import FRAMES, Scene
+from tests.support.stick_scene import FRAMES
+from tests.support.stick_scene import StickScene as Scene
 
 TIGHT = Schedule((3.0,), 12, tolerance=1e-7)
 MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0, unseen=np.arange(30) // 6 == 2)

@@ -12,7 +12,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solve import resolve, solve
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
-from tests.fitters.test_solve import QUICK, cut
+from tests.support.short_solves import QUICK, cut
 
 FIRST, LAST = 30, 70
 BODY = JointSet.BODY_25.keypoints

@@ -8,7 +8,7 @@ import pytest
 from solver_backend.fitters.keyframes.normal_equations import Chain
 from solver_backend.fitters.keyframes.temporal_prior import FADING_S, MotionPrior
 from solver_backend.fitters.model.keyframe_curve import KEY_DOF
-from tests.fitters.model.test_keyframe_curve import random_keys
+from tests.support.random_keys import random_keys
 
 KEYS = 7
 

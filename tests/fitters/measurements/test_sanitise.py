@@ -17,8 +17,8 @@ from solver_backend.io.load import load_capture
 from solver_backend.simulation import bad_input
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Fault, FaultKind, Motion, Remedy
-from tests.benchmarks.bench_held_out import TRIAL
 from tests.support.faulty import swapped, with_detections
+from tests.support.recordings import BALANCING_TRIAL
 
 QUICK = SolveSettings(iterations=4)
 VIEW, NAME = 1, "cam02"
@@ -66,7 +66,7 @@ def test_a_good_capture_has_no_findings_and_is_left_as_it_is(capture, count):
 
 @pytest.mark.shared
 def test_the_real_recording_has_no_findings_beside_those_of_its_reader(shared_data):
-    recording = load_capture(shared_data / TRIAL)
+    recording = load_capture(shared_data / BALANCING_TRIAL)
     assert any("cam_01 by 26 px, cam_03 by 33 px" in problem for problem in recording.problems)
     assert checked(recording).faults == ()
 

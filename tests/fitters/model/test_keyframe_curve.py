@@ -5,18 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, Keyframes, bundle_frames, hemisphere_aligned
+from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, bundle_frames
+from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 
 FRAMES, WINDOW = 27, 9
-
-
-def random_keys(count: int, seed: int = 0) -> Keyframes:
-    rng = np.random.default_rng(seed)
-    base = rng.normal(size=32)
-    quat = Rotation.from_rotvec(np.cumsum(0.3 * rng.normal(size=(count, 3)), 0)).as_quat()[:, [3, 0, 1, 2]]
-    z = CODES.nearest(base + 0.5 * rng.normal(size=(count, 32)))
-    return hemisphere_aligned(Keyframes(z, quat, rng.normal(size=(count, 3)), 0.2 * rng.normal(size=(count, 21, 3))))
 
 
 def tangent_between(R: np.ndarray, R0: np.ndarray) -> np.ndarray:

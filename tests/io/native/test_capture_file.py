@@ -16,7 +16,7 @@ from solver_backend.exchange.errors import (
     NonFiniteData,
     OutputExists,
 )
-from solver_backend.io.files import read_npz, write_npz
+from solver_backend.exchange.npz import read_npz, write_npz
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.types import Capture, JointSet
 from tests.support.scenes import small_capture, small_markers

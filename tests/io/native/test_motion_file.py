@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, OutputExists
-from solver_backend.io.files import read_npz, write_npz
+from solver_backend.exchange.npz import read_npz, write_npz
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from tests.support.scenes import small_motion
 

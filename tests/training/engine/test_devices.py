@@ -11,11 +11,11 @@ import torch
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import BackendMissing, JobInvalid
 from solver_backend.training.engine.devices import check_device, dropout_state, set_dropout_state
-from solver_backend.training.engine.loop import TrainingSettings, run_training
+from solver_backend.training.engine.loop import run_training
 from solver_backend.training.gmm.train import train_gmm
-from solver_backend.training.train import _command, train
-from tests.training.engine.test_loop import SETTINGS, LineTask
-from tests.training.test_sposer_training import job
+from solver_backend.training.train import train
+from tests.support.line_task import SETTINGS, LineTask
+from tests.support.swaying_corpus import job
 
 
 @pytest.fixture
@@ -73,13 +73,3 @@ def test_both_devices_train_alike(tmp_path: Path) -> None:
     trained = [run_training(PlainTask(), replace(SETTINGS, device=d), tmp_path / d) for d in ("cpu", "cuda")]
     for a, b in zip(*(model.parameters() for model in trained), strict=True):
         assert b.device.type == "cpu" and torch.allclose(a, b, atol=1e-5)
-
-
-def test_the_command_repeats_what_was_asked_for() -> None:
-    asked = TrainingSettings(steps=70, batch=384, learning_rate=1e-3, seed=5)
-    line = "python -m solver_backend train pose_ndf --data DIR --seed 5 --steps 70 --batch 384 --learning-rate 0.001"
-    assert _command("pose_ndf", asked) == line
-    assert (
-        _command("sposer", TrainingSettings())
-        == "python -m solver_backend train sposer --data DIR --seed 0 --steps 6000"
-    )

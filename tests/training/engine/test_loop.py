@@ -12,27 +12,8 @@ import torch
 from torch import nn
 
 from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
-from solver_backend.training.engine.loop import TrainingSettings, run_training
-
-SETTINGS = TrainingSettings(steps=40, batch=8, evaluate_every=10, checkpoint_s=0.0)
-
-
-class LineTask:
-    """Learns a line from noisy draws, with dropout so that the global generator counts too."""
-
-    def __init__(self, die_at: int | None = None) -> None:
-        torch.manual_seed(1)
-        self.model = nn.Sequential(nn.Linear(2, 16), nn.Tanh(), nn.Dropout(0.2), nn.Linear(16, 1))
-        self.die_at = die_at
-
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        if step == self.die_at:
-            raise KeyboardInterrupt
-        x = torch.randn(8, 2, generator=generator)
-        return (self.model(x)[:, 0] - x[:, 0] + 2 * x[:, 1]).square().mean()
-
-    def evaluate(self, model: nn.Module) -> dict[str, float]:
-        return {"weight": float(next(model.parameters()).detach().sum())}
+from solver_backend.training.engine.loop import run_training
+from tests.support.line_task import SETTINGS, LineTask
 
 
 def logged(folder: Path) -> list[dict[str, float]]:

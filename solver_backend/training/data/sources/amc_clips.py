@@ -11,11 +11,10 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.training.data.retarget import RecordedClip
+from solver_backend.training.data.skeleton_maps import HIP_SPLAY
 
 FPS = 120.0
 """CMU's rate; the files do not say it."""
-HIP_SPLAY = 0.3665
-"""rad, by which the legs of CMU's zero pose are spread."""
 _TPOSE = {
     "lfemur": (0.0, 0.0, -HIP_SPLAY), "rfemur": (0.0, 0.0, HIP_SPLAY), "lowerneck": (-0.279, 0.0, 0.0),
     "upperneck": (0.367, 0.0, 0.0), "head": (0.192, 0.0, 0.0), "lhumerus": (0.0, 0.0, -0.14),

@@ -71,7 +71,7 @@ def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = 
 
 
 def without_faults(clip: Clip) -> list[Clip]:
-    """Return the stretches of a clip in which every joint is near its anatomical range."""
+    """Return the frame ranges of a clip in which every joint is near its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
     return [Clip(clip.name, clip.subject, clip.rotations[frames]) for frames in long]

@@ -71,11 +71,11 @@ def gltf_clips(data: bytes, where: str = "") -> list[RecordedClip]:
     order, parents = _tree(nodes)
     names = [str(nodes[i].get("name", f"node{i}")) for i in order]
     rest = np.array([nodes[i].get("rotation", (0.0, 0.0, 0.0, 1.0)) for i in order], dtype=np.float64)
-    turned = {str(a["name"]): _rotvecs(scene, a, order, rest) for a in animations}
-    if TPOSE not in turned:
+    rotvecs = {str(a["name"]): _rotvecs(scene, a, order, rest) for a in animations}
+    if TPOSE not in rotvecs:
         return []
-    tpose = turned.pop(TPOSE)[0]
-    return [RecordedClip(name, names, parents, rotvec, tpose, _FPS) for name, rotvec in sorted(turned.items())]
+    tpose = rotvecs.pop(TPOSE)[0]
+    return [RecordedClip(name, names, parents, rotvec, tpose, _FPS) for name, rotvec in sorted(rotvecs.items())]
 
 
 def _parse(data: bytes, where: str) -> _Scene:

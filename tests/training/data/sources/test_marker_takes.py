@@ -16,7 +16,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.data.sources import marker_takes
 from solver_backend.training.data.sources.marker_fit import MarkerFit
 from solver_backend.training.data.sources.marker_takes import fitted_takes, read_markers
-from solver_backend.training.sposer.accuracy import joint_distances
+from solver_backend.training.engine.accuracy import joint_distances
 
 LABELS = MARKER_LAYOUTS["PLUGIN_GAIT_39"]
 FRAMES = 6

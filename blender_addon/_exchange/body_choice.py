@@ -1,0 +1,36 @@
+"""Which body files a user can choose from: the folder that holds them, and how a path is told from a name."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+SHIPPED = "neutral"
+"""Name of the body that ships with the solver."""
+SUFFIXES = (".npz", ".pkl")
+FOLDER_VARIABLE = "MANIFOLD_MOCAP_BODIES"
+"""Environment variable that names another folder of bodies."""
+
+
+def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> Path:
+    """Return the user's folder of bodies, which need not exist.
+
+    It is ``MANIFOLD_MOCAP_BODIES``, or ``bodies`` in the system's folder for application data.
+    """
+    if environment.get(FOLDER_VARIABLE):
+        return Path(environment[FOLDER_VARIABLE]).expanduser()
+    home = Path.home()
+    if platform == "win32":
+        data = Path(environment.get("APPDATA") or home / "AppData" / "Roaming")
+    elif platform == "darwin":
+        data = home / "Library" / "Application Support"
+    else:
+        data = Path(environment.get("XDG_DATA_HOME") or home / ".local" / "share")
+    return data / "manifold-mocap" / "bodies"
+
+
+def is_path(choice: str) -> bool:
+    """Tell a path from a name: it ends as a body file does, or has folders."""
+    return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice

@@ -1,0 +1,174 @@
+"""The capture file: calibrated cameras, detections, markers and where the footage is."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import CaptureInvalid
+from .lens import DISTORTION_MODELS
+from .npz import read_arrays
+from .schema import Fields
+
+FORMAT, VERSION = "manifold_mocap_capture", 1
+_CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
+_SHOWN = (
+    "format", "version", "name", "camera_names", *_CAMERA_SHAPES, "distortion", "distortion_model", "footage", "fps",
+    "xy", "confidence", "joint_set", "marker_positions", "marker_fps",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """One calibrated camera: ``x_cam = R @ x_world + t`` in OpenCV's axes, pixel (0, 0) is a pixel's centre."""
+
+    name: str
+    """Name of the camera."""
+    K: np.ndarray
+    """(3, 3) intrinsic matrix in pixels."""
+    R: np.ndarray
+    """(3, 3) rotation world to camera."""
+    t: np.ndarray
+    """(3,) metres."""
+    image_size: tuple[int, int]
+    """Width and height in pixels."""
+    distortion: np.ndarray
+    """(8,) k1 k2 p1 p2 k3 k4 k5 k6, or the fisheye's k1 k2 k3 k4 and zeros."""
+    distortion_model: str
+    """'opencv' or 'fisheye'."""
+    footage: Path | None
+    """Video file or folder of images; it may not exist."""
+
+
+@dataclass(frozen=True)
+class CaptureFile:
+    """What was recorded; C cameras, F frames, K keypoints."""
+
+    name: str
+    """Name of the recording."""
+    cameras: tuple[CameraFile, ...]
+    """The calibrated cameras, in the order of the views."""
+    fps: float
+    """Frames per second of the detections."""
+    xy: np.ndarray | None = None
+    """(C, F, K, 2) distorted pixels, NaN where unseen."""
+    confidence: np.ndarray | None = None
+    """(C, F, K) in 0..1, 0 where unseen."""
+    joint_set: str = ""
+    """Name of the set of keypoints."""
+    markers: np.ndarray | None = None
+    """(F, M, 3) optical markers in world metres, NaN where unseen."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames of the detections or, without any, of the markers."""
+        if self.xy is not None:
+            return self.xy.shape[1]
+        return 0 if self.markers is None else len(self.markers)
+
+
+def read_capture(path: Path) -> CaptureFile:
+    """Read what is shown of a capture file.
+
+    Raises:
+        FileMissing, FileDamaged: see ``read_arrays``.
+        CaptureInvalid: cameras or detections have wrong shapes or impossible values.
+    """
+    path = Path(path)
+    fields = Fields(path, read_arrays(path, required=("format",), optional=_SHOWN))
+    fields.accept_format(FORMAT, VERSION)
+    cameras = _cameras(fields)
+    fps = float(fields.arrays.get("fps", fields.arrays.get("marker_fps", 0.0)))
+    if not (np.isfinite(fps) and fps > 0):
+        raise CaptureInvalid(f"The frame rate must be positive, not {fps}.", where=str(path))
+    xy, confidence = _detections(fields, len(cameras)) if "xy" in fields else (None, None)
+    return CaptureFile(
+        name=fields.text("name", path.stem),
+        cameras=cameras,
+        fps=fps,
+        xy=xy,
+        confidence=confidence,
+        joint_set=fields.text("joint_set", ""),
+        markers=np.asarray(fields.arrays["marker_positions"], np.float64) if "marker_positions" in fields else None,
+    )
+
+
+def portable_path(path: Path | None, folder: Path) -> str:
+    """Return how a capture file in a folder names footage: relative if it lies below the folder, "" for none."""
+    if path is None:
+        return ""
+    full, base = os.path.abspath(path), os.path.abspath(folder)
+    inside = os.path.splitdrive(full)[0] == os.path.splitdrive(base)[0] and os.path.commonpath([full, base]) == base
+    return Path(os.path.relpath(full, base)).as_posix() if inside else full
+
+
+def footage_path(name: str, capture: Path | str) -> Path | None:
+    """Return the footage that a capture file names; the inverse of ``portable_path``."""
+    return Path(capture).absolute().parent / name if name else None
+
+
+def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
+    names, where = fields.texts("camera_names"), str(fields.path)
+    arrays = {key: _camera_numbers(fields, key, (len(names), *shape)) for key, shape in _CAMERA_SHAPES.items()}
+    footage = fields.texts("footage") or ("",) * len(names)
+    model = fields.text("distortion_model", "opencv")
+    if model not in DISTORTION_MODELS or len(footage) != len(names):
+        raise CaptureInvalid(
+            f"{len(names)} cameras have {len(footage)} entries of footage and the distortion model '{model}'.",
+            where=where,
+            hint="One entry a camera ('' for none) and the model 'opencv' or 'fisheye' are expected.",
+        )
+    distortion = np.zeros((len(names), 8))
+    given = np.asarray(fields.arrays.get("distortion", distortion), np.float64).reshape(len(names), -1)[:, :8]
+    distortion[:, : given.shape[1]] = given
+    return tuple(
+        CameraFile(
+            name=name,
+            K=_checked_K(arrays["K"][c], name),
+            R=arrays["R"][c],
+            t=arrays["t"][c],
+            image_size=_checked_size(arrays["image_size"][c], name),
+            distortion=distortion[c],
+            distortion_model=model,
+            footage=footage_path(footage[c], fields.path),
+        )
+        for c, name in enumerate(names)
+    )
+
+
+def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    value = np.asarray(fields.arrays.get(key, np.zeros((0, *shape[1:]))), np.float64)
+    if value.shape != shape:
+        raise CaptureInvalid(f"{key} has shape {value.shape}; {shape} is expected.", where=str(fields.path))
+    if not np.isfinite(value).all():
+        raise CaptureInvalid(f"{key} holds NaN or infinite values.", where=str(fields.path))
+    return value
+
+
+def _checked_K(K: np.ndarray, name: str) -> np.ndarray:
+    if K[0, 0] <= 0 or K[1, 1] <= 0:
+        raise CaptureInvalid(
+            f"The focal length must be positive, not {K[0, 0]:g}, {K[1, 1]:g}.", where=f"camera {name}"
+        )
+    return K
+
+
+def _checked_size(size: np.ndarray, name: str) -> tuple[int, int]:
+    width, height = (int(v) for v in size)
+    if width <= 0 or height <= 0:
+        raise CaptureInvalid(f"The image size {width} x {height} is not positive.", where=f"camera {name}")
+    return width, height
+
+
+def _detections(fields: Fields, views: int) -> tuple[np.ndarray, np.ndarray]:
+    xy = fields.shaped("xy", (views, "frames", "keypoints", 2), CaptureInvalid).copy()
+    if "confidence" in fields:
+        confidence = fields.shaped("confidence", xy.shape[:3], CaptureInvalid).copy()
+    else:
+        confidence = np.ones(xy.shape[:3])
+    unseen = ~np.isfinite(xy).all(-1) | ~(confidence > 0)
+    xy[unseen], confidence[unseen] = np.nan, 0.0
+    return xy, confidence

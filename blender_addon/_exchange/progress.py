@@ -1,0 +1,90 @@
+"""Progress lines: the protocol between the solver and whoever started it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import Any, Protocol, TextIO
+
+
+class Progress(Protocol):
+    """Receives how far a stage has come; a stage calls it as often as it likes."""
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Report that ``done`` of ``total`` steps of ``stage`` are finished."""
+        ...
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """Ignore progress."""
+
+
+class _Clock:
+    """Time left of a stage from the share that is done."""
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._start = 0.0
+
+    def starts(self, stage: str) -> bool:
+        """Return whether this is another stage than the last one."""
+        return stage != self._stage
+
+    def eta_s(self, stage: str, done: int, total: int) -> float | None:
+        """Return the seconds left of the stage, None at its start."""
+        now = time.monotonic()
+        if stage != self._stage:
+            self._stage, self._start = stage, now
+        return (now - self._start) * (total - done) / done if done > 0 else None
+
+
+class ConsoleProgress:
+    """Draws one rewritten line a stage on a terminal, or one line a stage on anything else."""
+
+    def __init__(self, stream: TextIO = sys.stderr, interval_s: float = 0.1) -> None:
+        self._stream, self._interval_s = stream, interval_s
+        self._clock, self._last = _Clock(), 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show how far the stage has come."""
+        eta_s = self._clock.eta_s(stage, done, total)
+        finished = done >= total
+        if not finished and (not self._stream.isatty() or time.monotonic() - self._last < self._interval_s):
+            return
+        self._last = time.monotonic()
+        bar = "█" * int(24 * done / max(total, 1))
+        left = "" if finished or eta_s is None else f"  {eta_s:4.0f} s left"
+        end = "\n" if finished else ""
+        start = "\r" if self._stream.isatty() else ""
+        self._stream.write(f"{start}{stage:<28} {bar:<24} {done}/{total}{left}   {end}")
+        self._stream.flush()
+
+
+class JsonProgress:
+    """Writes JSON lines to standard output: a stage's first and last, and between at most one an interval."""
+
+    def __init__(self, stream: TextIO = sys.stdout, interval_s: float = 0.1) -> None:
+        self._stream, self._interval_s = stream, interval_s
+        self._clock, self._last = _Clock(), 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show how far the stage has come."""
+        first, eta_s = self._clock.starts(stage), self._clock.eta_s(stage, done, total)
+        if not first and done < total and time.monotonic() - self._last < self._interval_s:
+            return
+        self._last = time.monotonic()
+        self.event(
+            {
+                "event": "progress",
+                "stage": stage,
+                "done": int(done),
+                "total": int(total),
+                "eta_s": None if eta_s is None else round(eta_s, 2),
+            }
+        )
+
+    def event(self, event: dict[str, Any]) -> None:
+        """Write one event."""
+        self._stream.write(json.dumps(event) + "\n")
+        self._stream.flush()

@@ -1,0 +1,102 @@
+"""A plain copy of a body for other programs: 24 bones at the shaped joints, a mesh of that shape, no drivers.
+
+Files of other formats know neither drivers nor hidden helper bones. The copy plays the same action; its skin is blended
+linearly, without the pose correctives.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..body.armature import bone_axes, deform_bone
+from ..body.mesh import positions
+from ..body.rig import Rig
+from ..body.shape import get_betas
+from ..body.sliders import slider_name
+from ..conventions.skeleton import JOINTS, PARENTS
+
+
+def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
+    """Copy a body without shape keys, drivers and deform bones; rotations mean the same on both.
+
+    Blender must be in object mode.
+
+    Args:
+        rig: the body.
+        collection: where the copy is linked; it must be part of the current view layer.
+
+    Raises:
+        BodyInvalid: the mesh is no body of ours.
+    """
+    vertices = _shaped_vertices(rig.mesh)
+    armature = _copy_armature(rig.armature, collection)
+    mesh = rig.mesh.copy()
+    mesh.data = rig.mesh.data.copy()
+    collection.objects.link(mesh)
+    keys = mesh.data.shape_keys.name
+    mesh.shape_key_clear()
+    if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
+        bpy.data.batch_remove((bpy.data.shape_keys[keys],))
+    mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.data.update()
+    mesh.parent = armature
+    for joint in JOINTS:
+        mesh.vertex_groups[deform_bone(joint)].name = joint
+    for modifier in mesh.modifiers:
+        if modifier.type == "ARMATURE":
+            modifier.object = armature
+    return Rig(armature, mesh)
+
+
+def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
+    """Return the (V, 3) rest vertices at the sliders' shape."""
+    keys = mesh.data.shape_keys
+    betas = get_betas(mesh)
+    basis = positions(keys.reference_key.points).astype(np.float64)
+    offsets = [beta * (positions(keys.key_blocks[slider_name(k)].points) - basis) for k, beta in enumerate(betas)]
+    return basis + np.sum(offsets, axis=0)
+
+
+def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
+    moved = _shape_shifts(source)
+    armature = source.copy()
+    armature.data = source.data.copy()
+    armature.animation_data_clear()
+    collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        bones = armature.data.edit_bones
+        for j, joint in enumerate(JOINTS):
+            bones.remove(bones[deform_bone(joint)])
+            bones[joint].use_deform = True
+            matrix = bones[joint].matrix.copy()
+            matrix.translation = (np.array(matrix.translation) + moved[j]).tolist()
+            bones[joint].matrix = matrix
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    for joint in JOINTS[1:]:
+        armature.pose.bones[joint].location = (0.0, 0.0, 0.0)
+    _share_action(source, armature)
+    return armature
+
+
+def _shape_shifts(armature: bpy.types.Object) -> np.ndarray:
+    """Return the (24, 3) distances from the rest joints to those of the sliders' shape, in the armature's frame."""
+    evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    shifts = np.zeros((len(JOINTS), 3))
+    for j, axes in enumerate(bone_axes(armature)):
+        if PARENTS[j] >= 0:
+            location = np.array(evaluated.pose.bones[JOINTS[j]].location, dtype=np.float64)
+            shifts[j] = shifts[PARENTS[j]] + axes @ location
+    return shifts
+
+
+def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
+    if source.animation_data is None or source.animation_data.action is None:
+        return
+    animation = target.animation_data_create()
+    animation.action = source.animation_data.action
+    if hasattr(animation, "action_slot"):
+        animation.action_slot = source.animation_data.action_slot

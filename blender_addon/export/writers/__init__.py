@@ -1,0 +1,1 @@
+"""One module a format, and what guards Blender's own exporters."""

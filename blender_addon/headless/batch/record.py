@@ -1,0 +1,56 @@
+"""What a batch knows about a take it has done: what it was made from, and how it went."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ..._exchange.outputs import atomic_outputs
+
+NAME = "take.json"
+
+
+def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
+    """Return a hash of everything a take is made from: names, sizes and times of files, settings, version.
+
+    Args:
+        capture: file, or folder with all it holds.
+        choices: settings and outputs, as plain values.
+    """
+    files = sorted(capture.rglob("*")) if capture.is_dir() else [capture]
+    stated = [(p.relative_to(capture.parent).as_posix(), *_size_and_time(p)) for p in files if p.is_file()]
+    whole = json.dumps([stated, choices, version()], sort_keys=True)
+    return hashlib.sha256(whole.encode()).hexdigest()
+
+
+def version() -> str:
+    """Return the add-on's version."""
+    manifest = Path(__file__).parents[2] / "blender_manifest.toml"
+    return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
+
+
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """Return the record of a take's folder; None where there is none, or it cannot be read."""
+    try:
+        record = json.loads((folder / NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def write_record(folder: Path, record: dict[str, Any]) -> None:
+    """Write a take's record, whole or not at all.
+
+    Raises:
+        OutputNotWritable: the folder cannot be written to.
+    """
+    with atomic_outputs(folder, (NAME,), overwrite=True) as temporary:
+        temporary[NAME].write_text(json.dumps(record, indent=1, ensure_ascii=False), encoding="utf-8")
+
+
+def _size_and_time(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns

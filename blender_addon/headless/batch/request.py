@@ -1,0 +1,96 @@
+"""What a batch is asked for: the captures of a folder, how they are solved, and what is made of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import BatchInvalid
+
+READING = {"fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis"}
+"""Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
+_SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
+
+
+@dataclass(frozen=True)
+class BatchRequest:
+    """What to do with every capture of a folder."""
+
+    captures: Path
+    """Folder; each file ``.npz`` and each folder in it is a capture."""
+    out: Path
+    """Folder of the results: one folder a take, and the summary."""
+    job: Path | None = None
+    """Job file without capture and out: how to read and to solve."""
+    bake: bool = False
+    """Write a Blender file of each take."""
+    render: bool = False
+    """Write a video and a contact sheet of each take."""
+    formats: tuple[str, ...] = ()
+    """Formats to export each take to."""
+    body: Path | None = None
+    """Body file; None for the one each motion is solved for."""
+    python: Path | None = None
+    """Python to solve with; None for this one."""
+
+    def choices(self) -> dict[str, Any]:
+        """Return what decides what is made of a capture, as plain values."""
+        plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": _shared(self.job)}
+        return {**plain, "body": str(self.body), "python": str(self.python)}
+
+
+def find_captures(request: BatchRequest) -> list[Path]:
+    """Return the captures of the folder by name, hidden files and the results left out.
+
+    Raises:
+        BatchInvalid: there are none, or two would share a name.
+    """
+    if not request.captures.is_dir():
+        raise BatchInvalid(
+            "There is no such folder.", where=str(request.captures), hint="Name the folder of the captures."
+        )
+    found = [
+        path
+        for path in sorted(request.captures.iterdir())
+        if (path.is_dir() or path.suffix.lower() == ".npz")
+        and not path.name.startswith(".")
+        and path.resolve() != request.out.resolve()
+    ]
+    names = [take_name(path) for path in found]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice or not found:
+        raise BatchInvalid(
+            f"Two captures are called {', '.join(twice)}." if twice else "The folder holds no captures.",
+            where=str(request.captures),
+            hint="Each file .npz and each folder in it is a capture with a name of its own.",
+        )
+    return found
+
+
+def take_name(capture: Path) -> str:
+    """Return the name of a capture's take and of its folder."""
+    return capture.stem if capture.is_file() else capture.name
+
+
+def _shared(path: Path | None) -> dict[str, Any]:
+    """Return what a batch's job file says.
+
+    Raises:
+        BatchInvalid: it cannot be read, or names a capture of its own.
+    """
+    if path is None:
+        return {}
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BatchInvalid(f"The job file cannot be read: {error}.", where=str(path)) from error
+    unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["anything but an object"]
+    if unknown:
+        raise BatchInvalid(
+            f"A batch's job file cannot hold {', '.join(unknown)}.",
+            where=str(path),
+            hint=f"It may hold {', '.join(sorted(_SHARED_KEYS))}.",
+        )
+    return values

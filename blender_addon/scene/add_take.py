@@ -1,0 +1,89 @@
+"""A take added to a scene: each solve is a new action of one body, and earlier ones stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+
+from .._exchange.motion_file import MotionFile, read_motion
+from ..animation.action import bake_action
+from ..animation.curves import current_action
+from ..animation.takes import BETAS, PATHS, show_take
+from ..body.body_choice import body_path_of, require_body
+from ..body.body_file import BodyFile, read_body
+from ..conventions.timing import TakeTiming, scene_frame_rate
+from .bake import BakeSettings, bake_take
+
+
+def add_take(
+    scene: bpy.types.Scene,
+    name: str,
+    motion: MotionFile,
+    body: BodyFile,
+    armature: bpy.types.Object | None,
+    parent: bpy.types.Collection | None,
+    frame_start: int,
+) -> tuple[bpy.types.Object, bpy.types.Action]:
+    """Add a solved motion as a new action, to the body that is there or with a new one.
+
+    Args:
+        scene: the scene; its frame rate stays.
+        name: name of the take.
+        motion: the motion.
+        body: the body it was solved for.
+        armature: the body of earlier takes, whose sliders go to the motion's shape; None if there is none. A motion
+            of another body gets an armature of its own.
+        parent: collection a new body goes into, None for the scene's.
+        frame_start: scene frame of the first frame.
+
+    Returns:
+        The armature and the action, which is now its current one.
+
+    Raises:
+        BodyMismatch: the motion belongs to another body.
+    """
+    require_body(motion, body)
+    if armature is not None and _body_played(armature) not in ("", motion.body):
+        armature = None
+    if armature is None:
+        settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
+        body_name = name if parent is None else parent.name
+        take = bake_take(scene, replace(motion, name=body_name), body, None, settings, parent)
+        armature, action = take.armature, take.action
+        action.name = name
+    else:
+        timing = TakeTiming(frame_start, scene_frame_rate(scene))
+        action = bake_action(name, motion, armature, body.rest_joints(motion.betas)[0], timing)
+    action[BETAS] = motion.betas.tolist()
+    show_take(armature, action)
+    scene.frame_set(scene.frame_current)
+    return armature, action
+
+
+def thinned_take(
+    scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, keys_per_second: float
+) -> bpy.types.Action:
+    """Add a take of smooth curves through about so many keys a second of a solved take's motion, and play it.
+
+    Raises:
+        MocapError: the take's motion or body can no longer be read.
+    """
+    motion = read_motion(Path(take["motion_file"]))
+    body = read_body(body_path_of(motion.provenance))
+    require_body(motion, body)
+    timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
+    rest_pelvis = body.rest_joints(motion.betas)[0]
+    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second)
+    for key in (*PATHS, BETAS):
+        action[key] = take[key]
+    show_take(armature, action)
+    scene.frame_set(scene.frame_current)
+    return action
+
+
+def _body_played(armature: bpy.types.Object) -> str:
+    """Return the id of the body an armature's action was solved for, "" if it does not say."""
+    action = current_action(armature)
+    return "" if action is None else str(action.get("body", ""))

@@ -1,0 +1,129 @@
+"""The job file: everything one solve needs, as JSON; the same file works on the command line and in Blender."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .errors import JobInvalid, OutputNotWritable
+from .outputs import write_text
+
+VERSION = 1
+"""Of the schema; a job of another version is refused."""
+MOTION_SUFFIX = ".npz"
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A pose the animator set, which the solver must keep."""
+
+    frame: int
+    """Frame of the capture, from 0."""
+    global_orient: Sequence[float]
+    """(3,) axis-angle, body to world."""
+    body_pose: Sequence[float]
+    """(69,) axis-angle of joints 1..23."""
+    transl: Sequence[float]
+    """(3,) metres."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "frame": int(self.frame),
+            "global_orient": [float(v) for v in self.global_orient],
+            "body_pose": [float(v) for v in self.body_pose],
+            "transl": [float(v) for v in self.transl],
+        }
+
+
+@dataclass(frozen=True)
+class Resolve:
+    """A range of frames of an earlier motion to solve again."""
+
+    motion: Path
+    """Motion file that stays as it is outside the range."""
+    first: int
+    """First frame, from 0."""
+    last: int
+    """Last frame, included."""
+    pins: tuple[Pin, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        pins = [pin.as_dict() for pin in self.pins]
+        return {"motion": str(self.motion), "first": int(self.first), "last": int(self.last), "pins": pins}
+
+
+@dataclass(frozen=True)
+class JobFile:
+    """One solve: what is read, how it is solved, where the result goes.
+
+    Raises:
+        JobInvalid: the motion's name has another ending, or two of the files are one.
+    """
+
+    capture: Path
+    """File or folder of the capture."""
+    out: Path
+    """Motion file to be written."""
+    report: Path | None = None
+    """HTML page to be written, None for none."""
+    overwrite: bool = False
+    """Replace results that are already there."""
+    fps: float | None = None
+    """Frame rate, where the capture does not say it."""
+    trim: bool = False
+    """Cut all cameras to the shortest."""
+    joint_set: str | None = None
+    """Names of the keypoints, where their number fits several sets."""
+    unit: str | None = None
+    """Length unit of the calibration, where the file does not say it."""
+    up_axis: str | None = None
+    """Axis of the calibration's world that points up, where it is not Z."""
+    settings: Any = field(default_factory=dict)
+    """How to solve: settings by name, those left out are the solver's own defaults."""
+    resolve: Any = None
+    """``Resolve``: solve only some frames of an earlier motion again; None for the whole take."""
+
+    def __post_init__(self) -> None:
+        if self.out.suffix.lower() != MOTION_SUFFIX:
+            raise JobInvalid(
+                f"A motion file ends in {MOTION_SUFFIX}.",
+                where=f"out = {self.out}",
+                hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
+            )
+        earlier = None if self.resolve is None else self.resolve.motion
+        places = [p.resolve() for p in (self.capture, self.out, self.report, earlier) if p is not None]
+        if len(set(places)) < len(places):
+            raise JobInvalid(
+                "The capture, the motion, the report and an earlier motion must be different files.",
+                where=str(self.out),
+            )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values in the file's schema; what is left at its default is left out."""
+        given = {name: getattr(self, name) for name in ("overwrite", "fps", "trim", "unit", "up_axis", "settings")}
+        given["report"] = self.report and str(self.report)
+        given["joint_set"] = self.joint_set and str(self.joint_set)
+        given["resolve"] = self.resolve and self.resolve.as_dict()
+        values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}
+        return values | {name: value for name, value in given.items() if value}
+
+
+def write_job(path: Path, job: JobFile) -> None:
+    """Write a job file, complete or not at all.
+
+    Raises:
+        OutputNotWritable: the folder cannot be made or written to.
+    """
+    try:
+        write_text(path, json.dumps(job.as_dict(), indent=2, ensure_ascii=False), overwrite=True)
+    except OutputNotWritable as error:
+        raise OutputNotWritable(
+            error.message.replace("The output", "The job", 1),
+            where=str(path.parent),
+            hint="Choose a folder for takes that you may write to, with free space.",
+        ) from error

@@ -1,0 +1,108 @@
+"""Keypoint vocabularies: which anatomical point each column of a detector's output is."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+SMPL_JOINTS: tuple[str, ...] = (
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
+    "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hand", "right_hand",
+)  # fmt: skip
+"""SMPL's 24 joints in SMPL's order (Loper et al. 2015)."""
+
+SMPL_PARENTS: tuple[int, ...] = (
+    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21,
+)  # fmt: skip
+"""Parent of each SMPL joint; -1 at the root."""
+
+NUM_JOINTS = 24
+NUM_BODY_JOINTS = 21
+"""Joints 1..21, the ones a pose prior models (no hands)."""
+NUM_BETAS = 10
+
+_COCO = (
+    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",
+    "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee",
+    "right_knee", "left_ankle", "right_ankle",
+)  # fmt: skip
+_KEYPOINTS: dict[str, tuple[str, ...]] = {
+    "BODY_25": (
+        "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow",
+        "left_wrist", "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee",
+        "left_ankle", "right_eye", "left_eye", "right_ear", "left_ear", "left_big_toe",
+        "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel",
+    ),
+    "BODY_25B": (
+        *_COCO, "upper_neck", "head_top", "left_big_toe", "left_small_toe", "left_heel",
+        "right_big_toe", "right_small_toe", "right_heel",
+    ),
+    "COCO_17": _COCO,
+    "COCO_WHOLEBODY_133": (
+        *_COCO, "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe",
+        "right_heel",
+    ),
+    "HALPE_26": (
+        *_COCO, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe",
+        "right_small_toe", "left_heel", "right_heel",
+    ),
+    "MEDIAPIPE_33": (
+        "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye",
+        "right_eye_outer", "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder",
+        "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_pinky",
+        "right_pinky", "left_index", "right_index", "left_thumb", "right_thumb", "left_hip",
+        "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_heel",
+        "right_heel", "left_big_toe", "right_big_toe",
+    ),
+    "H36M_17": (
+        "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
+        "spine", "thorax", "nose", "head_top", "left_shoulder", "left_elbow", "left_wrist",
+        "right_shoulder", "right_elbow", "right_wrist",
+    ),
+    "SMPL_24": SMPL_JOINTS,
+}  # fmt: skip
+
+
+class JointSet(StrEnum):
+    """A detector's vocabulary; its value is the name written to files."""
+
+    BODY_25 = "BODY_25"
+    BODY_25B = "BODY_25B"
+    COCO_17 = "COCO_17"
+    COCO_WHOLEBODY_133 = "COCO_WHOLEBODY_133"
+    HALPE_26 = "HALPE_26"
+    MEDIAPIPE_33 = "MEDIAPIPE_33"
+    H36M_17 = "H36M_17"
+    SMPL_24 = "SMPL_24"
+
+    @property
+    def keypoints(self) -> tuple[str, ...]:
+        """Anatomical name of each column (of COCO_WHOLEBODY_133 the 23 body columns)."""
+        return _KEYPOINTS[self.value]
+
+    @property
+    def num_keypoints(self) -> int:
+        """Number of columns we use."""
+        return len(self.keypoints)
+
+    def mirrored(self) -> tuple[int, ...]:
+        """Return for each column the column of the same point on the other side."""
+        names = self.keypoints
+
+        def swap(name: str) -> str:
+            if name.startswith("left_"):
+                return "right_" + name[5:]
+            if name.startswith("right_"):
+                return "left_" + name[6:]
+            if name.startswith("mouth_"):
+                return "mouth_right" if name.endswith("left") else "mouth_left"
+            return name
+
+        return tuple(names.index(swap(name)) for name in names)
+
+    @classmethod
+    def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
+        """Return the sets whose detectors write this many keypoints."""
+        written = {JointSet.COCO_WHOLEBODY_133: 133}
+        return tuple(s for s in cls if num_keypoints == written.get(s, s.num_keypoints))

@@ -1,0 +1,202 @@
+"""The motion file: one ``.npz`` that other tools read as AMASS, with joints, keyframes and provenance beside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import MocapError, MotionInvalid
+from .joint_sets import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS
+from .npz import read_arrays, write_npz
+from .schema import Fields, Shape
+
+FORMAT, VERSION = "manifold_mocap_motion", 1
+FLAG_UNSEEN = 1
+"""The frame has no usable observation: its pose was bridged from its neighbours."""
+FLAG_UNSURE = 2
+"""The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here."""
+AMASS_POSE_WIDTH = 156
+"""SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
+_BODY = 3 + 3 * NUM_BODY_JOINTS
+"""Columns of ``poses`` before the fingers: the root and joints 1..21."""
+_SHOWN = (
+    "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
+    "joint_set", "keyframes", "joint_sigma", "flags", "provenance",
+)  # fmt: skip
+_DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8}
+
+
+def optional_shapes(frames: int) -> dict[str, Shape]:
+    """Return the shapes of the arrays that a motion of so many frames may lack."""
+    return {
+        "joints": (frames, NUM_JOINTS, 3), "keypoints3d": (frames, "keypoints", 3),
+        "joint_sigma": (frames, NUM_JOINTS), "joint_covariance": (frames, NUM_JOINTS, 6),
+        "reprojection_px": ("views", frames, "keypoints"), "keyframes": (frames,), "contacts": (frames, 2),
+        "flags": (frames,),
+    }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MotionFile:
+    """An animated body, F frames; metres, radians, world Z up."""
+
+    name: str
+    """Name of the take."""
+    rotvec: np.ndarray
+    """(F, 24, 3) axis-angle: the root maps body to world, the others child to parent."""
+    transl: np.ndarray
+    """(F, 3) metres: the pelvis is at ``J_0(betas) + transl``."""
+    betas: np.ndarray
+    """(10,) shape."""
+    fps: float
+    """Frames per second."""
+    body: str = ""
+    """Id of the body it was solved for, "" if the file does not say."""
+    joints: np.ndarray | None = None
+    """(F, 24, 3) world metres."""
+    keypoints3d: np.ndarray | None = None
+    """(F, K, 3) triangulated keypoints in world metres, NaN where unseen."""
+    joint_set: str = ""
+    """Name of the set of ``keypoints3d``."""
+    keyframes: np.ndarray | None = None
+    """(F,) bool: the frame is a keyframe of the solver."""
+    contacts: np.ndarray | None = None
+    """(F, 2) bool: left and right foot on the floor."""
+    joint_sigma: np.ndarray | None = None
+    """(F, 24) standard deviation of each joint in metres."""
+    joint_covariance: np.ndarray | None = None
+    """(F, 24, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
+    flags: np.ndarray | None = None
+    """(F,) bit mask of ``FLAG_UNSEEN`` and ``FLAG_UNSURE``."""
+    reprojection_px: np.ndarray | None = None
+    """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
+    provenance: str = ""
+    """JSON text: version, settings and sources of the solve."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.rotvec)
+
+
+def is_motion(path: Path) -> bool:
+    """Return whether a file is a motion of ours or of AMASS; one that cannot be read is none."""
+    if path.suffix.lower() != ".npz":
+        return False
+    try:
+        fields = Fields(path, read_arrays(path, required=(), optional=("format", "poses")))
+        return fields.text("format", "") == FORMAT or ("poses" in fields and "format" not in fields)
+    except MocapError:
+        return False
+
+
+def read_motion(path: Path) -> MotionFile:
+    """Read what is shown of a motion file, or of a plain AMASS file.
+
+    Raises:
+        FileMissing, FileDamaged: see ``read_arrays``.
+        MotionInvalid: shapes disagree, there are no frames, or values are not finite.
+    """
+    fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
+    fields.accept_format(FORMAT, VERSION)
+    _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
+    motion = motion_of(fields)
+    _require(np.isfinite(motion.fps) and 0.01 <= motion.fps <= 30000,
+             f"The frame rate must be 0.01 to 30000, not {motion.fps}.", fields)  # fmt: skip
+    for name in ("rotvec", "transl", "betas", "joints"):
+        value = getattr(motion, name)
+        _require(value is None or bool(np.isfinite(value).all()), f"{name} holds NaN or infinite values.", fields)
+    return motion
+
+
+def motion_of(fields: Fields) -> MotionFile:
+    """Return the motion that the arrays of a file describe; optional ones that are not there are None.
+
+    Raises:
+        MotionInvalid: shapes disagree, or there is no frame rate.
+    """
+    rotvec = _rotations(fields)
+    present: dict[str, Any] = {
+        key: fields.shaped(key, shape, MotionInvalid).astype(_DTYPES.get(key, np.float64), copy=False)
+        for key, shape in optional_shapes(len(rotvec)).items()
+        if key in fields
+    }
+    return MotionFile(
+        name=fields.path.stem,
+        rotvec=rotvec,
+        transl=fields.shaped("trans", (len(rotvec), 3), MotionInvalid),
+        betas=_betas(fields),
+        fps=_frame_rate(fields),
+        body=fields.text("body", ""),
+        joint_set=fields.text("joint_set", ""),
+        provenance=fields.text("provenance", ""),
+        **present,
+    )
+
+
+def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:
+    """Write a motion; parts it lacks are left out of the file.
+
+    ``poses`` (F, 156) holds the root and joints 1..21; SMPL's hand joints 22 and 23, which AMASS does not know, are
+    kept in ``hand_pose`` (F, 6) where they are not zero.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    rotvec = motion.rotvec.reshape(motion.num_frames, 3 * NUM_JOINTS)
+    poses = np.zeros((motion.num_frames, AMASS_POSE_WIDTH), np.float32)
+    poses[:, :_BODY] = rotvec[:, :_BODY]
+    hands = rotvec[:, _BODY:].astype(np.float32)
+    arrays: dict[str, np.ndarray] = {
+        "format": np.array(FORMAT),
+        "version": np.array(VERSION),
+        "poses": poses,
+        "trans": np.asarray(motion.transl, np.float32),
+        "betas": np.asarray(motion.betas, np.float32),
+        "mocap_framerate": np.array(float(motion.fps)),
+        "gender": np.array("neutral"),
+        "body": np.array(motion.body),
+        **({} if motion.joints is None else {"joints": np.asarray(motion.joints, np.float32)}),
+        "provenance": np.array(motion.provenance),
+    }
+    if hands.any():
+        arrays["hand_pose"] = hands
+    if motion.joint_set:
+        arrays["joint_set"] = np.array(motion.joint_set)
+    for key in optional_shapes(motion.num_frames):
+        if (value := getattr(motion, key)) is not None:
+            arrays[key] = np.asarray(value, _DTYPES.get(key, np.float32))
+    return write_npz(path, arrays, overwrite=overwrite)
+
+
+def _rotations(fields: Fields) -> np.ndarray:
+    poses = np.asarray(fields.arrays["poses"], np.float64)
+    if poses.ndim != 2 or poses.shape[1] < _BODY:
+        message = f"poses has shape {poses.shape}; (frames, {_BODY} or more) is expected."
+        raise MotionInvalid(message, where=str(fields.path))
+    rotvec = np.zeros((len(poses), 3 * NUM_JOINTS))
+    rotvec[:, :_BODY] = poses[:, :_BODY]
+    hands = poses[:, _BODY:] if poses.shape[1] == 3 * NUM_JOINTS else fields.arrays.get("hand_pose")
+    if hands is not None and np.shape(hands) == (len(poses), 6):
+        rotvec[:, _BODY:] = hands
+    return rotvec.reshape(-1, NUM_JOINTS, 3)
+
+
+def _betas(fields: Fields) -> np.ndarray:
+    """Return the first ten numbers of the shape, zeros where the file has fewer."""
+    given = np.ravel(fields.arrays.get("betas", ())).astype(np.float64)[:NUM_BETAS]
+    return np.pad(given, (0, NUM_BETAS - len(given)))
+
+
+def _frame_rate(fields: Fields) -> float:
+    key = "mocap_framerate" if "mocap_framerate" in fields else "mocap_frame_rate"
+    _require(key in fields, "The motion does not say its frame rate (mocap_framerate).", fields)
+    return float(np.ravel(fields.arrays[key])[0])
+
+
+def _require(good: bool, message: str, fields: Fields) -> None:
+    if not good:
+        raise MotionInvalid(message, where=str(fields.path))

@@ -1,0 +1,109 @@
+"""Arrays in an ``.npz``: read without pickle, written whole or not at all."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from .errors import FileDamaged, FileMissing
+from .outputs import atomic_output
+
+_DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+_START_OF_A_BARE_ARRAY = b"\x93NUMPY"
+
+
+def require_file(path: Path | str) -> Path:
+    """Return the path of a file that exists.
+
+    Raises:
+        FileMissing: there is no such file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+    return path
+
+
+def read_npz(path: Path | str) -> dict[str, np.ndarray]:
+    """Read every array of an ``.npz`` that needs no pickle; arrays that would need it are left out.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: the file is truncated or no npz.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    with _opened(path) as archive:
+        for key in archive:
+            try:
+                arrays[key] = archive[key]
+            except ValueError as error:
+                if "pickle" not in str(error).lower():
+                    raise
+    return arrays
+
+
+def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
+    """Read the named arrays of an ``.npz``; optional ones that are not there are left out.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: the file is truncated, is no ``.npz``, or lacks required arrays; or one would need pickle.
+    """
+    required = tuple(required)
+    with _opened(path) as archive:
+        found = set(archive)
+        arrays = {key: archive[key] for key in (*required, *optional) if key in found}
+    missing = [key for key in required if key not in arrays]
+    if missing:
+        raise FileDamaged(
+            f"The file lacks {', '.join(missing)}; it holds {', '.join(sorted(found)) or 'nothing'}.", where=str(path)
+        )
+    return arrays
+
+
+def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: bool = False) -> Path:
+    """Write arrays to a compressed ``.npz`` that holds no pickles, whole or not at all.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+        ValueError: an array is of type object.
+    """
+    plain = {key: np.asarray(value) for key, value in arrays.items()}
+    for key, value in plain.items():
+        if value.dtype.hasobject:
+            raise ValueError(f"'{key}' is an object array, which would need pickle.")
+    # The archive is written member by member: np.savez takes names as keywords and so forbids 'file'.
+    with (
+        atomic_output(path, overwrite=overwrite) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+    ):
+        for key, value in plain.items():
+            with archive.open(f"{key}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, value, allow_pickle=False)
+    return Path(path)
+
+
+@contextmanager
+def _opened(path: Path | str) -> Iterator[Mapping[str, np.ndarray]]:
+    """Yield the archive; whatever is wrong with its bytes, here or in the block, becomes a named error."""
+    path = require_file(path)
+    try:
+        # np.load leaves a broken archive's file open; a stream of our own is always closed.
+        with path.open("rb") as stream:
+            bare = stream.read(len(_START_OF_A_BARE_ARRAY)) == _START_OF_A_BARE_ARRAY
+            if bare or not zipfile.is_zipfile(stream):
+                raise zipfile.BadZipFile("no zip archive" + (" but one bare array" if bare else ""))
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as archive:
+                yield archive
+    except _DAMAGE as error:
+        raise FileDamaged(
+            f"The file is truncated or is not an .npz of plain arrays ({error}).",
+            where=str(path),
+            hint="Copy or export it again.",
+        ) from error

@@ -1,0 +1,144 @@
+"""Named fields of our own npz files, checked for kind and shape, with errors that name the file and the field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import FileDamaged, MocapError
+from .joint_sets import JointSet
+from .npz import read_npz
+
+Shape = tuple[int | str | None, ...]
+"""Lengths of an array's axes; a name or None stands for any length."""
+
+
+@dataclass(frozen=True)
+class Fields:
+    """The arrays of one npz file."""
+
+    path: Path
+    """Where they were read."""
+    arrays: dict[str, np.ndarray]
+    """Every array by name."""
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.arrays
+
+    def array(self, key: str) -> np.ndarray:
+        """Return a required array.
+
+        Raises:
+            FileDamaged: the file lacks it.
+        """
+        if key not in self.arrays:
+            raise FileDamaged(
+                f"The file lacks '{key}'; it holds {', '.join(sorted(self.arrays)) or 'nothing'}.", where=str(self.path)
+            )
+        return self.arrays[key]
+
+    def numbers(self, key: str, shape: Shape) -> np.ndarray:
+        """Return a required numeric array as float64 whose shape matches.
+
+        Raises:
+            FileDamaged: it is missing, not numeric or of another shape.
+        """
+        value = self.array(key)
+        if value.dtype.kind not in "fiub" or not _fits(value, shape):
+            wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
+            raise FileDamaged(
+                f"'{key}' is {value.dtype} of shape {value.shape}; numbers of shape {wanted} are expected.",
+                where=str(self.path),
+            )
+        return value.astype(np.float64)
+
+    def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
+        """Return an array as float64 whose shape matches.
+
+        Raises:
+            MocapError: it is of another shape; of the class ``invalid``.
+        """
+        value = np.asarray(self.arrays[key], np.float64)
+        if not _fits(value, shape):
+            wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+            raise invalid(f"{key} has shape {value.shape}; {wanted} is expected.", where=str(self.path))
+        return value
+
+    def number(self, key: str) -> float:
+        """Return a required scalar."""
+        return float(self.numbers(key, ()))
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return a string, or the default where the field is absent and a default is given; bytes are UTF-8."""
+        if key not in self.arrays and default is not None:
+            return default
+        value = self.array(key)
+        if value.size != 1:
+            raise FileDamaged(f"'{key}' has shape {value.shape}; one string is expected.", where=str(self.path))
+        item = value.item()
+        return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of strings; an absent field is an empty list."""
+        return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
+
+    def joint_set(self, key: str = "joint_set") -> JointSet:
+        """Return the joint set that is named.
+
+        Raises:
+            FileDamaged: the name is unknown.
+        """
+        name = self.text(key)
+        try:
+            return JointSet(name)
+        except ValueError as error:
+            known = ", ".join(s.value for s in JointSet)
+            raise FileDamaged(f"Unknown joint set '{name}'; known are {known}.", where=str(self.path)) from error
+
+    def require_format(self, name: str, version: int) -> None:
+        """Check the file's format and version.
+
+        Raises:
+            FileDamaged: it is another format or a version from the future.
+        """
+        found = self.text("format", "")
+        if found != name:
+            what = f"its format is '{found}'" if found else "it names no format"
+            raise FileDamaged(f"The file is not a {name}: {what}.", where=str(self.path))
+        self._require_version(self.number("version"), version, "program")
+
+    def accept_format(self, name: str, version: int) -> None:
+        """Check the format and version of a file to be shown, where it says them.
+
+        Raises:
+            FileDamaged: the file says that it is something else, or that it is newer than this add-on.
+        """
+        found = self.text("format", name)
+        if found != name:
+            raise FileDamaged(f"The file is a '{found}'; a '{name}' is expected.", where=str(self.path))
+        self._require_version(float(self.arrays.get("version", version)), version, "add-on")
+
+    def _require_version(self, found: float, version: int, reader: str) -> None:
+        if found > version:
+            raise FileDamaged(
+                f"The file is of version {found:g}; this {reader} reads up to {version}.",
+                where=str(self.path),
+                hint=f"Update the {reader}.",
+            )
+
+
+def read_fields(path: Path | str) -> Fields:
+    """Read the arrays of an npz file.
+
+    Raises:
+        FileMissing, FileDamaged: see ``read_npz``.
+    """
+    return Fields(Path(path), read_npz(path))
+
+
+def _fits(value: np.ndarray, shape: Shape) -> bool:
+    return value.ndim == len(shape) and all(
+        have == want or not isinstance(want, int) for want, have in zip(shape, value.shape, strict=True)
+    )

@@ -1,0 +1,105 @@
+"""The few rotation formulas that a bake and files need, on NumPy arrays; quaternions are wxyz.
+
+The solver's own, ``geometry/rotations.py``, works on arrays of any namespace and knows derivatives; a test holds the
+two together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
+    """Return ``(cos(a/2), sin(a/2) v/a)`` with a = |v|.
+
+    Args:
+        rotvec: (..., 3) axis-angle in radians.
+
+    Returns:
+        (..., 4) unit quaternions wxyz.
+    """
+    half = np.linalg.norm(rotvec, axis=-1, keepdims=True) / 2
+    # np.sinc(x) = sin(pi x) / (pi x), so the vector part is finite at angle 0.
+    return np.concatenate([np.cos(half), np.sinc(half / np.pi) / 2 * rotvec], axis=-1)
+
+
+def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
+    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi]; the inverse of ``quat_from_rotvec``.
+
+    Args:
+        quat: (..., 4) unit quaternions wxyz, of either sign.
+
+    Returns:
+        (..., 3) radians.
+    """
+    quat = np.where(quat[..., :1] < 0, -quat, quat)
+    length = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(length, quat[..., :1])
+    return np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0) * quat[..., 1:]
+
+
+def quat_multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the Hamilton product a b: (..., 4) wxyz, first b, then a."""
+    aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    w = aw * bw - (av * bv).sum(-1, keepdims=True)
+    return np.concatenate([w, aw * bv + bw * av + np.cross(av, bv)], axis=-1)
+
+
+def matrix_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
+    """Return ``I + sin(a)/a [v]x + (1 - cos(a))/a² [v]x²`` (Rodrigues): (..., 3) radians to (..., 3, 3)."""
+    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(np.asarray(rotvec, np.float64), -1, 0)
+    o = np.zeros_like(x)
+    K = np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+    return np.eye(3) + np.sinc(angle / np.pi) * K + np.sinc(angle / 2 / np.pi) ** 2 / 2 * (K @ K)
+
+
+def matrix_from_quat(quat: np.ndarray) -> np.ndarray:
+    """Return the rotations (..., 3, 3) of unit quaternions (..., 4) wxyz."""
+    w, x, y, z = np.moveaxis(quat, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def quat_from_matrix(R: np.ndarray) -> np.ndarray:
+    """Return the unit quaternions (..., 4) wxyz, w >= 0, of rotations (..., 3, 3).
+
+    Each is the longest column of ``4 q q^T``, which is safe at every angle (Shepperd 1978).
+    """
+    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    outer = np.empty((*R.shape[:-2], 4, 4))
+    outer[..., range(4), range(4)] = np.stack(
+        [1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1
+    )
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        outer[..., 0, 1 + a] = outer[..., 1 + a, 0] = R[..., c, b] - R[..., b, c]
+        outer[..., 1 + a, 1 + b] = outer[..., 1 + b, 1 + a] = R[..., a, b] + R[..., b, a]
+    longest = outer[..., range(4), range(4)].argmax(-1)[..., None, None]
+    quat = np.take_along_axis(outer, longest, axis=-1)[..., 0]
+    return quat * np.where(quat[..., :1] < 0, -1.0, 1.0) / np.linalg.norm(quat, axis=-1, keepdims=True)
+
+
+def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
+    """Return the axis-angles (..., 3), of at most pi, of rotations (..., 3, 3)."""
+    return rotvec_from_quat(quat_from_matrix(R))
+
+
+def sign_continuous(quat: np.ndarray) -> np.ndarray:
+    """Flip signs so that neighbours in time are less than 180° of quaternion arc apart.
+
+    q and -q are one rotation, but curves between them pass through zero. The first frame gets w >= 0.
+
+    Args:
+        quat: (F, ..., 4) wxyz.
+
+    Returns:
+        (F, ..., 4) the same rotations with ``q[f] . q[f + 1] >= 0``.
+    """
+    flip = np.ones(quat.shape[:-1])
+    flip[0] = np.where(quat[0, ..., 0] < 0, -1.0, 1.0)
+    flip[1:] = np.where((quat[1:] * quat[:-1]).sum(-1) < 0, -1.0, 1.0)
+    return quat * np.cumprod(flip, axis=0)[..., None]

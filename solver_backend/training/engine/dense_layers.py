@@ -1,0 +1,34 @@
+"""Stacks of dense layers in torch, and their arrays as the weight files hold them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from torch import nn
+
+_ACTIVATIONS = {"silu": nn.SiLU, "elu": nn.ELU, "leaky_relu": nn.LeakyReLU}
+
+
+def dense_stack(widths: tuple[int, ...], activation: str) -> nn.Sequential:
+    """Return linear layers with the activation between them."""
+    layers: list[nn.Module] = []
+    for number, (before, after) in enumerate(pairwise(widths)):
+        layers.append(nn.Linear(before, after))
+        if number < len(widths) - 2:
+            layers.append(_ACTIVATIONS[activation]())
+    return nn.Sequential(*layers)
+
+
+def linear_layers(stack: nn.Sequential) -> list[nn.Linear]:
+    """Return the linear layers of a stack."""
+    return [layer for layer in stack if isinstance(layer, nn.Linear)]
+
+
+def stack_arrays(stack: nn.Sequential, part: str, dtype: type = np.float16) -> dict[str, np.ndarray]:
+    """Return the arrays of a stack of dense layers: weights in ``dtype``, biases in float32."""
+    arrays: dict[str, np.ndarray] = {}
+    for number, layer in enumerate(linear_layers(stack)):
+        arrays[f"{part}_w{number}"] = layer.weight.detach().numpy().astype(dtype)
+        arrays[f"{part}_b{number}"] = layer.bias.detach().numpy().astype(np.float32)
+    return arrays

@@ -1,0 +1,62 @@
+"""What a method's results depend on besides the capture: every module that it imports, and the weights."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from solver_backend.priors.weights import ASSETS
+
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGE = "solver_backend"
+WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz")
+
+
+@cache
+def code_version(module: str) -> str:
+    """Return the hash of a module, of all of the package it imports, and of the weights."""
+    digest = hashlib.sha256()
+    for path in sorted(closure(module)):
+        digest.update(path.read_bytes())
+    for name in WEIGHTS:
+        if (ASSETS / name).exists():
+            digest.update((ASSETS / name).read_bytes())
+    return digest.hexdigest()
+
+
+def closure(module: str) -> set[Path]:
+    """Return the files of a module and of what it imports from the package, and so on, wherever the import stands.
+
+    A package around a module counts only where something is taken out of it: what it offers to others changes nothing.
+    """
+    seen: set[Path] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = _file(name)
+        if path is not None and path not in seen:
+            seen.add(path)
+            waiting += [found for found in _imports(path, name) if found.startswith(PACKAGE)]
+    return seen
+
+
+def _file(module: str) -> Path | None:
+    """Return a module's file; None for what is no module, as a name that ``from ... import`` takes out of one."""
+    stem = ROOT.joinpath(*module.split("."))
+    return next((path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file()), None)
+
+
+def _imports(path: Path, module: str) -> Iterator[str]:
+    """Yield every name that may be a module: what is imported, and what is taken out of that."""
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            around = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            base = ".".join([*around, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)

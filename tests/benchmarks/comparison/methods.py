@@ -1,0 +1,120 @@
+"""Every method of the comparison by name, and its variants by what is changed."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+from solver_backend.baselines import (
+    DCT,
+    DMMR,
+    ETC,
+    Baseline,
+    BaselineResult,
+    BundleMoCap,
+    BundleMoCapPlusPlus,
+    MuVS,
+    TriangulatedButterworth,
+)
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.types import Capture
+from tests.benchmarks.comparison.truth_prior import TruthPrior
+
+FILTER, PUBLISHED, OURS = "triangulation + Butterworth", "BundleMoCap++", "ours"
+EXACT_PRIOR = "ours, prior without error"
+"""Ours with a prior that reproduces the take's true poses: what is left is not the prior's fault."""
+BASELINES: dict[str, type[Baseline]] = {
+    FILTER: TriangulatedButterworth, "MuVS": MuVS, "DCT": DCT, "ETC": ETC, "DMMR": DMMR, "BundleMoCap": BundleMoCap,
+    PUBLISHED: BundleMoCapPlusPlus,
+}  # fmt: skip
+TORCH = {"backend": "torch"}
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method with some of its settings changed."""
+
+    kind: str
+    """A name of ``BASELINES``, ``OURS`` or ``EXACT_PRIOR``."""
+    changes: tuple[tuple[str, Any], ...] = ()
+    """Names and values of the changed settings."""
+    label: str = ""
+    """How tables call it; made from kind and changes if empty."""
+
+    @classmethod
+    def of(cls, kind: str, label: str = "", **changes: Any) -> Method:
+        """Return the method with these settings changed."""
+        return cls(kind, tuple(sorted(changes.items())), label)
+
+    @property
+    def name(self) -> str:
+        """How tables call it."""
+        return self.label or ", ".join([self.kind, *(f"{key} {value}" for key, value in self.changes)])
+
+    @property
+    def known(self) -> bool:
+        """Whether every changed setting exists."""
+        return {key for key, _ in self.changes} <= {f.name for f in fields(self._settings)}
+
+    @property
+    def module(self) -> str:
+        """The module that solves: what it imports decides whether an earlier result still holds."""
+        return "solver_backend.fitters.solve" if self._is_ours else BASELINES[self.kind].__module__
+
+    def solver(self) -> Callable[[Capture], BaselineResult]:
+        """Return the function that solves a capture."""
+        if not self._is_ours:
+            return BASELINES[self.kind](**dict(self.changes)).solve
+        settings = SolveSettings(**dict(self.changes))
+        if settings.backend != "numpy":
+            importlib.import_module(settings.backend)  # as NumPy is, before a clock starts
+        solve = importlib.import_module(self.module).solve
+
+        def ours(capture: Capture) -> BaselineResult:
+            prior = _exact_prior(capture) if self.kind == EXACT_PRIOR else None
+            motion = solve(capture, settings, prior=prior)
+            return BaselineResult(motion.keypoints3d, motion)
+
+        return ours
+
+    @property
+    def _is_ours(self) -> bool:
+        return self.kind in (OURS, EXACT_PRIOR)
+
+    @property
+    def _settings(self) -> type:
+        return SolveSettings if self._is_ours else BASELINES[self.kind]
+
+
+def _exact_prior(capture: Capture) -> TruthPrior:
+    return TruthPrior(load_sposer(), exp_so3(capture.truth["body_pose"][:, :63].reshape(-1, 21, 3)))
+
+
+def compared() -> list[Method]:
+    """Return the methods of the main table."""
+    return [
+        *map(Method, BASELINES),
+        Method.of(OURS, "ours, sliding", method="sliding"),
+        Method.of(OURS, "ours, global"),
+        Method(EXACT_PRIOR),
+    ]
+
+
+def ablations() -> list[Method]:
+    """Return ours, and ours with each switch turned over; other settings with what they replace."""
+    switches = [f for f in fields(SolveSettings) if isinstance(f.default, bool)]
+    turned = [
+        Method.of(OURS, f"{'without' if f.default else 'with'} {f.name.replace('_', ' ')}", **{f.name: not f.default})
+        for f in switches
+    ]
+    others = [
+        Method.of(OURS, "sliding windows alone", method="sliding"),
+        Method.of(OURS, "frame by frame", method="frame"),
+        Method.of(OURS, "robust scale 30 (nearly least squares)", robust_scale=30.0),
+        Method.of(OURS, "keys twice as far apart", refine_window=20),
+    ]
+    return [Method.of(OURS, "ours, global"), *turned, *(method for method in others if method.known)]

@@ -1,0 +1,55 @@
+"""What a method's results depend on: every module of the package that it imports."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.benchmarks.comparison import code_version as versions
+from tests.benchmarks.comparison.code_version import ROOT, closure, code_version
+from tests.benchmarks.comparison.methods import compared
+
+
+def test_code_is_what_a_method_imports() -> None:
+    names = {str(path.relative_to(ROOT / "solver_backend")) for path in closure("solver_backend.baselines.muvs")}
+    parts = {"baselines/muvs.py", "baselines/sequence.py", "priors/gaussian_vae.py", "cameras/projection.py"}
+    assert parts <= names
+    assert "fitters/keyframes/global_method.py" not in names and not any(name.startswith("report") for name in names)
+    assert code_version("solver_backend.fitters.solve") != code_version("solver_backend.baselines.muvs")
+
+
+@pytest.mark.parametrize("module", sorted({method.module for method in compared()}))
+def test_nothing_is_missing_where_only_the_closure_is(tmp_path: Path, module: str) -> None:
+    for path in closure(module):
+        copy = tmp_path / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, copy)
+    code = f"import {module} as found; print(found.__file__)"
+    alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=alone, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path)
+
+
+def test_imports_of_every_form_are_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sources = {
+        "__init__.py": "", "start.py": "import solver_backend.plain\nfrom solver_backend import taken\n"
+        "def late():\n    from solver_backend.inner import deep\n    import numpy\n",
+        "plain.py": "", "taken.py": "from .inner.near import thing\n", "unused.py": "",
+        "inner/__init__.py": "from . import opened\n", "inner/deep.py": "from .. import beside\n",
+        "inner/near.py": "from .opened import value\n", "inner/opened.py": "", "beside.py": "",
+    }  # fmt: skip
+    for name, text in sources.items():
+        path = tmp_path / "solver_backend" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    monkeypatch.setattr(versions, "ROOT", tmp_path)
+    found = {str(path.relative_to(tmp_path / "solver_backend")) for path in closure("solver_backend.start")}
+    assert found == set(sources) - {"unused.py"}

@@ -1,0 +1,188 @@
+"""Figures of pose priors: how they sample, reconstruct, remove noise and interpolate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import sqrtm
+
+from solver_backend.body.joint_limits import excess_deg
+from solver_backend.geometry.curves import bezier, bspline, lerp, squad, squad_controls
+from solver_backend.geometry.interpolation import sider2, sider_n, slerp
+from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.base import PosePrior
+from solver_backend.priors.gmm import GaussianMixture
+from solver_backend.priors.pose_ndf.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
+from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.data.points import rotation_points
+from solver_backend.training.engine.accuracy import joint_distances, reconstruction_accuracy
+
+POSE_ITSELF = ("gmm", "pose_ndf")
+"""Priors whose code is the pose: they reconstruct everything exactly."""
+NOISE_DEG = (5.0, 10.0, 20.0)
+NOISY_JOINTS = 20
+Table = dict[str, dict[str, float]]
+"""Rows of figures."""
+
+
+def features(rotations: np.ndarray) -> np.ndarray:
+    """Return (N, 69) positions of joints 1..23 about an unturned pelvis, dm."""
+    return 10.0 * rotation_points(rotations)[:, 1:24].reshape(len(rotations), -1)
+
+
+def frechet_distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Return ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)`` of two sets of features (Heusel et al. 2017)."""
+    cov_a, cov_b = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
+    root = np.real(np.asarray(sqrtm(cov_a @ cov_b + 1e-9 * np.eye(len(cov_a)))))
+    return float(((a.mean(0) - b.mean(0)) ** 2).sum() + np.trace(cov_a + cov_b - 2.0 * root))
+
+
+def diversity(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
+    """Return the mean distance of features of random pairs."""
+    rng = np.random.default_rng(seed)
+    return float(
+        np.linalg.norm(f[rng.integers(len(f), size=pairs)] - f[rng.integers(len(f), size=pairs)], axis=1).mean()
+    )
+
+
+def average_pairwise_mm(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
+    """Return the mean distance of joints between random pairs of poses, mm."""
+    rng = np.random.default_rng(seed)
+    joints = f.reshape(len(f), -1, 3)
+    first, second = joints[rng.integers(len(f), size=pairs)], joints[rng.integers(len(f), size=pairs)]
+    return 100.0 * float(np.linalg.norm(first - second, axis=-1).mean())
+
+
+def synthesis(rotations: np.ndarray, real: np.ndarray, seed: int) -> dict[str, float]:
+    """Return FID, DIV, APD and the share of implausible poses of (N, 21, 3, 3) samples against real features."""
+    f = features(rotations)
+    return {
+        "FID": frechet_distance(f, real), "DIV": diversity(f, seed), "APD mm": average_pairwise_mm(f, seed),
+        "outside %": 100.0 * float((excess_deg(rotations) > 0).any(axis=1).mean()),
+    }  # fmt: skip
+
+
+def reconstruction(prior: PosePrior, truth: np.ndarray) -> dict[str, float]:
+    """Return the errors of decoded codes of (N, 21, 3, 3) poses; none for priors whose code is the pose."""
+    if prior.name in POSE_ITSELF:
+        return {}
+    decoded = prior.decode(prior.encode(truth))
+    found = reconstruction_accuracy(truth, decoded)
+    distance = joint_distances(truth, decoded)
+    return {
+        "MPJPE mm": found.mpjpe_mm, "worst 5 % mm": found.worst5_mpjpe_mm, "PCK3 %": found.pck3_percent,
+        "PCK7 %": 100.0 * float((distance < 0.07).mean()), "angle °": found.angle_deg,
+    }  # fmt: skip
+
+
+def noisy(truth: np.ndarray, sigma_deg: float, seed: int) -> np.ndarray:
+    """Turn 20 random joints of every pose by a normal rotation vector, ``sigma_deg`` about each axis."""
+    rng = np.random.default_rng(seed)
+    turn = np.radians(sigma_deg) * rng.standard_normal((len(truth), truth.shape[1], 3))
+    spared = np.argsort(rng.random(turn.shape[:2]), axis=1)[:, NOISY_JOINTS:]
+    np.put_along_axis(turn, spared[..., None], 0.0, axis=1)
+    return exp_so3(turn) @ truth
+
+
+def denoised(prior: PosePrior, poses: np.ndarray, sigma_deg: float) -> np.ndarray:
+    """Return what a prior makes of noisy poses: its projection, posterior mean or reconstruction."""
+    if isinstance(prior, PoseNDF):
+        return prior.project(poses, ProjectionSettings(level=RECORDED_RAD))
+    if isinstance(prior, GaussianMixture):
+        return prior.posterior_mean(poses, np.radians(sigma_deg))
+    return prior.decode(prior.encode(poses))
+
+
+def denoising(prior: PosePrior, truth: np.ndarray, seed: int) -> dict[str, float]:
+    """Return the joint error after over before for every noise."""
+    ratios = {}
+    for sigma in NOISE_DEG:
+        poses = noisy(truth, sigma, seed)
+        after = joint_distances(truth, denoised(prior, poses, sigma)).mean()
+        ratios[f"σ {sigma:.0f}°"] = float(after / joint_distances(truth, poses).mean())
+    return ratios
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Four neighbouring keys of motions, and what lies in the middle of them."""
+
+    poses: np.ndarray
+    """(N, 4, 21, 3, 3)"""
+    middle: np.ndarray
+    """(N, 21, 3, 3) halfway between the second and the third."""
+
+
+def draw_keys(corpus: Corpus, spacing: int, count: int, seed: int) -> Keys:
+    """Return keys ``spacing`` frames apart (an even number) about random frames of a corpus."""
+    reach = spacing + spacing // 2
+    frame = np.arange(corpus.num_frames)
+    frame = frame[(frame - reach >= corpus.clip_start) & (frame + reach < corpus.clip_end)]
+    frame = np.random.default_rng(seed).choice(frame, min(count, len(frame)), replace=False)
+    at = frame[:, None] + np.array([-reach, -spacing // 2, spacing // 2, reach])
+    R = corpus.rotations.astype(np.float64)
+    return Keys(R[at], R[frame])
+
+
+Scheme = Callable[[np.ndarray], np.ndarray]
+"""From (N, 4, d) unit keys to the (N, d) point in their middle."""
+
+
+def _squad(k: np.ndarray) -> np.ndarray:
+    controls = squad_controls(k)
+    return squad(k[:, 1], k[:, 2], controls[:, 1], controls[:, 2], 0.5)
+
+
+SCHEMES: dict[str, Scheme] = {
+    "LERP": lambda k: lerp(k[:, 1], k[:, 2], 0.5),
+    "SLERP": lambda k: slerp(k[:, 1], k[:, 2], 0.5),
+    "SQUAD": _squad,
+    "Bezier": lambda k: bezier(k[:, 0], k[:, 1], k[:, 2], k[:, 3], 0.5),
+    "B-spline": lambda k: bspline(k[:, 0], k[:, 1], k[:, 2], k[:, 3], 0.5),
+    "SIDER2": lambda k: sider2(k[:, 0], k[:, 1], k[:, 2], 0.75),
+    "SIDER3": lambda k: sider_n(k, 0.5),
+}
+"""Ways to the frame in the middle; LERP and SLERP see two keys, SIDER2 three, the others four."""
+
+
+def interpolation(prior: PosePrior | None, keys: Keys) -> dict[str, float]:
+    """Return the joint error of the middle frame in mm by scheme: of codes, or of the joints' quaternions."""
+    count = len(keys.poses)
+    if prior is None:
+        return {name: _error_mm(keys, _in_quaternions(keys.poses, scheme)) for name, scheme in SCHEMES.items()}
+    codes = prior.encode(keys.poses.reshape(-1, 21, 3, 3)).reshape(count, 4, -1)
+    lengths = np.linalg.norm(codes, axis=-1, keepdims=True)
+    length = 0.5 * (lengths[:, 1] + lengths[:, 2])
+    return {
+        name: _error_mm(keys, prior.decode(length * _unit(scheme(codes / lengths)))) for name, scheme in SCHEMES.items()
+    }
+
+
+def _in_quaternions(poses: np.ndarray, scheme: Scheme) -> np.ndarray:
+    quats = quat_from_matrix(poses)
+    for k in range(1, 4):
+        flip = (quats[:, k] * quats[:, k - 1]).sum(-1, keepdims=True) < 0
+        quats[:, k] = np.where(flip, -quats[:, k], quats[:, k])
+    flat = np.moveaxis(quats, 1, 2).reshape(-1, 4, 4)
+    return matrix_from_quat(_unit(scheme(flat))).reshape(len(poses), 21, 3, 3)
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+
+def _error_mm(keys: Keys, decoded: np.ndarray) -> float:
+    return 1000.0 * float(joint_distances(keys.middle, decoded).mean())
+
+
+def text_table(title: str, rows: Table) -> str:
+    """Return rows of figures as Markdown."""
+    columns = list(dict.fromkeys(name for row in rows.values() for name in row))
+    lines = [f"{title}\n", "| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for name, row in rows.items():
+        cells = (f"{row[c]:.2f}" if c in row else "–" for c in columns)
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,68 @@
+"""The figures of priors on cases with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.priors.gmm import GaussianMixture
+from solver_backend.training.data.corpus import build_corpus
+from solver_backend.training.data.sources.clips import Clip
+from tests.benchmarks.pose_priors.prior_tables import (
+    SCHEMES,
+    draw_keys,
+    frechet_distance,
+    interpolation,
+    noisy,
+    synthesis,
+    text_table,
+)
+
+
+def test_frechet_distance_of_normals() -> None:
+    rng = np.random.default_rng(0)
+    a = rng.standard_normal((20000, 4))
+    assert frechet_distance(a, a) == pytest.approx(0.0, abs=1e-3)
+    assert frechet_distance(a, 3.0 * a + 2.0) == pytest.approx(4 * (2.0**2 + (3.0 - 1.0) ** 2), rel=0.02)
+
+
+def test_samples_of_one_pose_have_no_diversity() -> None:
+    one = np.broadcast_to(np.eye(3), (50, 21, 3, 3))
+    real = np.random.default_rng(0).standard_normal((200, 69))
+    found = synthesis(one, real, 0)
+    assert found["DIV"] == 0.0 and found["APD mm"] == 0.0 and found["outside %"] == 0.0
+
+
+def test_noise_spares_one_joint() -> None:
+    truth = np.broadcast_to(np.eye(3), (400, 21, 3, 3)).copy()
+    turn = np.degrees(log_so3(noisy(truth, 5.0, 0)))
+    assert ((np.abs(turn).max(-1) > 1e-9).sum(axis=1) == 20).all()
+    assert turn[np.abs(turn) > 1e-9].std() == pytest.approx(5.0, rel=0.02)
+
+
+def test_schemes_find_the_middle_of_a_steady_turn() -> None:
+    rate = 0.3 * np.random.default_rng(1).standard_normal((21, 3))
+    turning = exp_so3(np.arange(60)[:, None, None] / 30.0 * rate)
+    corpus = build_corpus([Clip("x/turning", "02", turning.astype(np.float32))])
+    keys = draw_keys(corpus, 6, 20, 0)
+    assert keys.poses.shape == (20, 4, 21, 3, 3)
+    assert set(SCHEMES) == set(errors := interpolation(None, keys))
+    assert max(errors.values()) < 0.05
+    crooked = exp_so3(0.5 * np.random.default_rng(2).standard_normal((60, 21, 3)))
+    jumps = draw_keys(build_corpus([Clip("x/crooked", "02", crooked.astype(np.float32))]), 6, 20, 0)
+    assert min(interpolation(None, jumps).values()) > 50.0
+
+
+def test_mixture_moves_noisy_poses_towards_its_mean() -> None:
+    mean = 0.2 * np.random.default_rng(3).standard_normal((2, 63))
+    prior = GaussianMixture(np.array([0.5, 0.5]), mean, np.tile(0.1 * np.eye(63), (2, 1, 1)), {})
+    y = exp_so3((mean[0] + 0.3 * np.random.default_rng(4).standard_normal((5, 63))).reshape(5, 21, 3))
+    moved = log_so3(prior.posterior_mean(y, 0.2)).reshape(5, 63)
+    share = 0.1**2 / (0.1**2 + 0.2**2)
+    np.testing.assert_allclose(moved, mean[0] + share * (log_so3(y).reshape(5, 63) - mean[0]), atol=1e-6)
+
+
+def test_tables_leave_out_what_was_not_measured() -> None:
+    text = text_table("T", {"a": {"x": 1.0}, "b": {"x": 2.0, "y": 3.5}})
+    assert text.splitlines()[2:] == ["| | x | y |", "|---|---|---|", "| a | 1.00 | – |", "| b | 2.00 | 3.50 |"]

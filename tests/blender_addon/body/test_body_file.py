@@ -1,0 +1,49 @@
+"""Body files: what is read, and what is refused with which words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blender_addon._exchange.errors import BodyInvalid
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.conventions import skeleton
+from solver_backend.types import SMPL_JOINTS, SMPL_PARENTS
+
+
+def test_tree_is_the_solvers_tree() -> None:
+    assert skeleton.JOINTS == SMPL_JOINTS
+    assert skeleton.PARENTS == SMPL_PARENTS
+    assert all(skeleton.PARENTS[child] == joint for joint, child in skeleton.MAIN_CHILD.items())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"weights": np.ones((5, 24))}, r"weights has shape \(5, 24\); \(576, 24\)"),
+        ({"v_template": np.full((576, 3), np.nan)}, "v_template holds NaN"),
+        ({"kintree_table": np.zeros((2, 24))}, "not SMPL's tree of 24 joints"),
+        ({"f": np.array([[0, 1, 600]]), "face_material": None}, r"faces must name vertices 0\.\.575"),
+        ({"f": np.array([[0, 1, 2]])}, r"face_material has shape .* \(1,\) is expected"),
+        ({"weights": np.zeros((576, 24))}, "has no skinning weight"),
+    ],
+)
+def test_wrong_bodies_are_named(tmp_path: Path, files: Any, change: dict[str, Any], message: str) -> None:
+    with pytest.raises(BodyInvalid, match=message):
+        read_body(_changed(files.body_path, tmp_path, change))
+
+
+def test_default_body_ships_with_the_source_tree() -> None:
+    body = read_body(default_body_path())
+    assert body.id and len(body.v_template) > 1000
+    assert 1.5 < np.ptp(body.v_template[:, 1]) < 2.0
+
+
+def _changed(source: Path, folder: Path, change: dict[str, Any]) -> Path:
+    arrays = dict(np.load(source)) | change
+    path = folder / "changed.npz"
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    return path

@@ -1,0 +1,97 @@
+"""The command that writes the body as an asset, and what another file gets from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.__main__ import main
+from blender_addon._exchange.errors import OutputExists
+from blender_addon._exchange.progress import silent
+from blender_addon.body.shape import get_betas, set_betas
+from blender_addon.body.sliders import slider_name
+from blender_addon.headless.body import BodyRequest, run_body
+from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the shipped body once."""
+    path = tmp_path_factory.mktemp("library ü") / "Body.blend"
+    run_body(BodyRequest(path, betas=(1.0, -0.5)), silent)
+    return path
+
+
+def test_asset_says_what_it_is(library: Path) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(library), load_ui=False)
+    marked = [item for item in (*bpy.data.collections, *bpy.data.objects) if item.asset_data]
+    assert marked == [bpy.data.collections["Body"]]
+    data = marked[0].asset_data
+    assert "manifold_neutral" in data.description and data.author and data.license == "GPL-3.0-or-later"
+    assert {"body", "rig"} <= {tag.name for tag in data.tags} and data.catalog_id == CATALOG_ID
+    pixels = np.array(marked[0].preview.image_pixels_float).reshape(*marked[0].preview.image_size, 4)
+    body = np.ptp(pixels[..., :3], axis=-1) > 0.1
+    assert 0.05 < body.mean() < 0.5 and body[100:156, 100:156].any() and (pixels[..., 3] > 0.99).all()
+
+
+def test_appended_body_is_whole_and_stands_on_the_floor(scene: bpy.types.Scene, library: Path) -> None:
+    with bpy.data.libraries.load(str(library), link=False) as (_, wanted):
+        wanted.collections = ["Body"]
+    scene.collection.children.link(bpy.data.collections["Body"])
+    armature = next(obj for obj in scene.objects if obj.type == "ARMATURE")
+    mesh = next(child for child in armature.children if child.type == "MESH")
+    np.testing.assert_allclose(get_betas(mesh)[:3], [1.0, -0.5, 0.0], atol=1e-6)
+    assert all(bone.custom_shape for bone in armature.pose.bones if not bone.name.endswith("_deform"))
+    rng = np.random.default_rng(0)
+    heights = set()
+    for _ in range(4):
+        set_betas(mesh, rng.normal(size=10))
+        bpy.context.view_layer.update()
+        skin = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        z = [(skin.matrix_world @ vertex.co).z for vertex in skin.data.vertices]
+        assert abs(min(z)) < 1e-3
+        heights.add(round(max(z), 2))
+    assert len(heights) > 1
+
+
+def test_linked_body_can_be_overridden_and_shaped(scene: bpy.types.Scene, library: Path) -> None:
+    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
+        wanted.collections = ["Body"]
+    bpy.data.collections["Body"].override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
+    armature = next(obj for obj in scene.objects if obj.type == "ARMATURE" and obj.override_library)
+    mesh = next(obj for obj in scene.objects if obj.type == "MESH" and obj.parent == armature)
+    before = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones["head"].head.z
+    mesh.data.shape_keys.key_blocks[slider_name(0)].value += 2.0
+    bpy.context.view_layer.update()
+    after = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones["head"].head.z
+    assert after > before + 0.03
+
+
+def test_catalogs_of_others_stay(library: Path, tmp_path: Path) -> None:
+    (tmp_path / CATALOG_FILE).write_text("VERSION 1\n\n1234:Props:Props\n", encoding="utf-8")
+    add_catalog(tmp_path)
+    add_catalog(tmp_path)
+    text = (tmp_path / CATALOG_FILE).read_text(encoding="utf-8")
+    assert "1234:Props:Props" in text and text.count(CATALOG_ID) == 1
+    written = (library.parent / CATALOG_FILE).read_text(encoding="utf-8")
+    assert "VERSION 1" in written and f"{CATALOG_ID}:Characters/Manifold MoCap:" in written
+
+
+def test_existing_file_stays(library: Path) -> None:
+    size = library.stat().st_size
+    with pytest.raises(OutputExists, match="not overwritten"):
+        run_body(BodyRequest(library), silent)
+    assert library.stat().st_size == size < 5e6
+
+
+@pytest.mark.parametrize("wrong", [["--betas=1,x"], ["--betas=1,2,3,4,5,6,7,8,9,10,11"], ["--betas=nan"], []])
+def test_wrong_command_lines_are_refused(wrong: list[str], tmp_path: Path, capsys: Any) -> None:
+    name = "body.blend" if wrong else "body.fbx"
+    with pytest.raises(SystemExit) as stop:
+        main(["body", "--out", str(tmp_path / name), *wrong])
+    assert stop.value.code == 2 and not list(tmp_path.iterdir())
+    assert ("numbers with commas between" if wrong else "must end in .blend") in capsys.readouterr().err

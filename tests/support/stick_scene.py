@@ -1,0 +1,68 @@
+"""A moving stick figure before four cameras: true keyframes, noisy detections, and a start a little off."""
+
+import numpy as np
+
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.cameras.projection import project
+from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
+from solver_backend.fitters.model.codes import CODES
+from solver_backend.fitters.model.keyframe_curve import (
+    KeyframeLayout,
+    Keyframes,
+    hemisphere_aligned,
+    key_poses,
+)
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.geometry.arrays import constant
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.synthetic.demo import tripods
+from solver_backend.types import JointSet, Keypoints2D
+from tests.support.stick_body import stick_body
+from tests.support.toy_prior import ToyPrior
+
+FRAMES, WINDOW, NOISE_PX = 61, 20, 2.0
+
+
+class StickScene:
+    """Truth, detections and a start a little off."""
+
+    def __init__(self, like=np.zeros(1)) -> None:
+        rng = np.random.default_rng(11)
+        self.body, self.prior = stick_body(), ToyPrior()
+        self.layout = KeyframeLayout.even(FRAMES, WINDOW)
+        count = self.layout.num_keys
+        walk = np.cumsum(rng.normal(size=(count, 32)), axis=0)
+        z = CODES.nearest(rng.normal(size=32) * 3 + walk * 0.5)
+        turn = np.cumsum(0.1 * rng.normal(size=count))
+        half = (np.pi / 2 * np.ones(count)) / 2
+        quat = np.stack([np.cos(half), np.sin(half), 0 * half, turn * 0.3], 1)
+        quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+        transl = np.array([0, 0, 0.95]) + np.cumsum(0.04 * rng.normal(size=(count, 3)), 0)
+        self.truth = hemisphere_aligned(Keyframes(z, quat, transl, np.zeros((count, 21, 3))))
+        landmarks = keypoint_landmarks(self.body, JointSet.SMPL_24)
+        self.subject = Subject(self.body, landmarks, constant(np.zeros(10), like), constant(np.zeros((24, 3)), like))
+        exact = Subject(self.body, landmarks, np.zeros(10), np.zeros((24, 3)))
+        self.points = pose(exact, key_poses(self.prior, self.truth, self.layout, residuals=False)).points
+        cameras = tripods(np.array([0.0, 0.0, 0.95]))
+        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, self.points, cameras.distortion_model)
+        px = px + NOISE_PX * rng.normal(size=px.shape)
+        wrong = rng.random(px.shape[:-1]) < 0.03
+        px[wrong] += 80 * rng.choice([-1, 1], (wrong.sum(), 2))
+        self.keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
+        self.cameras = cameras
+        self.term = ReprojectionTerm.of(cameras, self.keypoints, np.full(24, NOISE_PX), like)
+        off = 0.03 * rng.normal(size=(count, 36))
+        off[0] = 0
+        start = self.truth.retract(off)
+        self.start = Keyframes(*(constant(getattr(start, n), like) for n in ("z", "quat", "transl", "residual")))
+
+    def model(self, motion: MotionPrior | None = None, *, residuals: bool = False) -> BundleModel:
+        return BundleModel(self.subject, self.prior, self.term, motion, residuals)
+
+    def poses(self, keys: Keyframes) -> PosedFrames:
+        return key_poses(self.prior, keys, self.layout, residuals=True)
+
+    def error_mm(self, keys) -> float:
+        solved = np.asarray(pose(self.subject, self.poses(keys)).points)
+        return 1000 * float(np.linalg.norm(solved - self.points, axis=-1).mean())

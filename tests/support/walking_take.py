@@ -1,0 +1,24 @@
+"""A take of a walk written as formulas, and a detector without errors to film it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.simulation.benchmark import Take
+from solver_backend.simulation.keypoint_detector import DetectorModel
+
+EXACT = DetectorModel(
+    view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
+)
+"""A detector that errs nowhere."""
+
+
+def walk(num_frames: int = 90) -> Take:
+    """Return a person who swings arms and legs and drifts forward, the pelvis a metre high."""
+    phase = 2 * np.pi * np.arange(num_frames) / 60.0
+    rotvec = np.zeros((num_frames, 22, 3))
+    rotvec[:, 1, 0], rotvec[:, 2, 0] = -0.4 * np.sin(phase), 0.4 * np.sin(phase)
+    rotvec[:, 16, 2], rotvec[:, 17, 2] = -1.1, 1.1
+    root = np.stack([0 * phase, 1.0 + 0.02 * np.cos(2 * phase), phase / 6], axis=1)
+    return Take("walk", exp_so3(rotvec), root, 60.0)

@@ -1,0 +1,102 @@
+"""The shape of the repository: what may import tests, how long files are, and no rings of imports."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PRODUCT = ("solver_backend", "blender_addon", "assets_procedural")
+LONGEST = 300
+"""Lines of a product file."""
+
+
+def product_files() -> list[Path]:
+    """Return the modules of the three packages and the scripts beside them."""
+    return [*sorted(ROOT.glob("*.py")), *(path for name in PRODUCT for path in sorted((ROOT / name).rglob("*.py")))]
+
+
+def dotted(path: Path) -> str:
+    """Return the name that a file is imported by."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported(path: Path, *, everywhere: bool) -> Iterator[str]:
+    """Yield the full names that a file imports, also those taken out of modules; at its top level, or everywhere."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    package = dotted(path).split(".")[: None if path.name == "__init__.py" else -1]
+    for node in ast.walk(tree) if everywhere else tree.body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            around = package[: len(package) + 1 - node.level] if node.level else []
+            base = ".".join([*around, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def imports_under(files: list[Path], prefixes: tuple[str, ...]) -> list[str]:
+    """Return who imports what, where the imported name begins with one of the prefixes."""
+    pairs = ((dotted(path), name) for path in files for name in imported(path, everywhere=True))
+    return [f"{importer} imports {name}" for importer, name in pairs if name.startswith(prefixes)]
+
+
+def test_no_file_imports_a_test() -> None:
+    every = sorted((ROOT / "tests").rglob("*.py"))
+    tests = {dotted(path) for path in every if path.name.startswith("test_")}
+    assert len(tests) > 100
+    assert not {
+        f"{dotted(path)} imports {name}" for path in every for name in imported(path, everywhere=True) if name in tests
+    }
+
+
+def test_tests_import_benchmarks_only_beside_them() -> None:
+    files = [path for path in sorted((ROOT / "tests").rglob("*.py")) if "benchmarks" not in path.parts]
+    assert not imports_under(files, ("tests.benchmarks",))
+
+
+def test_the_product_imports_no_tests() -> None:
+    assert not imports_under(product_files(), ("tests",))
+    assert imports_under(product_files(), ("numpy",))
+
+
+@pytest.mark.parametrize("package", PRODUCT)
+def test_no_modules_import_each_other_in_a_ring(package: str) -> None:
+    files = {dotted(path): path for path in (ROOT / package).rglob("*.py")}
+    graph = {name: set(imported(path, everywhere=False)) & files.keys() - {name} for name, path in files.items()}
+    assert sum(map(len, graph.values())) > len(files)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as ring:
+        pytest.fail(" -> ".join(ring.args[1]))
+
+
+def test_no_product_file_is_long() -> None:
+    lengths = {dotted(path): len(path.read_text(encoding="utf-8").splitlines()) for path in product_files()}
+    assert len(lengths) > 300
+    assert not {name: length for name, length in lengths.items() if length > LONGEST}
+
+
+def pages() -> list[Path]:
+    """Return what a reader is given."""
+    places = ("README.md", "assets_procedural/README.md", "docs/**/*.md", "solver_backend/assets/*.md")
+    return [page for place in places for page in sorted(ROOT.glob(place))]
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page in pages()])
+def test_pages_link_to_pages_and_name_files_and_modules_that_are_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text)
+    assert not [link for link in links if not (page.parent / link).exists()]
+    if page.parent.name == "decisions":
+        return  # which name files as they were
+    files = [path.as_posix() for path in (*product_files(), *sorted((ROOT / "tests").rglob("*.py")))]
+    named = re.findall(r"`([\w./]+\.py)`", text)
+    assert not [name for name in named if not any(path.endswith(f"/{name}") for path in files)]
+    modules = {dotted(Path(path)).removesuffix(".__main__") for path in files}
+    assert not set(re.findall(r"python3? -m ([\w.]*\w)", text)) - modules

@@ -1,0 +1,45 @@
+"""The lifter's training: a few steps teach it something, and what is exported is what was trained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from solver_backend.body.body import load_body
+from solver_backend.priors.lifter import POINTS, load_lifter
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.training.lifter.task import LifterSettings, LifterTask
+from solver_backend.training.lifter.train import train_lifter
+from tests.support.swaying_corpus import job, swaying
+
+
+def task(seed: int = 0) -> LifterTask:
+    return LifterTask(swaying(0), swaying(1), load_body(), load_sposer(), LifterSettings(), 16, seed)
+
+
+def test_people_are_whole_where_it_counts_and_differ_in_shape() -> None:
+    people = task()._people(torch.from_numpy(swaying(0).rotations[:32]), torch.Generator().manual_seed(0))
+    assert people.points.shape == (32, len(POINTS), 3)
+    assert people.seen[:, :4].all() and not people.seen.all()
+    assert len(people.betas.unique(dim=0)) == LifterSettings().people
+    shoulders = torch.linalg.vector_norm(people.points[:, 0] - people.points[:, 1], dim=-1)
+    assert (shoulders > 0.15).all() and (shoulders < 0.6).all()
+
+
+def test_the_loss_is_the_same_for_the_same_seed() -> None:
+    losses = [task().loss(0, torch.Generator().manual_seed(3)).item() for _ in range(2)]
+    assert losses[0] == losses[1]
+    assert losses[0] != task(seed=1).loss(0, torch.Generator().manual_seed(3)).item()
+
+
+def test_training_teaches_and_exports_what_was_trained(tmp_path: Path) -> None:
+    untrained = task().evaluate(task().model)
+    finished = train_lifter(job(tmp_path, 60))
+    assert finished.metrics["points_mm"] < 0.8 * untrained["points_mm"]
+    lifter = load_lifter(finished.weights)
+    assert lifter.stack.widths == (4 * len(POINTS), 384, 384, 51)
+    card = finished.weights.with_suffix(".md").read_text(encoding="utf-8")
+    assert lifter.metadata["command"] in card and "points_mm" in card
+    assert np.isfinite(lifter.stack(np.zeros((1, 4 * len(POINTS))))).all()
