@@ -11,8 +11,8 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import require_file
 
 
-def read_text(path: Path | str) -> str:
-    """Read a text file as UTF-8 (with or without mark), or as Latin-1 where it is not UTF-8.
+def read_bytes(path: Path | str) -> bytes:
+    """Read a whole file.
 
     Raises:
         FileMissing: there is no such file.
@@ -20,9 +20,19 @@ def read_text(path: Path | str) -> str:
     """
     path = require_file(path)
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
+
+
+def read_text(path: Path | str) -> str:
+    """Read a text file as UTF-8 (with or without mark), or as Latin-1 where it is not UTF-8.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: the file cannot be read.
+    """
+    data = read_bytes(path)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -7,7 +7,7 @@ import pytest
 
 from blender_addon._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 from blender_addon.animation.confidence import HALF_AT_M, joint_confidence, sigma_of
-from solver_backend.exchange import motion_file as solver_motion
+from solver_backend import types as solver_types
 
 
 def test_confidence_falls_with_the_standard_deviation():
@@ -22,4 +22,4 @@ def test_flagged_frames_lose_confidence():
     confidence = joint_confidence(sigma, flags)
     assert confidence[:, 0].tolist() == [1.0, 0.3, 0.0, 0.0]
     assert confidence[1, 1] == confidence[0, 1] < 0.3  # a low one is not raised
-    assert (solver_motion.FLAG_UNSEEN, solver_motion.FLAG_UNSURE) == (FLAG_UNSEEN, FLAG_UNSURE)
+    assert (solver_types.FLAG_UNSEEN, solver_types.FLAG_UNSURE) == (FLAG_UNSEEN, FLAG_UNSURE)
