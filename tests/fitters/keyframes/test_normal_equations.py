@@ -17,8 +17,9 @@ from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals import pose_mixture
-from tests.fitters.keyframes.test_optimise import FRAMES, Scene
 from tests.support.random_keys import random_keys
+from tests.support.stick_scene import FRAMES
+from tests.support.stick_scene import StickScene as Scene
 from tests.support.toy_prior import ToyPrior
 
 LAYOUT = KeyframeLayout.even(33, 8)
