@@ -40,11 +40,11 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 
 @dataclass(frozen=True)
 class PoseField:
-    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``: Pose-NDF, eq. 3.
+    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
 
     Children of the pelvis, which has no feature, see zeros in its place. ``s`` is the softplus.
 
-    Reference: Tiwari et al. 2022, eq. 3.
+    Reference: Tiwari et al. 2022, "Pose-NDF", eq. 3.
     """
 
     w0: Array

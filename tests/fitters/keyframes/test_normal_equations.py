@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from solver_backend.fitters.keyframes import normal_equations
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations
@@ -16,20 +15,13 @@ from solver_backend.fitters.model.subject import frame_equations
 from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals import pose_mixture
 from tests.support.random_keys import random_keys
-from tests.support.stick_scene import FRAMES
-from tests.support.stick_scene import StickScene as Scene
+from tests.support.stick_scene import FRAMES, ROTATIONS, StickScene
 from tests.support.toy_prior import ToyPrior
 
 LAYOUT = KeyframeLayout.even(33, 8)
 WINDOWS, COUNT = np.arange(LAYOUT.num_windows), LAYOUT.num_windows
 DOF = KEY.dof(residuals=True)
-
-
-@pytest.fixture(autouse=True)
-def _a_figure_that_is_no_person(monkeypatch):
-    monkeypatch.setattr(pose_mixture, "STRENGTH", 0.0)
 
 
 class ExactToyPrior(ToyPrior):
@@ -112,7 +104,7 @@ def dense(equations: KeyframeNormalEquations) -> np.ndarray:
 
 
 def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
-    scene = Scene()
+    scene = StickScene()
     layout = KeyframeLayout.even(FRAMES, 5)
     keys, rows = resampled(scene.start, scene.layout, layout), layout.rows()
     keys = replace(keys, residual=0.02 * np.random.default_rng(2).normal(size=keys.residual.shape))
@@ -120,7 +112,7 @@ def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
     poses = KeyframeCurve.through(keys.triples(np.arange(layout.num_windows)), rows.time, residuals=True).poses(
         scene.prior
     )
-    frames = frame_equations(scene.subject, poses, scene.term.select(rows.frames.reshape(-1)), 3.0)
+    frames = frame_equations(scene.subject, poses, scene.objective.select(rows.frames.reshape(-1)), 3.0)
     mixed, whole = dense(data.normal_equations()), normal_equations.FLOOR * np.eye(data.gradient.size)
     for w, window in enumerate(exact(scene.prior, keys, rows, frames.hessian)):
         own = slice(2 * w * DOF, (2 * w + 3) * DOF)
@@ -135,8 +127,8 @@ def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
 
 
 def test_fixing_keys_changes_nothing_but_the_returned_equations():
-    scene, fixed = Scene(), np.isin(np.arange(7), (0, 3))
-    equations = scene.model(residuals=True).equations(scene.layout.rows(), scene.start, 3.0)[1]()
+    scene, fixed = StickScene(), np.isin(np.arange(7), (0, 3))
+    equations = scene.model(ROTATIONS).equations(scene.layout.rows(), scene.start, 3.0)[1]()
     before = [part.copy() for part in (equations.diagonal, equations.upper, equations.g)]
     held = equations.with_fixed(fixed)
     for part, old in zip((equations.diagonal, equations.upper, equations.g), before, strict=True):
