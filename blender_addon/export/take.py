@@ -95,16 +95,16 @@ def take_of(
     """
     armature = _armature(obj)
     action = current_action(armature)
-    is_solved = action is not None and is_take(action)
-    laid = laid_rate(action) if is_solved else scene_frame_rate(scene)
+    solved = action if action is not None and is_take(action) else None
+    laid = scene_frame_rate(scene) if solved is None else laid_rate(solved)
     if fps is None:
-        fps = float(action["fps"]) if is_solved else laid
+        fps = laid if solved is None else float(solved["fps"])
     if frames is None:
         if action is None:
             hint = "Give it one, or name a range of frames."
             raise NothingToExport("The armature has no current action.", where=armature.name, hint=hint)
         start, end = action.frame_range
-        frames = (start, end) if is_solved else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
+        frames = (start, end) if solved is not None else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
     if frames[1] < frames[0]:
         raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are none.", where=armature.name)
     meshes = (o for o in scene.objects if o.type == "MESH" and o.find_armature() is armature)

@@ -76,7 +76,7 @@ def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.t
     known = [item.detections for item in items.values()]
     markers = next((o for o in capture.collection.all_objects if player_of(o) is not None and o not in known), None)
     overlays = [
-        markers if overlay.parent is None else views[overlay.parent] and views[overlay.parent].detections
+        markers if overlay.parent is None else (item := views[overlay.parent]) and item.detections
         for overlay in stage.overlays
     ]
     return [*(item and item.object for item in cameras), *overlays, capture.floor]
