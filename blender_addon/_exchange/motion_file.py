@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS
-from .npz import read_arrays, write_npz
+from .npz import array_names, read_arrays, write_npz
 from .schema import Fields, Shape
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
@@ -26,6 +26,12 @@ _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
     "joint_set", "keyframes", "joint_sigma", "flags", "provenance",
 )  # fmt: skip
+STORED = (
+    "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
+    "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
+    "reprojection_px", "provenance",
+)  # fmt: skip
+"""Every array of a motion file that is read back."""
 _DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8}
 
 
@@ -87,8 +93,10 @@ def is_motion(path: Path) -> bool:
     if path.suffix.lower() != ".npz":
         return False
     try:
-        fields = Fields(path, read_arrays(path, required=(), optional=("format", "poses")))
-        return fields.text("format", "") == FORMAT or ("poses" in fields and "format" not in fields)
+        names = array_names(path)
+        if "format" not in names:
+            return "poses" in names
+        return Fields(path, read_arrays(path, required=("format",))).text("format") == FORMAT
     except MocapError:
         return False
 

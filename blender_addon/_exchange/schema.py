@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -129,13 +130,21 @@ class Fields:
             )
 
 
-def read_fields(path: Path | str) -> Fields:
-    """Read the arrays of an npz file.
+def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:
+    """Read the arrays of an npz file that a reader knows.
+
+    Args:
+        path: the file.
+        names: of the arrays.
+        prefix: also those whose names begin with it.
 
     Raises:
         FileMissing, FileDamaged: see ``read_npz``.
     """
-    return Fields(Path(path), read_npz(path))
+    known = frozenset(names)
+    return Fields(
+        Path(path), read_npz(path, lambda name: name in known or (prefix is not None and name.startswith(prefix)))
+    )
 
 
 def _fits(value: np.ndarray, shape: Shape) -> bool:

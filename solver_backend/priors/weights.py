@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.errors import FileMissing, WeightsInvalid
+from solver_backend.exchange.errors import FileDamaged, FileMissing, WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
+from solver_backend.exchange.npz import read_npz
 from solver_backend.priors.networks.dense import DenseStack
 
 FORMAT = "manifold_mocap_prior"
@@ -79,10 +80,9 @@ def read_weights(path: Path, prior: str) -> PriorWeights:
     if not path.is_file():
         raise FileMissing(f"The weights of {prior} are missing.", where=path.name, hint="Train them, or reinstall.")
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files if key != "header"}
-            header = json.loads(str(data["header"]))
-    except Exception as error:
+        arrays = read_npz(path)
+        header = json.loads(str(arrays.pop("header")))
+    except (FileDamaged, KeyError, ValueError, RecursionError) as error:
         raise WeightsInvalid("The file is no weight file of a prior.", where=path.name, hint=str(error)) from error
     _check_header(header, prior, path.name)
     if arrays_hash(arrays) != header.get("sha256"):
