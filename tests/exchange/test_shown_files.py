@@ -62,7 +62,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         (
             {"poses": np.array([None, {}], dtype=object)},
             FileDamaged,
-            "plain arrays .*'poses' has the type .O; .*pickle",
+            "'poses' has the type .O; objects .*pickle",
         ),
     ],
 )

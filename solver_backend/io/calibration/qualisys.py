@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
-from solver_backend.exchange.npz import require_file
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.files import read_bytes
 
 SUBPIXELS = 64.0
 """Focal lengths and centres are in 1/64 pixel."""
@@ -34,8 +34,8 @@ def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:
         CalibrationInvalid: a camera lacks a value.
     """
     try:
-        root = ElementTree.fromstring(require_file(path).read_bytes())
-    except (ElementTree.ParseError, OSError, ValueError) as error:
+        root = ElementTree.fromstring(read_bytes(path))
+    except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not Qualisys' XML ({error}).",
             where=str(path),
