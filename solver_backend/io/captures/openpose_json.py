@@ -14,6 +14,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.files import read_bytes
+from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import frame_numbers, shared_range
 from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
 from solver_backend.people.detections import Detections
@@ -205,11 +206,8 @@ def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...
     contradictory = np.isnan(xy).any(-1) & (confidence > 0)
     missing = np.isnan(values).any(-1) | ~(confidence > 0) | (xy == 0).all(-1)
     xy[missing], confidence[missing] = np.nan, 0.0
-    notes: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
+    confidence, notes, problems = on_unit_scale(confidence)
     if contradictory.any():
-        problems += (f"{int(contradictory.sum())} keypoints are NaN with a confidence; they are taken as not seen.",)
-    if (confidence > 1).any():
-        notes += (f"Confidences reach {float(confidence.max()):.3g}; those above 1 are taken as 1.",)
-        np.minimum(confidence, 1.0, out=confidence)
+        count = int(contradictory.sum())
+        problems = (f"{count} keypoints are NaN with a confidence; they are taken as not seen.", *problems)
     return xy, confidence, notes, problems
