@@ -10,7 +10,7 @@ from typing import Any
 from solver_backend.exchange.body_choice import is_path
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.job_file import VERSION, JobFile
-from solver_backend.fitters.keyframes.frame_range import Stretch
+from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
@@ -22,7 +22,7 @@ class Resolve:
 
     motion: Path
     """Motion file of the earlier solve."""
-    stretch: Stretch
+    stretch: FrameRange
     """Its frames, and the poses they must pass through."""
 
     def as_dict(self) -> dict[str, Any]:
@@ -147,7 +147,7 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
     motion = _typed(values, "motion", str)
     if motion is None:
         raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
-    return Resolve(folder / motion, Stretch.from_dict({k: v for k, v in values.items() if k != "motion"}))
+    return Resolve(folder / motion, FrameRange.from_dict({k: v for k, v in values.items() if k != "motion"}))
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type | tuple[type, ...]) -> Any:

@@ -15,11 +15,12 @@ from solver_backend.baselines.base import Baseline, BaselineResult
 from solver_backend.baselines.person import ROBUST_SCALE, Prepared, prepare
 from solver_backend.baselines.sequence import Sequence, States, pose_prior
 from solver_backend.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Window
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout
-from solver_backend.fitters.model.subject import PosedFrames
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.single_frame.fit import fit_frames
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.priors.base import PosePrior
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.solver.manifold import Product
 from solver_backend.solver.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.types import Capture
@@ -107,8 +108,8 @@ class _Slider:
         for w in range(layout.num_windows):
             index = np.flatnonzero(number == w)
             window = Window(
-                self.prepared.subject, self.prior, self.keys, problem.term.select(index), self.scale, time[index], key,
-                self.latent_weight, self.root,
+                self.prepared.subject, self.prior, self.keys, problem.measurements.term.select(index), self.scale,
+                time[index], key, self.latent_weight, self.root,
             )  # fmt: skip
             own = slice(w * self.free + 1, (w + 1) * self.free + 1)
             state = _select(guesses, own) if start == "points" else _select(key, slice(0, 1), self.free)
@@ -116,22 +117,23 @@ class _Slider:
             iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
             parts.append(window.frames(found.state))
             key = _select(found.state, slice(-1, None))
-        joined = (np.concatenate([getattr(p, field) for p in parts]) for field in ("root", "local", "transl"))
         counts = {"windows": layout.num_windows, "iterations": iterations, "evaluations": evaluations}
-        return self.prepared.result(name, PosedFrames(*joined), times, counts)
+        return self.prepared.result(name, PosedFrames.concatenate(parts), times, counts)
 
     def _keys_at(self, times: np.ndarray) -> KeyState:
         """Return single-frame fits of the seen frames nearest to these times."""
         problem, subject, seen = self.prepared.problem, self.prepared.subject, self.prepared.seen
         nearest = seen[np.abs(times[:, None] - seen).argmin(axis=1)]
         unique, inverse = np.unique(nearest, return_inverse=True)
-        term = problem.term.select(unique)
-        fitted = fit_to_points(subject, problem.prior, problem.observations, unique)
+        objective = problem.objective.select(unique)
+        fitted = fit_to_points(problem, subject, unique)
         if self.keys is SPHERICAL:
-            fitted, _ = fit_frames(subject, problem.prior, term, fitted, (self.scale,), MAX_ITERATIONS)
+            fitted = fit_frames(
+                subject, problem.prior, objective, fitted, (self.scale,), LMSettings(MAX_ITERATIONS)
+            ).state
             return _select((fitted.z, fitted.root, fitted.transl), np.asarray(inverse).reshape(-1))
         start = States(self.prior.encode(problem.prior.decode(fitted.z)), fitted.root, fitted.transl)
-        solved = Sequence(subject, self.prior, term, self.latent_weight).solve(start, self.scale, MAX_ITERATIONS)
+        solved = Sequence(subject, self.prior, objective, self.latent_weight).solve(start, self.scale, MAX_ITERATIONS)
         return _select((solved.z, solved.root, solved.transl), np.asarray(inverse).reshape(-1))
 
 

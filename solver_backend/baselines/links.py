@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.baselines.sequence import DOF, Equations, JointPull, States
-from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.baselines.sequence import DOF, STATE, Equations, PosedJoints, States
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.rotations import log_so3
 
 
@@ -20,10 +21,10 @@ class SlowJoints:
     speed_m_s: float
     """v."""
 
-    def __call__(self, states: States, poses: PosedFrames, chain: np.ndarray) -> Equations:
+    def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
-        pull = JointPull.of(self.subject, poses, chain)
-        return first_differences(pull.joints, pull.by_unknowns, (self.fps / self.speed_m_s) ** 2)
+        posed = PosedJoints.of(self.subject, poses, d_pose_d_state)
+        return first_differences(posed.joints, posed.by_states, (self.fps / self.speed_m_s) ** 2)
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,11 @@ class SlowCodes:
     root_per_s: float
     """v, in radians and metres."""
 
-    def __call__(self, states: States, poses: PosedFrames, chain: np.ndarray) -> Equations:
+    def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
-        weight = np.repeat([self.codes_per_s, self.root_per_s], [32, 6]) ** -2.0 * self.fps**2
+        per_s = np.full(DOF, self.root_per_s)
+        per_s[STATE.latent] = self.codes_per_s
+        weight = per_s**-2.0 * self.fps**2
         turn = log_so3(states.root[1:] @ states.root[:-1].swapaxes(-1, -2))
         step = np.concatenate([np.diff(states.z, axis=0), turn, np.diff(states.transl, axis=0)], axis=1)
         count = len(states.z)
@@ -56,37 +59,38 @@ class SlowCodes:
 
 @dataclass(frozen=True)
 class JointTargets:
-    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``: joints held to given places, each frame on its own."""
+    """``E = 1/2 Σ_t |J_t - M_t|² / σ²``: joints drawn to given places, each frame on its own."""
 
     subject: Subject
     targets: np.ndarray
     """(F, 72) M, metres."""
     sigma_m: float
 
-    def __call__(self, states: States, poses: PosedFrames, chain: np.ndarray) -> Equations:
+    def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
-        pull = JointPull.of(self.subject, poses, chain)
-        weight, error = self.sigma_m**-2.0, pull.joints - self.targets
-        turned = pull.by_unknowns.swapaxes(-1, -2)
-        g = weight * (turned @ error[..., None])[..., 0]
-        return Equations(0.5 * weight * (error**2).sum(-1), weight * turned @ pull.by_unknowns, g)
+        posed = PosedJoints.of(self.subject, poses, d_pose_d_state)
+        weight, error = self.sigma_m**-2.0, posed.joints - self.targets
+        J = posed.by_states
+        J_T = J.swapaxes(-1, -2)
+        g = weight * (J_T @ error[..., None])[..., 0]
+        return Equations(0.5 * weight * (error**2).sum(-1), weight * J_T @ J, g)
 
 
 def first_differences(values: np.ndarray, J: np.ndarray, weight: float) -> Equations:
     """Return ``1/2 w Σ_t |x_{t+1} - x_t|²`` of (F, m) values with (F, m, 38) derivatives."""
-    step, turned = np.diff(values, axis=0), J.swapaxes(-1, -2)
-    cost, pull = np.zeros(len(values)), np.zeros_like(values)
+    step, J_T = np.diff(values, axis=0), J.swapaxes(-1, -2)
+    cost, by_values = np.zeros(len(values)), np.zeros_like(values)
     cost[1:] = 0.5 * weight * (step**2).sum(-1)
-    pull[1:] += step
-    pull[:-1] -= step
+    by_values[1:] += step
+    by_values[:-1] -= step
     times = np.full(len(values), 2.0)
     times[0] = times[-1] = 1.0
-    H = weight * times[:, None, None] * (turned @ J)
-    return Equations(cost, H, weight * (turned @ pull[..., None])[..., 0], -weight * (turned[:-1] @ J[1:]))
+    H = weight * times[:, None, None] * (J_T @ J)
+    return Equations(cost, H, weight * (J_T @ by_values[..., None])[..., 0], -weight * (J_T[:-1] @ J[1:]))
 
 
 def low_frequencies(values: np.ndarray, segment: int, kept: int) -> np.ndarray:
-    """Return (F, m) values with only the ``kept`` slowest cosines of every stretch of about ``segment`` frames.
+    """Return (F, m) values with only the ``kept`` slowest cosines of every part of about ``segment`` frames.
 
     Reference: Akhter et al. 2008 and Huang et al. 2017, eq. 6 (DCT-II basis).
     """

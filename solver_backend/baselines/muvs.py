@@ -8,7 +8,7 @@ from solver_backend.baselines.base import Baseline, BaselineResult
 from solver_backend.baselines.links import JointTargets, low_frequencies
 from solver_backend.baselines.person import ROBUST_SCALE, Prepared, prepare
 from solver_backend.baselines.sequence import (
-    JointPull,
+    PosedJoints,
     Sequence,
     States,
     initial_states,
@@ -42,16 +42,16 @@ class MuVS(Baseline):
 
 @dataclass(frozen=True)
 class DCT(Baseline):
-    """MuVS, then joints pulled to the slowest cosines of half a second."""
+    """MuVS, then joints drawn to the slowest cosines of half a second."""
 
     latent_weight: float = 1.0
     """As in MuVS."""
     sigma_m: float = 0.003
     """How far joints may lie from low frequencies; tuned on training motions."""
     segment: int = 30
-    """Frames a stretch (Huang et al. 2017)."""
+    """Frames a part (Huang et al. 2017)."""
     kept: int = 10
-    """Cosines of a stretch (Huang et al. 2017)."""
+    """Cosines of a part (Huang et al. 2017)."""
     rounds: int = 4
     """Times that coefficients and poses are found in turn."""
     name: str = "DCT"
@@ -62,7 +62,7 @@ class DCT(Baseline):
         prepared = prepare(capture)
         sequence, states = by_frame(prepared, self.latent_weight, MuVS.iterations)
         for _ in range(self.rounds):
-            joints = JointPull.of(prepared.subject, *sequence.by_unknowns(states)).joints
+            joints = PosedJoints.of(prepared.subject, sequence.poses(states), sequence.d_pose_d_state(states)).joints
             slow = low_frequencies(joints, self.segment, self.kept)
             link = JointTargets(prepared.subject, slow, self.sigma_m)
             states = sequence.solve(states, ROBUST_SCALE, 3, link)
@@ -72,9 +72,9 @@ class DCT(Baseline):
 def by_frame(prepared: Prepared, latent_weight: float, iterations: int) -> tuple[Sequence, States]:
     """Return all frames with the seen ones fitted on their own, through the stages."""
     prior = pose_prior()
-    sequence = Sequence(prepared.subject, prior, prepared.problem.term, latent_weight)
+    sequence = Sequence(prepared.subject, prior, prepared.problem.objective, latent_weight)
     states = initial_states(prepared, prior)
-    part = Sequence(prepared.subject, prior, prepared.problem.term.select(prepared.seen), latent_weight)
+    part = Sequence(prepared.subject, prior, prepared.problem.objective.select(prepared.seen), latent_weight)
     fitted = states.select(prepared.seen)
     for scale, weight in STAGES:
         fitted = with_weight(part, weight * latent_weight).solve(fitted, scale * ROBUST_SCALE, iterations)

@@ -1,4 +1,4 @@
-"""Frames whose poses are Gaussian codes: equations of every frame on its own, and of frames that pull on neighbours.
+"""Frames whose poses are Gaussian codes: equations of every frame on its own, and of frames that are linked.
 
 The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, turn of the root 3 (world),
 translation 3. The cost is the robust data term and ``w/2 |z|²``, the code's negative log density (Bogo et al. 2016;
@@ -15,21 +15,24 @@ import numpy as np
 from solver_backend.baselines.person import Prepared
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.fitters.model.codes import decode_poses, decoded_only
-from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, frame_equations
+from solver_backend.fitters.model.codes import decoded, decoder_jacobian
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, frame_equations
+from solver_backend.fitters.model.tangent import PoseTangent, StateTangent, d_pose_d_state
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import bridged_states, posed
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
 from solver_backend.types import JointSet
 
-DOF = 38
-"""Tangent of a frame: code 32, root 3, translation 3."""
+STATE = StateTangent(32)
+"""Of the state of a frame: 38."""
+DOF = STATE.dof()
 _FLOOR = 1e-2
 """Added to the diagonal: parts that nothing sees stay."""
 
@@ -47,8 +50,8 @@ class States:
 
     def retract(self, step: np.ndarray) -> States:
         """Move by (F, 38) tangent steps."""
-        root = exp_so3(step[:, 32:35]) @ self.root
-        return States(self.z + step[:, :32], root, self.transl + step[:, 35:])
+        root = exp_so3(step[:, STATE.root]) @ self.root
+        return States(self.z + step[:, STATE.latent], root, self.transl + step[:, STATE.transl])
 
     def select(self, frames: np.ndarray) -> States:
         """Return the states of these frames."""
@@ -81,7 +84,7 @@ class Equations:
 
 
 Link = Callable[[States, PosedFrames, np.ndarray], Equations]
-"""(states, poses, (F, 69, 38) derivative of the pose tangents) -> what more pulls on the frames."""
+"""(states, poses, (F, 69, 38) derivative of the pose tangents) -> what links the frames."""
 
 
 def pose_prior() -> GaussianVAE:
@@ -95,35 +98,31 @@ class Sequence:
 
     subject: Subject
     prior: PosePrior
-    term: PointTerm
-    """Data of the F frames."""
+    objective: FrameObjective
+    """Of the F frames."""
     latent_weight: float
     """w."""
 
     def poses(self, states: States) -> PosedFrames:
         """Return the poses the states decode to."""
-        return PosedFrames(states.root, decoded_only(self.prior, states.z), states.transl)
+        return PosedFrames(states.root, decoded(self.prior, states.z), states.transl)
 
-    def by_unknowns(self, states: States) -> tuple[PosedFrames, np.ndarray]:
-        """Return the poses, and the (F, 69, 38) derivative of their tangents by the unknowns'."""
-        decoded = decode_poses(self.prior, states.z)
-        chain = np.zeros((len(states.z), FRAME_DOF, DOF))
-        chain[:, 3:66, :32] = decoded.by_latent
-        chain[:, :3, 32:35] = chain[:, 66:, 35:] = np.eye(3)
-        return PosedFrames(states.root, decoded.local, states.transl), chain
+    def d_pose_d_state(self, states: States) -> np.ndarray:
+        """Return the (F, 69, 38) derivative of the pose tangents by those of the states."""
+        return d_pose_d_state(decoder_jacobian(self.prior, states.z)[0])
 
     def equations(self, states: States, scale: float, link: Link | None) -> Equations:
         """Return the Gauss-Newton model at the states."""
-        poses, chain = self.by_unknowns(states)
-        data = frame_equations(self.subject, poses, self.term, scale)
-        turned = chain.swapaxes(-1, -2)
-        H = turned @ (data.hessian @ chain) + _FLOOR * np.eye(DOF)
-        g = (turned @ data.gradient[..., None])[..., 0]
-        H[:, :32, :32] += self.latent_weight * np.eye(32)
-        g[:, :32] += self.latent_weight * states.z
+        poses, C = self.poses(states), self.d_pose_d_state(states)
+        data = frame_equations(self.subject, poses, self.objective, scale)
+        C_T = C.swapaxes(-1, -2)
+        H = C_T @ (data.hessian @ C) + _FLOOR * np.eye(DOF)
+        g = (C_T @ data.gradient[..., None])[..., 0]
+        H[:, STATE.latent, STATE.latent] += self.latent_weight * np.eye(STATE.latent_dof)
+        g[:, STATE.latent] += self.latent_weight * states.z
         cost = data.cost + 0.5 * self.latent_weight * (states.z**2).sum(-1)
         own = Equations(cost, H, g)
-        return own if link is None else own + link(states, poses, chain)
+        return own if link is None else own + link(states, poses, C)
 
     def solve(self, states: States, scale: float, iterations: int, link: Link | None = None) -> States:
         """Minimise from these states: every frame on its own, or, where the link joins neighbours, all at once."""
@@ -150,22 +149,22 @@ def _masked(states: States, mask: np.ndarray) -> States:
 def initial_states(prepared: Prepared, prior: PosePrior) -> States:
     """Return the codes of poses fitted to the triangulated points; unseen frames are bridged."""
     problem = prepared.problem
-    fitted = fit_to_points(prepared.subject, problem.prior, problem.observations, prepared.seen)
+    fitted = fit_to_points(problem, prepared.subject, prepared.seen)
     start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))
     return States(prior.encode(start.local), start.root, start.transl)
 
 
 @dataclass(frozen=True)
-class JointPull:
-    """Joints of the posed body, and how they move with the unknowns."""
+class PosedJoints:
+    """Joints of the posed body, and how they move with the states."""
 
     joints: np.ndarray
     """(F, 72) metres."""
-    by_unknowns: np.ndarray
+    by_states: np.ndarray
     """(F, 72, 38)."""
 
     @classmethod
-    def of(cls, subject: Subject, poses: PosedFrames, chain: np.ndarray) -> JointPull:
+    def of(cls, subject: Subject, poses: PosedFrames, by_states: np.ndarray) -> PosedJoints:
         """Differentiate the 24 joints."""
         landmarks = keypoint_landmarks(subject.body, JointSet.SMPL_24)
         found = pose_landmarks(
@@ -173,8 +172,9 @@ class JointPull:
         )
         assert found.by_rotations is not None
         eye = np.broadcast_to(np.eye(3), (*found.points.shape[:2], 3, 3))
-        J = np.concatenate([found.by_rotations, eye], axis=-1).reshape(len(chain), -1, FRAME_DOF)
-        return cls(found.points.reshape(len(chain), -1), J @ chain)
+        J = np.concatenate([found.by_rotations, eye], axis=-1)
+        J = J.reshape(len(by_states), -1, PoseTangent.DOF)
+        return cls(found.points.reshape(len(J), -1), J @ by_states)
 
 
 def with_weight(sequence: Sequence, latent_weight: float) -> Sequence:

@@ -61,7 +61,7 @@ class DMMR(Baseline):
         """Fit all frames at once, through four stages."""
         prepared = prepare(capture)
         prior = pose_prior()
-        sequence = Sequence(prepared.subject, prior, prepared.problem.term, self.latent_weight)
+        sequence = Sequence(prepared.subject, prior, prepared.problem.objective, self.latent_weight)
         states = initial_states(prepared, prior)
         link = SlowCodes(prepared.problem.fps, self.codes_per_s, self.root_per_s)
         return prepared.result(self.name, sequence.poses(self._staged(sequence, states, link)))

@@ -1,22 +1,24 @@
 """Cost and gradient of one window by its free keys, in reverse mode: two free keys with SIDER-2, one with SLERP.
 
 A state is ``(z (n, 32), R (n, 3, 3), t (n, 3))``, the key before it is fixed. The cost is the data term (thesis eqs.
-6.6-6.8) and, for Gaussian codes, the density of the codes.
+6.6-6.8) and, for Gaussian codes, the density of the codes; frames lie on the curve through the keys (eqs. 6.9, 6.10).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import lagrange
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.geometry.interpolation import Combination, sider_combination
-from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.geometry.interpolation import KeyWeights, sider_weights
+from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.manifold import SO3, Euclidean, Product
@@ -27,7 +29,6 @@ GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
 """The same for VPoser's codes."""
 KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Codes (n, 32), root rotations (n, 3, 3), translations (n, 3)."""
-Pull = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -53,85 +54,88 @@ class Window:
 
     def frames(self, state: KeyState) -> PosedFrames:
         """Return the frames between the keys."""
-        return self._between(state)[0]
+        return self._curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
-        frames, z, pull = self._between(state)
-        posed = pose(self.subject, frames, jacobian=True)
+        curve = self._curve(state)
+        frames, vjp = curve.poses_with_vjp(self.prior)
+        posed, z = pose(self.subject, frames, jacobian=True), curve.codes.value[0]
         evidence = self.term(posed.points, self.scale)
         assert posed.by_rotations is not None
         by_rotations = (posed.by_rotations * evidence.gradient[..., None]).sum(axis=(1, 2))
+        by_poses = np.concatenate([by_rotations, evidence.gradient.sum(axis=1)], axis=1)
         cost = float(evidence.cost.sum()) + 0.5 * self.latent_weight * float((z**2).sum())
-        return cost, pull(by_rotations, evidence.gradient.sum(axis=1), self.latent_weight * z)
+        by_keys = vjp(by_poses, self.latent_weight * z)
+        return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
-    def _between(self, state: KeyState) -> tuple[PosedFrames, np.ndarray, Callable[..., KeyState]]:
-        """Return the frames, their codes, and what carries derivatives by turns, translation and codes to the keys."""
-        z_keys, R_keys, t_keys = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
-        z, pull_codes = self._codes(z_keys)
-        quats = _one_hemisphere(quat_from_matrix(R_keys))
-        quat, pull_quats = self._turns(quats)
-        weights = np.stack(lagrange(self.time), 1) if len(t_keys) == 3 else np.stack([1 - self.time, self.time], 1)
-        local, pull_decoder = self.prior.decode_with_pullback(z)
-
-        def pull(by_rotations: np.ndarray, by_transl: np.ndarray, by_codes: np.ndarray) -> KeyState:
-            by_z = pull_decoder(by_rotations[:, 3:].reshape(-1, 21, 3)) + by_codes
-            by_quat = (4.0 * quat_left_tangent(quat) @ by_rotations[:, :3, None])[..., 0]
-            turns = (quat_left_tangent(quats).swapaxes(-1, -2) @ pull_quats(by_quat)[..., None])[..., 0]
-            return pull_codes(by_z)[1:], turns[1:], (weights.T @ by_transl)[1:]
-
-        return PosedFrames(matrix_from_quat(quat), local, weights @ t_keys), z, pull
-
-    def _codes(self, keys: np.ndarray) -> tuple[np.ndarray, Pull]:
-        if self.keys is SPHERICAL:
-            return _combined(keys, self.time)
-        return stretched_slerp(keys, self.time)
-
-    def _turns(self, keys: np.ndarray) -> tuple[np.ndarray, Pull]:
-        if self.root == "sider" or len(keys) == 2:
-            return _combined(keys, self.time)
-        late = self.time > 0.5
-        (early_quat, pull_early), (late_quat, pull_late) = (
-            _combined(keys[i : i + 2], 2 * self.time - i) for i in (0, 1)
-        )
-
-        def pull(cotangent: np.ndarray) -> np.ndarray:
-            by_early = pull_early(np.where(late[:, None], 0.0, cotangent))
-            by_late = pull_late(np.where(late[:, None], cotangent, 0.0))
-            return np.stack([by_early[0], by_early[1] + by_late[0], by_late[1]])
-
-        return np.where(late[:, None], late_quat, early_quat), pull
+    def _curve(self, state: KeyState) -> KeyframeCurve:
+        """Return the curve through the fixed key and the free ones."""
+        z, R, transl = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
+        keys = hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, np.zeros((len(z), NUM_BODY_JOINTS, 3))))
+        return KeyframeCurve.through(
+            keys.select(np.arange(len(z))[None]), self.time[None], residuals=False,
+            codes=sider_weights if self.keys is SPHERICAL else StretchedSlerp.between,
+            quats=sider_weights if self.root == "sider" or len(z) == 2 else KeyToKeySlerp.between,
+        )  # fmt: skip
 
 
-def _combined(keys: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, Pull]:
-    """Return SLERP (two keys) or SIDER-2 (three) at the times, and the map of cotangents (F, d) to the keys' (n, d)."""
-    found: Combination = sider_combination(keys[None], time)
-    return found.value, lambda cotangent: found.pull_back(keys[None], cotangent).sum(axis=0)
+@dataclass(frozen=True)
+class KeyToKeySlerp:
+    """SLERP from the first of three keys to the second, and on to the third."""
+
+    early: KeyWeights
+    late: KeyWeights
+    is_late: np.ndarray
+    """(W, n, 1)."""
+
+    @classmethod
+    def between(cls, keys: np.ndarray, time: np.ndarray) -> KeyToKeySlerp:
+        """Take (W, 1, 3, d) keys and (W, n) times in 0..1."""
+        early, late = (sider_weights(keys[..., i : i + 2, :], 2 * time - i) for i in (0, 1))
+        return cls(early, late, (time > 0.5)[..., None])
+
+    @property
+    def value(self) -> np.ndarray:
+        """(W, n, d)."""
+        return np.where(self.is_late, self.late.value, self.early.value)
+
+    def vjp(self, cotangent: np.ndarray) -> np.ndarray:
+        """Return (W, n, 3, d) by each key."""
+        early = self.early.vjp(np.where(self.is_late, 0.0, cotangent))
+        late = self.late.vjp(np.where(self.is_late, cotangent, 0.0))
+        middle = early[..., 1:, :] + late[..., :1, :]
+        return np.concatenate([early[..., :1, :], middle, late[..., 1:, :]], axis=-2)
 
 
-def stretched_slerp(keys: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, Pull]:
-    """Return ``sin((1-t)ψ)/sinψ z_0 + sin(tψ)/sinψ z_1`` of two vectors of any length, and its pullback.
+@dataclass(frozen=True)
+class StretchedSlerp:
+    """``sin((1-t)ψ)/sinψ z_0 + sin(tψ)/sinψ z_1`` of two vectors of any length.
 
     The weights depend on the directions u alone: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
-
-    Args:
-        keys: (2, d), not zero.
-        time: (F,).
     """
-    length = np.maximum(np.linalg.norm(keys, axis=-1, keepdims=True), 1e-9)
-    unit = keys / length
-    found = sider_combination(unit[None], time)
 
-    def pull(cotangent: np.ndarray) -> np.ndarray:
-        along = cotangent @ keys.T
-        by_unit = np.einsum("fi,fjik,kd->jd", along, found.mixing, unit)
-        by_unit = by_unit - (by_unit * unit).sum(-1, keepdims=True) * unit
-        return found.weights.T @ cotangent + by_unit / length
+    keys: np.ndarray
+    """(W, 1, 2, d), not zero."""
+    length: np.ndarray
+    """(W, 1, 2, 1)."""
+    unit: KeyWeights
+    """Of the directions."""
 
-    return found.weights @ keys, pull
+    @classmethod
+    def between(cls, keys: np.ndarray, time: np.ndarray) -> StretchedSlerp:
+        """Take (W, 1, 2, d) keys and (W, n) times in 0..1."""
+        length = np.maximum(np.linalg.norm(keys, axis=-1, keepdims=True), 1e-9)
+        return cls(keys, length, sider_weights(keys / length, time))
 
+    @property
+    def value(self) -> np.ndarray:
+        """(W, n, d)."""
+        return self.unit.weights @ self.keys[:, 0]
 
-def _one_hemisphere(quats: np.ndarray) -> np.ndarray:
-    """Return (n, 4) with each in the hemisphere of the one before."""
-    signs = np.cumprod(np.r_[1.0, np.where((quats[1:] * quats[:-1]).sum(-1) < 0, -1.0, 1.0)])
-    return quats * signs[:, None]
+    def vjp(self, cotangent: np.ndarray) -> np.ndarray:
+        """Return (W, n, 2, d) by each key."""
+        along, u = cotangent @ self.keys[:, 0].swapaxes(-1, -2), self.unit.keys
+        by_unit = np.einsum("wfi,wfjik->wfjk", along, self.unit.mixing) @ u
+        by_unit = by_unit - (by_unit * u).sum(-1, keepdims=True) * u
+        return self.unit.weights[..., :, None] * cotangent[..., None, :] + by_unit / self.length

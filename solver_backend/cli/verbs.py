@@ -13,7 +13,7 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.frame_range import Stretch
+from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import Job, Resolve, joint_set_named, positive_fps
 from solver_backend.types import Capture
@@ -26,17 +26,17 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
         if path is not None:
             check_output(path, overwrite=job.overwrite)
     capture = _load(job.capture, job.reading(), progress)
-    from solver_backend.fitters.solve import resolve as resolve_stretch
-    from solver_backend.fitters.solve import solve as solve_capture
+    from solver_backend.fitters.pipeline import resolve_range
+    from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion, write_motion
     from solver_backend.report.page import write_report
 
     start = time.monotonic()
     if job.resolve is None:
-        motion = solve_capture(capture, job.settings, progress)
+        motion = solve_capture(capture, job.settings, progress).motion
     else:
         earlier = read_motion(job.resolve.motion)
-        motion = resolve_stretch(capture, earlier, job.resolve.stretch, job.settings, progress)
+        motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
     timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
     write_motion(job.out, timed, overwrite=job.overwrite)
@@ -147,7 +147,7 @@ def _resolve(args: argparse.Namespace) -> Resolve | None:
         raise CommandLineInvalid(
             "--resolve and --frames belong together.", hint="--resolve MOTION.npz --frames FIRST LAST"
         )
-    return Resolve(args.resolve, Stretch(*args.frames))
+    return Resolve(args.resolve, FrameRange(*args.frames))
 
 
 def _read(args: argparse.Namespace, progress: Progress) -> Capture:

@@ -103,6 +103,12 @@ class NoDetections(MocapError):
     code = "no_detections"
 
 
+class MarkersUnknown(MocapError):
+    """Optical markers have no labels, or labels that no layout knows."""
+
+    code = "markers_unknown"
+
+
 class TakeTooShort(MocapError):
     """The take has fewer frames than the method needs."""
 

@@ -1,7 +1,7 @@
 """Interpolation through unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
 
 Every point of these curves is a combination of its keys whose weights depend on the keys' inner products alone. The
-derivative by key j is therefore ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``: a handful of numbers, ``Combination``.
+derivative by key j is therefore ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``: a handful of numbers, ``KeyWeights``.
 Jacobians are (..., d, d) in the ambient space, right for changes of a key tangent to the sphere.
 """
 
@@ -15,14 +15,16 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.geometry.sphere import geodesic_weights, is_antipodal, orthogonal_axis
 
 
 @dataclass(frozen=True)
-class Combination:
+class KeyWeights:
     """A point that depends on n unit keys ``p_i``, to first order."""
 
+    keys: Array
+    """(..., n, d) ``p_i``."""
     value: Array
     """(..., d) the point, unit."""
     weights: Array
@@ -30,12 +32,18 @@ class Combination:
     mixing: Array
     """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
-    def pull_back(self, keys: Array, cotangent: Array) -> Array:
-        """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys (..., n, d)."""
-        xp = array_namespace(keys)
-        along = xp.matmul(keys, cotangent[..., None])[..., 0]
+    def vjp(self, cotangent: Array) -> Array:
+        """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys."""
+        xp = array_namespace(cotangent)
+        along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = xp.sum(self.mixing * along[..., None, :, None], axis=-2)
-        return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, keys)
+        return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, self.keys)
+
+    def jacobian(self, key: int) -> Array:
+        """Return (..., d, d), the derivative of the value by one of the keys."""
+        xp = array_namespace(self.keys)
+        mixed = xp.matmul(xp.matrix_transpose(self.keys), xp.matmul(self.mixing[..., key, :, :], self.keys))
+        return self.weights[..., key, None, None] * identity(self.keys.shape[-1], self.keys) + mixed
 
 
 def slerp(a: Array, b: Array, t: Array | float) -> Array:
@@ -114,7 +122,7 @@ def sider_n_with_jacobian(keys: Array, t: Array | float) -> tuple[Array, Array]:
     return x, array_namespace(keys).stack(jacobians, axis=-3)
 
 
-def sider_combination(keys: Array, t: Array | float) -> Combination:
+def sider_weights(keys: Array, t: Array | float) -> KeyWeights:
     """Return ``sider_n(keys, t)`` with its derivative in factored form, for callers that multiply by it.
 
     Args:
@@ -127,32 +135,22 @@ def sider_combination(keys: Array, t: Array | float) -> Combination:
     count, width = keys.shape[-2:]
     keys = xp.broadcast_to(keys, (*batch, count, width))
     gram = xp.matmul(keys, xp.matrix_transpose(keys))
-    identity = _identity(count, keys) + xp.zeros_like(gram)
+    own = identity(count, keys) + xp.zeros_like(gram)
     zero = xp.zeros_like(gram)[..., None, :, :] * xp.ones_like(gram)[..., :, :, None]
-    points = [Combination(keys[..., i, :], identity[..., i, :], zero) for i in range(count)]
+    points = [KeyWeights(keys, keys[..., i, :], own[..., i, :], zero) for i in range(count)]
 
-    def join(q: Combination, r: Combination, at: Array) -> Combination:
+    def join(q: KeyWeights, r: KeyWeights, at: Array) -> KeyWeights:
         return _join(q, r, at, gram)
 
-    return _sider(points, t, join, lambda point, centre: _reflect_combination(point, centre, gram))
+    return _sider(points, t, join, lambda point, centre: _reflect_weights(point, centre, gram))
 
 
 def _with_jacobian(points: list[Array], t: Array | float) -> tuple[Array, tuple[Array, ...]]:
     xp = array_namespace(*points)
     shape = tuple(reduce(add, points).shape)
     keys = xp.stack([xp.broadcast_to(point, shape) for point in points], axis=-2)
-    x = sider_combination(keys, t)
-    identity = _identity(keys.shape[-1], keys)
-    columns = xp.matrix_transpose(keys)
-    jacobians = [
-        x.weights[..., j, None, None] * identity + xp.matmul(columns, xp.matmul(x.mixing[..., j, :, :], keys))
-        for j in range(len(points))
-    ]
-    return x.value, tuple(jacobians)
-
-
-def _identity(size: int, like: Array) -> Array:
-    return constant([[float(i == k) for k in range(size)] for i in range(size)], like)
+    x = sider_weights(keys, t)
+    return x.value, tuple(x.jacobian(key) for key in range(len(points)))
 
 
 def _sider(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
@@ -163,9 +161,9 @@ def _sider(points: list[Any], t: Array, join: Callable[..., Any], reflect: Calla
     if degree == 2:
         a, b, c = points
         return join(join(a, reflect(c, b), t), join(reflect(a, b), c, t), t)
-    stretch = degree / (degree - 1.0)
-    before = _sider(points[:-1], stretch * t, join, reflect)
-    after = _sider(points[1:], stretch * t - 1.0 / (degree - 1.0), join, reflect)
+    scale = degree / (degree - 1.0)
+    before = _sider(points[:-1], scale * t, join, reflect)
+    after = _sider(points[1:], scale * t - 1.0 / (degree - 1.0), join, reflect)
     return join(before, after, t)
 
 
@@ -185,18 +183,18 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
     return of_a[..., None] * a + of_b[..., None] * b + around, (of_a, of_b), (slope_a, slope_b)
 
 
-def _join(q: Combination, r: Combination, t: Array, gram: Array) -> Combination:
-    """Return SLERP of two combinations: the product rule in the coefficients over the keys."""
+def _join(q: KeyWeights, r: KeyWeights, t: Array, gram: Array) -> KeyWeights:
+    """Return SLERP of two points: the product rule in the coefficients over the keys."""
     value, (of_q, of_r), (slope_q, slope_r) = _geodesic(q.value, r.value, t)
     weights = of_q[..., None] * q.weights + of_r[..., None] * r.weights
     towards = slope_q[..., None] * q.weights + slope_r[..., None] * r.weights
     cosine = _product_by_keys(q, r, gram) + _product_by_keys(r, q, gram)
     grown = towards[..., None, :, None] * cosine[..., :, None, :]
     mixing = of_q[..., None, None, None] * q.mixing + of_r[..., None, None, None] * r.mixing + grown
-    return Combination(value, weights, mixing)
+    return KeyWeights(q.keys, value, weights, mixing)
 
 
-def _product_by_keys(q: Combination, r: Combination, gram: Array) -> Array:
+def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
     """Return (..., n, n): row j holds the coefficients over the keys of ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
@@ -208,11 +206,11 @@ def _reflect(point: Array, centre: Array) -> Array:
     return 2.0 * array_namespace(point).sum(point * centre, axis=-1, keepdims=True) * centre - point
 
 
-def _reflect_combination(point: Combination, centre: Combination, gram: Array) -> Combination:
+def _reflect_weights(point: KeyWeights, centre: KeyWeights, gram: Array) -> KeyWeights:
     xp = array_namespace(gram)
     twice = 2.0 * xp.sum(point.value * centre.value, axis=-1)
     weights = twice[..., None] * centre.weights - point.weights
     cosine = 2.0 * (_product_by_keys(point, centre, gram) + _product_by_keys(centre, point, gram))
     grown = centre.weights[..., None, :, None] * cosine[..., :, None, :]
     mixing = twice[..., None, None, None] * centre.mixing - point.mixing + grown
-    return Combination(_reflect(point.value, centre.value), weights, mixing)
+    return KeyWeights(point.keys, _reflect(point.value, centre.value), weights, mixing)

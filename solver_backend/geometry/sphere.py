@@ -1,4 +1,4 @@
-"""The unit sphere of any dimension: exponential, logarithm, and the two weights of a geodesic."""
+"""The unit sphere of any dimension: normalisation, exponential, logarithm, and the two weights of a geodesic."""
 
 from __future__ import annotations
 
@@ -10,6 +10,19 @@ _SERIES_BELOW = 0.01
 """Of ``(1 + t²) sin²(ψ/2)``: below it the geodesic's weights come from their series."""
 _SERIES_TERMS = 9
 _SMALL_SQUARE = 1e-8
+
+
+def spherical_normalisation(v: Array) -> Array:
+    """Return ``(v - mean(v)) / |v - mean(v)|``: the unit vector of zero mean nearest to ``v``.
+
+    Args:
+        v: (..., d), not all entries alike.
+
+    Reference: thesis 6.2.2, the spherical normalisation; Zhao et al. 2019, "Latent Variables on Spheres".
+    """
+    xp = array_namespace(v)
+    centred = v - xp.mean(v, axis=-1, keepdims=True)
+    return centred / xp.sqrt(xp.sum(centred * centred, axis=-1, keepdims=True))
 
 
 def sphere_exp(a: Array, v: Array) -> Array:

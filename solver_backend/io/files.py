@@ -11,14 +11,14 @@ from typing import Any
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import require_file
 
-LARGEST_TEXT = 20_000_000
-"""Bytes of a calibration, a job or a frame's detections; real ones have thousands."""
+LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
+"""Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
 _LARGEST_TOML = 2_000_000
 _MOST_KEY_PARTS = 32
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
 
-def read_bytes(path: Path | str, largest: int = LARGEST_TEXT) -> bytes:
+def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
     """Read a file that is not larger than files of its kind are.
 
     Raises:
@@ -41,7 +41,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TEXT) -> bytes:
     return data
 
 
-def read_text(path: Path | str, largest: int = LARGEST_TEXT) -> str:
+def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
     """Read a text file as UTF-8 (with or without mark), or as Latin-1 where it is not UTF-8.
 
     Raises:
@@ -60,7 +60,7 @@ def read_json(path: Path | str) -> Any:
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or not JSON.
     """
-    text = read_text(path)
+    text = read_text(path, LARGEST_TEXT)
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

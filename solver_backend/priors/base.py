@@ -42,15 +42,15 @@ class PosePrior(ABC):
     def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
         """Return ``decode(z)`` and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
 
-    def decode_with_pullback(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+    def decode_with_vjp(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
         """Return ``decode(z)`` and ``v -> J_zᵀ v``, from (N, 21, 3) cotangents of the left tangents to (N, d)."""
         rotations, jacobian = self.decode_with_jacobian(z)
         xp = array_namespace(z)
 
-        def pull(cotangent: Array) -> Array:
+        def vjp(cotangent: Array) -> Array:
             return xp.sum(jacobian * cotangent[..., None], axis=(1, 2))
 
-        return rotations, pull
+        return rotations, vjp
 
     @abstractmethod
     def energy(self, rotations: Array) -> Array:

@@ -15,8 +15,9 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import matrix_from_6d
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.dense import DenseStack
-from solver_backend.priors.sposer import LATENT_DIM, load_sposer, spherical
+from solver_backend.priors.sposer import LATENT_DIM, load_sposer
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.types import NUM_BETAS
 
@@ -95,7 +96,7 @@ def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
     pelvis = trunk.origin + xp.matmul(trunk.R, output[:, end : end + 3, None])[..., 0]
     root = xp.matmul(trunk.R, matrix_from_6d(turn))
-    return Lifted(spherical(output[:, :LATENT_DIM]), root, pelvis, output[:, end + 3 :], trunk.valid)
+    return Lifted(spherical_normalisation(output[:, :LATENT_DIM]), root, pelvis, output[:, end + 3 :], trunk.valid)
 
 
 @dataclass(frozen=True)

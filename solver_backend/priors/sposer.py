@@ -10,25 +10,13 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import matrix_to_6d
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import check_rotations
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
-
-
-def spherical(z: Array) -> Array:
-    """Return ``(z - mean(z)) / |z - mean(z)|``: centred and on the unit sphere.
-
-    Args:
-        z: (..., d).
-
-    Reference: thesis, the normalisation before 6.2.3; Zhao et al. 2019, "Latent Variables on Spheres".
-    """
-    xp = array_namespace(z)
-    centred = z - xp.mean(z, axis=-1, keepdims=True)
-    return centred / xp.sqrt(xp.sum(centred * centred, axis=-1, keepdims=True))
 
 
 class SPoser(PoseAutoencoder):
@@ -48,7 +36,7 @@ class SPoser(PoseAutoencoder):
         check_rotations(rotations)
         xp = array_namespace(rotations)
         features = xp.reshape(matrix_to_6d(rotations), (rotations.shape[0], 6 * NUM_BODY_JOINTS))
-        return spherical(self._encoded(features))
+        return spherical_normalisation(self._encoded(features))
 
     def energy(self, rotations: Array) -> Array:
         """Return the mean squared rotation between poses and their reconstructions by ``residual_sigma``: (N,)."""
@@ -56,7 +44,7 @@ class SPoser(PoseAutoencoder):
 
     def sample(self, count: int, seed: int) -> np.ndarray:
         """Return ``count`` poses of codes drawn uniformly from the sphere."""
-        return self.decode(spherical(np.random.default_rng(seed).standard_normal((count, LATENT_DIM))))
+        return self.decode(spherical_normalisation(np.random.default_rng(seed).standard_normal((count, LATENT_DIM))))
 
 
 def load_sposer(path: Path | str = DEFAULT_WEIGHTS) -> SPoser:

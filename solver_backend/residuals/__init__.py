@@ -1,1 +1,1 @@
-"""What the solver minimises: data terms on landmark positions, robust penalties, the pull to rest."""
+"""Terms of what the solver minimises, one a file: on landmark positions, and on poses."""

@@ -1,4 +1,4 @@
-"""What a data term tells the solver: a quadratic model around landmark positions.
+"""Terms on landmark positions: what each tells the solver is a quadratic model around them.
 
 All views of one landmark collapse into one 3x3 matrix, so the number of cameras leaves the solver's hot loop.
 """
@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from array_api_compat import array_namespace
+
 from solver_backend.geometry.arrays import Array
 
 
 @dataclass(frozen=True)
 class PointEvidence:
-    """Gauss-Newton model of a data term around F x L landmark positions."""
+    """Gauss-Newton model of a term around F x L landmark positions."""
 
     cost: Array
     """(F,) half the robust sum of squares."""
@@ -21,6 +23,11 @@ class PointEvidence:
     """(F, L, 3) derivative of the cost by each position, 1/m."""
     information: Array
     """(F, L, 3, 3) Gauss-Newton Hessian, 1/m²."""
+
+    def __add__(self, other: PointEvidence) -> PointEvidence:
+        return PointEvidence(
+            self.cost + other.cost, self.gradient + other.gradient, self.information + other.information
+        )
 
 
 class PointTerm(Protocol):
@@ -32,4 +39,49 @@ class PointTerm(Protocol):
 
     def select(self, frames: Any) -> PointTerm:
         """Return the term of the frames at these indices (or of this slice)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What landmark positions leave unexplained of V views' measurements in d dimensions; markers are one view."""
+
+    error: Array
+    """(V, F, L, d) in the measurement's own unit, 0 where nothing was measured."""
+    squared: Array
+    """(V, F, L) squared length of the error in the noise's variances."""
+    measured: Array
+    """(V, F, L) bool."""
+
+    def inliers(self, scale: float) -> Array:
+        """Return (V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
+        return self.measured & (self.squared < scale * scale)
+
+    @property
+    def deviations(self) -> Array:
+        """(V, F, L) lengths of the errors in standard deviations, NaN where nothing was measured."""
+        xp = array_namespace(self.squared)
+        return xp.where(self.measured, xp.sqrt(self.squared), xp.full_like(self.squared, float("nan")))
+
+
+class DataTerm(PointTerm, Protocol):
+    """A point term of measurements, whose noise can be learned."""
+
+    def select(self, frames: Any) -> DataTerm:
+        """Return the term of the frames at these indices (or of this slice)."""
+        ...
+
+    def residuals(self, points: Array) -> Residuals:
+        """Return what (F, L, 3) positions leave unexplained."""
+        ...
+
+    def leverage(self, points: Array, used: Array) -> Array:
+        """Return (V, F, L) the share of each view's own error that a point fitted to all used views takes over.
+
+        ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``: the mean diagonal of the hat matrix.
+        """
+        ...
+
+    def rescaled(self, variance: Array) -> DataTerm:
+        """Return the term with the noise's variance multiplied by a factor, broadcast against (V, F, L)."""
         ...

@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.cameras.projection import project_with_jacobian
 from solver_backend.geometry.arrays import Array, constant, identity
-from solver_backend.residuals.point_term import PointEvidence
+from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -83,10 +83,10 @@ class ReprojectionTerm:
         cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)
         # All views of a landmark at once: Σ_c w Jᵀ [J e].
         views, frames, landmarks = weight.shape
-        pulled = xp.permute_dims((weight * robust)[..., None, None] * rows[..., :3], (1, 2, 0, 3, 4))
-        pulled = xp.reshape(pulled, (frames, landmarks, 2 * views, 3))
+        weighted_rows = xp.permute_dims((weight * robust)[..., None, None] * rows[..., :3], (1, 2, 0, 3, 4))
+        weighted_rows = xp.reshape(weighted_rows, (frames, landmarks, 2 * views, 3))
         rows = xp.reshape(xp.permute_dims(rows, (1, 2, 0, 3, 4)), (frames, landmarks, 2 * views, 4))
-        summed = xp.matmul(xp.matrix_transpose(pulled), rows)
+        summed = xp.matmul(xp.matrix_transpose(weighted_rows), rows)
         information, gradient = summed[..., :3], summed[..., 3]
         return PointEvidence(cost, gradient, information)
 
@@ -110,12 +110,12 @@ class ReprojectionTerm:
         inverse = xp.linalg.inv(S + loading[..., None, None] * eye)
         return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)
 
-    def residuals(self, points: Array, scale: float) -> tuple[Array, Array]:
-        """Return the (C, F, L, 2) pixel errors and the (C, F, L) mask of detections within ``scale`` deviations."""
+    def residuals(self, points: Array) -> Residuals:
+        """Return what (F, L, 3) positions leave unexplained, in pixels."""
         xp = array_namespace(points)
         px, _, _ = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
         error = px - self.xy
-        finite = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1)
-        error = xp.where(finite[..., None], error, xp.zeros_like(error))
+        measured = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1)
+        error = xp.where(measured[..., None], error, xp.zeros_like(error))
         per_sigma = self.weight / xp.where(self.confidence > 0, self.confidence, xp.ones_like(self.weight))
-        return error, finite & (per_sigma * xp.sum(error * error, axis=-1) < scale * scale)
+        return Residuals(error, per_sigma * xp.sum(error * error, axis=-1), measured)

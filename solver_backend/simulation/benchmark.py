@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.simulation.filming import FilmSettings, Person, around, film, miscalibrated
 from solver_backend.simulation.keypoint_detector import DetectorModel
-from solver_backend.types import NUM_BETAS, NUM_JOINTS, SMPL_JOINTS, Capture, JointSet, Keypoints2D
+from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, SMPL_JOINTS, Capture, JointSet, Keypoints2D
 
 JOINT_SET = JointSet.BODY_25
 BETAS_SIGMA = 0.8
@@ -77,7 +77,7 @@ def benchmark_capture(take: Take, settings: BenchmarkSettings = BenchmarkSetting
     filming = FilmSettings(JOINT_SET, take.fps, settings.detector, 1e-3 * settings.anatomy_mm, delays)
     found = film(person, cameras, filming, rng)
     body_pose = np.zeros((len(person.local), 3 * (NUM_JOINTS - 1)))
-    body_pose[:, :63] = log_so3(person.local).reshape(len(person.local), -1)
+    body_pose[:, : 3 * NUM_BODY_JOINTS] = log_so3(person.local).reshape(len(person.local), -1)
     truth = {
         "betas": person.betas, "global_orient": log_so3(person.orient), "body_pose": body_pose,
         "transl": person.transl, "joints": true.skeleton.joints, "keypoints3d": true.points,

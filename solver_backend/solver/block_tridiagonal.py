@@ -1,4 +1,4 @@
-"""A chain of blocks in which only neighbours meet, solved from both ends at once."""
+"""Block-tridiagonal systems, in which only neighbouring blocks meet, solved from both ends at once."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ BATCH = 16
 
 @dataclass(frozen=True)
 class BlockTridiagonal:
-    """A chain of N blocks of size n: one solve costs O(N n³).
+    """N blocks of size n in a row: one solve costs O(N n³).
 
     ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``. Only the first m unknowns of a block may meet the block before; the
-    inner ones, which meet those of their own and of the next block alone, are eliminated first, side by side. The chain
-    of m is then eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5; from both
+    inner ones, which meet those of their own and of the next block alone, are eliminated first, side by side. The outer
+    ones are then eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5; from both
     ends: Babuška 1972, "Numerical stability in problems of linear algebra"). Steps are as precise as the blocks.
     """
 
@@ -35,18 +35,18 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``; ``damping`` is (1,)."""
         xp = array_namespace(self.g)
-        chain, inner = self._without_inner(float(damping[0]), self.diagonal.dtype)
-        met = chain.diagonal.shape[1]
+        outer, inner = self._without_inner(float(damping[0]), self.diagonal.dtype)
+        met = outer.diagonal.shape[1]
         g = self.g[:, :met] if inner is None else inner.carried(self.g[:, :met], self.g[:, met:])
         right = xp.astype(-g, self.diagonal.dtype)[..., None]
-        sweeps = chain.swept([right[i] for i in range(g.shape[0])])
+        sweeps = outer.swept([right[i] for i in range(g.shape[0])])
         step: list[Array] = list(sweeps.solved)
         for i, j in sweeps.outwards[0] + sweeps.outwards[1]:
             step[i] = step[i] - xp.matmul(sweeps.coupled[i], step[j])
-        outer = xp.astype(xp.stack(step)[..., 0], g.dtype)
+        steps = xp.astype(xp.stack(step)[..., 0], g.dtype)
         if inner is not None:
-            outer = xp.concat([outer, inner.steps(outer, self.g[:, met:])], axis=1)
-        return xp.reshape(outer, (1, -1))
+            steps = xp.concat([steps, inner.steps(steps, self.g[:, met:])], axis=1)
+        return xp.reshape(steps, (1, -1))
 
     def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
         """Return ``newer`` where the one problem is masked."""
@@ -59,10 +59,10 @@ class BlockTridiagonal:
         that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973).
         """
         xp = array_namespace(self.g)
-        chain, inner = self._without_inner(0.0, self.g.dtype)
-        count, met = chain.diagonal.shape[:2]
+        outer, inner = self._without_inner(0.0, self.g.dtype)
+        count, met = outer.diagonal.shape[:2]
         eye = identity(met, self.g)
-        sweeps = chain.swept([eye] * count, carry=False)
+        sweeps = outer.swept([eye] * count, carry=False)
         diagonal: list[Array] = list(sweeps.solved)
         upper: list[Array] = [eye] * (count - 1)
 
@@ -73,7 +73,7 @@ class BlockTridiagonal:
                 upper[min(i, j)] = across if i < j else across.T
 
         map_blocks(fill, sweeps.outwards, self.g)
-        blocks, off = xp.stack(diagonal), xp.stack(upper) if upper else chain.upper
+        blocks, off = xp.stack(diagonal), xp.stack(upper) if upper else outer.upper
         blocks, off = (xp.astype(part, self.diagonal.dtype) for part in (blocks, off))
         if inner is None:
             return blocks, off
@@ -81,29 +81,29 @@ class BlockTridiagonal:
         full, beyond = (xp.concat([part[i] for part in parts]) for i in range(2))
         return full, xp.concat([off, beyond], axis=1)
 
-    def _without_inner(self, damping: float, precision: Any) -> tuple[_Chain, _Inner | None]:
-        """Return the chain of the outer unknowns, the inner ones eliminated: ``D - Bᵀ A⁻¹ B`` and so on."""
+    def _without_inner(self, damping: float, precision: Any) -> tuple[_Outer, _Inner | None]:
+        """Return the system of the outer unknowns, the inner ones eliminated: ``D - Bᵀ A⁻¹ B`` and so on."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
         met = self.upper.shape[-1] if count > 1 else size
         D = _damped(xp.astype(self.diagonal[:, :met, :met], precision), damping)
-        chain = _Chain(D, xp.astype(self.upper[:, :met], precision))
+        outer = _Outer(D, xp.astype(self.upper[:, :met], precision))
         if met == size:
-            return chain, None
+            return outer, None
         A, B, C = self.diagonal[:, met:, met:], self.diagonal[:, met:, :met], self.upper[:, met:]
 
         def eliminate(some: slice) -> tuple[Array, ...]:
             inverse = xp.linalg.inv(_damped(A[some], damping))
             own, further = xp.matmul(inverse, B[some]), xp.matmul(inverse[: C[some].shape[0]], C[some])
-            turned = xp.matrix_transpose(B[some])
-            chain.diagonal[some] -= xp.matmul(turned, own)
-            chain.upper[some] -= xp.matmul(turned[: C[some].shape[0]], further)
+            B_T = xp.matrix_transpose(B[some])
+            outer.diagonal[some] -= xp.matmul(B_T, own)
+            outer.upper[some] -= xp.matmul(B_T[: C[some].shape[0]], further)
             return inverse, own, further, xp.matmul(xp.matrix_transpose(C[some]), further)
 
         parts = map_blocks(eliminate, _batches(count), self.g)
         inverse, own, further, beyond = (xp.concat([part[i] for part in parts]) for i in range(4))
-        chain.diagonal[1:] -= beyond
-        return chain, _Inner(inverse, own, further)
+        outer.diagonal[1:] -= beyond
+        return outer, _Inner(inverse, own, further)
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,8 @@ def _times(matrices: Array, vectors: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Chain:
-    """A chain of N blocks that meet with all their unknowns."""
+class _Outer:
+    """The outer unknowns: N blocks that meet with all of theirs."""
 
     diagonal: Array
     """(N, m, m)."""
@@ -172,7 +172,7 @@ class _Chain:
     """(N - 1, m, m)."""
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Return the chain eliminated from both ends towards the middle.
+        """Return the blocks eliminated from both ends towards the middle.
 
         Args:
             right: N right-hand sides (m, k).
@@ -186,9 +186,9 @@ class _Chain:
         solved: dict[int, Array] = halves[0][1] | halves[1][1]
         block, r = self.diagonal[middle], right[middle]
         for i in {middle - 1, middle + 1} & set(coupled):
-            turned = self._towards(i, middle).T
-            block = block - xp.matmul(turned, coupled[i])
-            r = r - xp.matmul(turned, solved[i]) if carry else r
+            H_T = self._towards(i, middle).T
+            block = block - xp.matmul(H_T, coupled[i])
+            r = r - xp.matmul(H_T, solved[i]) if carry else r
         solved[middle] = xp.linalg.solve(block, r)
         outwards = [(i, i + 1) for i in range(middle - 1, -1, -1)], [(i, i - 1) for i in range(middle + 1, count)]
         return _Sweeps(coupled, [solved[i] for i in range(count)], outwards)
@@ -204,9 +204,9 @@ class _Chain:
         for i in order:
             block, r, before = self.diagonal[i], right[i], i - order.step
             if before in coupled:
-                turned = self._towards(before, i).T
-                block = block - xp.matmul(turned, coupled[before])
-                r = r - xp.matmul(turned, solved[before]) if carry else r
+                H_T = self._towards(before, i).T
+                block = block - xp.matmul(H_T, coupled[before])
+                r = r - xp.matmul(H_T, solved[before]) if carry else r
             both = xp.linalg.solve(block, xp.concat([self._towards(i, i + order.step), r], axis=1))
             coupled[i], solved[i] = both[:, :met], both[:, met:]
         return coupled, solved
@@ -218,7 +218,7 @@ class _Chain:
 
 @dataclass(frozen=True)
 class _Sweeps:
-    """A chain eliminated from both ends."""
+    """Blocks eliminated from both ends."""
 
     coupled: dict[int, Array]
     """``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later."""

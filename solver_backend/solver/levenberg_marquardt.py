@@ -38,8 +38,13 @@ class LMResult(Generic[State]):
     """The normal equations at the state: the information the data gave."""
     iterations: int
     """Linearisations made."""
-    status: str
-    """One sentence on why it stopped."""
+    converged: bool
+    """No step changes the cost any more."""
+
+    @property
+    def status(self) -> str:
+        """One sentence on why it stopped."""
+        return "The cost no longer changes." if self.converged else "Stopped at max_iterations; more may help."
 
 
 def levenberg_marquardt(
@@ -77,5 +82,5 @@ def levenberg_marquardt(
             cost = xp.where(better, new_cost, cost)
         stuck = ~better & (damping > 1e4)
         if bool(xp.all((change < settings.tolerance) | stuck)):
-            return LMResult(state, cost, system, iteration, "The cost no longer changes.")
-    return LMResult(state, cost, system, settings.max_iterations, "Stopped at max_iterations; more may help.")
+            return LMResult(state, cost, system, iteration, True)
+    return LMResult(state, cost, system, settings.max_iterations, False)

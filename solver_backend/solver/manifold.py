@@ -135,15 +135,11 @@ class Sphere(_UnitVectors):
 
 @dataclass(frozen=True)
 class ZeroMeanSphere(_UnitVectors):
-    """Unit vectors (..., d) whose entries sum to zero: SPoser's constraint (thesis 6.2.2)."""
+    """Unit vectors (..., d) whose entries sum to zero, where the spherical normalisation leads to (thesis 6.2.2)."""
 
     def project(self, x: Array, v: Array) -> Array:
         """Return ``v`` less its mean and less its part along ``x``."""
-        return _without(_centred(v), x)
-
-    def nearest(self, v: Array) -> Array:
-        """Return the point nearest to any vector: ``(v - mean)/|v - mean|``."""
-        return _centred(v) / _length(_centred(v))
+        return _without(v - array_namespace(v).mean(v, axis=-1, keepdims=True), x)
 
     def tangent_basis(self, x: Array) -> Array:
         """Return the sphere's basis within the hyperplane of zero mean, (..., d, d - 2)."""
@@ -249,10 +245,6 @@ def _householder_basis(x: Array) -> Array:
     w = xp.concat((first + xp.where(first < 0, -xp.ones_like(first), xp.ones_like(first)), x[..., 1:]), axis=-1)
     scaled = 2.0 * w / xp.sum(w * w, axis=-1, keepdims=True)
     return (_identities(x, x.shape[-1]) - w[..., :, None] * scaled[..., None, :])[..., 1:]
-
-
-def _centred(v: Array) -> Array:
-    return v - array_namespace(v).mean(v, axis=-1, keepdims=True)
 
 
 def _identities(x: Array, size: int) -> Array:

@@ -24,7 +24,7 @@ class NormalEquations(Protocol):
         ...
 
 
-class WhenAsked:
+class LazyNormalEquations:
     """Equations of one problem that are formed when a step is asked for: a state that is left again needs none."""
 
     def __init__(self, form: Callable[[], NormalEquations]) -> None:
@@ -39,7 +39,7 @@ class WhenAsked:
         """Return the damped step."""
         return self.formed.solve(damping)
 
-    def merged(self, mask: Array, newer: WhenAsked) -> WhenAsked:
+    def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
         """Return ``newer`` where the one problem is masked."""
         return newer if bool(mask[0]) else self
 

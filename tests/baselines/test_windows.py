@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from solver_backend.baselines.sequence import pose_prior
-from solver_backend.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Window, stretched_slerp
+from solver_backend.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, StretchedSlerp, Window
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.priors.sposer import load_sposer, spherical
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import JointSet
 
@@ -21,7 +22,7 @@ from solver_backend.types import JointSet
 def _keys(rng: np.random.Generator, count: int, kind: str) -> KeyState:
     turns = exp_so3(0.4 * rng.normal(size=(count, 3)))
     codes = 0.8 * rng.normal(size=(count, 32))
-    return codes if kind == "slerp" else spherical(codes), turns, 0.3 * rng.normal(size=(count, 3))
+    return codes if kind == "slerp" else spherical_normalisation(codes), turns, 0.3 * rng.normal(size=(count, 3))
 
 
 KINDS = [("sider", 2), ("sider, root by slerp", 2), ("slerp", 1)]
@@ -62,7 +63,7 @@ def test_frames_run_from_the_fixed_key_through_all_to_the_last(kind: str, free: 
         # SIDER-2 meets its middle key where the outer ones are near enough.
         z, R, _ = window.first
         near = exp_so3(np.array([[0.1, 0, 0.2], [0.2, 0.1, 0.1]]))
-        codes = spherical(z + 0.3 * (state[0] - z))
+        codes = spherical_normalisation(z + 0.3 * (state[0] - z))
         state = (codes, near @ R, state[2])
     frames = window.frames(state)
     keys = [tuple(part[0] for part in window.first)] + [tuple(part[i] for part in state) for i in range(free)]
@@ -80,8 +81,8 @@ def test_the_cost_of_spherical_keys_is_the_data_term_alone() -> None:
 
 def test_stretched_slerp_keeps_to_the_plane_of_its_keys_and_to_equal_keys() -> None:
     keys = np.array([[2.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    found, _ = stretched_slerp(keys, np.array([0.0, 0.5, 1.0]))
+    found = StretchedSlerp.between(keys[None, None], np.array([[0.0, 0.5, 1.0]])).value[0]
     assert np.allclose(found, [[2, 0, 0], [np.sqrt(2), np.sqrt(0.5), 0], [0, 1, 0]])
-    same, pull = stretched_slerp(np.array([[0.3, 0.4], [0.3, 0.4]]), np.array([0.25]))
-    assert np.allclose(same, [[0.3, 0.4]])
-    assert np.allclose(pull(np.array([[1.0, 2.0]])), [[0.75, 1.5], [0.25, 0.5]])
+    same = StretchedSlerp.between(np.array([[[[0.3, 0.4], [0.3, 0.4]]]]), np.array([[0.25]]))
+    assert np.allclose(same.value, [[0.3, 0.4]])
+    assert np.allclose(same.vjp(np.array([[[1.0, 2.0]]])), [[0.75, 1.5], [0.25, 0.5]])

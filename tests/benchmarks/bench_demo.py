@@ -9,8 +9,8 @@ from __future__ import annotations
 import time
 
 from solver_backend.evaluation.evaluate import evaluate
+from solver_backend.fitters import solve
 from solver_backend.fitters.settings import METHODS, SolveSettings
-from solver_backend.fitters.solve import solve
 from solver_backend.synthetic.demo import demo_capture
 from tests.benchmarks.metric import Metric
 
@@ -21,7 +21,7 @@ def run() -> list[Metric]:
     metrics = []
     for method in METHODS:
         start = time.perf_counter()
-        motion = solve(capture, SolveSettings(method=method))
+        motion = solve(capture, SolveSettings(method=method)).motion
         seconds = time.perf_counter() - start
         found = evaluate(capture, motion)
         metrics += [

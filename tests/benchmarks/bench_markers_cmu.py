@@ -19,7 +19,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.data.sources.marker_fit import fit_markers
-from solver_backend.types import SMPL_JOINTS
+from solver_backend.types import SMPL_JOINTS, MarkerCloud
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.recordings import ABSENT, recordings_folder
 
@@ -44,7 +44,7 @@ class Take:
 def run() -> list[Metric]:
     """Fit and compare."""
     take = read_take(recordings_folder())
-    fitted = fit_markers(take.labels, take.markers, load_body(), load_sposer())
+    fitted = fit_markers(MarkerCloud(take.markers, 120.0, take.labels), load_body(), load_sposer())
     subject, frames, residual = fitted.subject, fitted.frames, fitted.residual_m
     skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
     distance, steady = {}, {}

@@ -22,7 +22,8 @@ from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pose_ndf.complete import complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import WEIGHTS, DenoiseSettings, denoise
 from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
@@ -181,7 +182,7 @@ def _latent_way(vae, start: np.ndarray, end: np.ndarray, share: np.ndarray) -> n
 def _keypoints(prior, vaes, takes) -> list[Metric]:
     mixture = load_gmm()
     rest = mixture.decode((mixture.shares[:, None] * mixture.means).sum(axis=0)[None])[0]
-    seen = [sighting(select_frames(take, slice(0, None, 6)), rest, seed) for seed, take in enumerate(takes)]
+    seen = [sighting(take.select(slice(0, None, 6)), rest, seed) for seed, take in enumerate(takes)]
     settings = KEYPOINT_SETTINGS
     rows = {
         "no_prior": partial(manifold_fit, prior, settings=replace(settings, manifold=0.0)),

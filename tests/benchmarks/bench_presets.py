@@ -9,8 +9,8 @@ from __future__ import annotations
 import time
 
 from blender_addon.solving.presets import PRESETS
+from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solve import solve
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric
@@ -25,7 +25,7 @@ def run() -> list[Metric]:
         capture = filmed(take)
         for preset, settings in PRESETS.items():
             start = time.process_time()
-            joints = solve(capture, SolveSettings(**settings)).joints
+            joints = solve(capture, SolveSettings(**settings)).motion.joints
             seconds = time.process_time() - start
             key, truth = f"{name}_{preset.lower()}", capture.truth["joints"]
             metrics += [

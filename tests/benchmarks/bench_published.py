@@ -18,10 +18,10 @@ from solver_backend.baselines.bundlemocap import MAX_ITERATIONS, BundleMoCapPlus
 from solver_backend.baselines.person import Prepared, prepare
 from solver_backend.baselines.windows import SPHERICAL, KeyState, Window
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.start import fit_to_points
-from solver_backend.fitters.solve import solve
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.solver.riemannian import MinimiseSettings, gradient_descent
 from solver_backend.types import Capture
@@ -83,7 +83,7 @@ def published_seconds(capture: Capture, count: int, *, mesh: bool) -> tuple[floa
 def first_key(prepared: Prepared) -> KeyState:
     """Return the pose of the first frame that is seen."""
     problem = prepared.problem
-    fitted = fit_to_points(prepared.subject, problem.prior, problem.observations, prepared.seen[:1])
+    fitted = fit_to_points(problem, prepared.subject, prepared.seen[:1])
     return fitted.z, fitted.root, fitted.transl
 
 
@@ -94,7 +94,7 @@ def window_of(
     problem = prepared.problem
     where, time_in_window = layout.positions(layout.frames)
     index = np.flatnonzero(where == number)
-    term, scale = problem.term.select(index), BundleMoCapPlusPlus().scale
+    term, scale = problem.measurements.term.select(index), BundleMoCapPlusPlus().scale
     window = Window(prepared.subject, problem.prior, SPHERICAL, term, scale, time_in_window[index], key)
     tensors = {field.name: getattr(term, field.name) for field in fields(term) if field.name != "model"}
     term = replace(term, **{name: constant(part, like) for name, part in tensors.items()})

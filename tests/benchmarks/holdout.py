@@ -9,8 +9,8 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solve import solve
 from solver_backend.types import Cameras, Capture
 
 
@@ -43,7 +43,7 @@ def leave_one_camera_out(
     for c, name in enumerate(cameras.names):
         others = [i for i in range(len(cameras)) if i != c]
         rest = capture.views(others)
-        motion = solve(rest, settings)
+        motion = solve(rest, settings).motion
         assert rest.cameras is not None and rest.keypoints is not None and motion.keypoints3d is not None
         baseline = triangulate_and_filter(rest.cameras, rest.keypoints)
         observed = keypoints.xy[c]

@@ -7,8 +7,8 @@ import pytest
 
 from solver_backend.evaluation.evaluate import evaluate
 from solver_backend.exchange.errors import JobInvalid, NoDetections, TakeTooShort, TooFewViews
+from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solve import solve
 from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D
@@ -30,7 +30,7 @@ def hidden(capture: Capture, frames: slice, views: slice = slice(None)) -> Captu
 
 def test_demo_capture_is_solved_to_its_promise(capture):
     """The figures of the README: 20 mm, 0.6 x the filtered triangulation in position and in acceleration."""
-    motion = solve(capture)
+    motion = solve(capture).motion
     result = evaluate(capture, motion)
     assert result.joints_mpjpe_mm <= 20
     assert result.mpjpe_ratio <= 0.6, result.lines()
@@ -46,7 +46,7 @@ def test_demo_capture_is_solved_to_its_promise(capture):
 def test_the_same_input_gives_the_same_bytes(capture, backend):
     pytest.importorskip(backend)
     short, settings = cut(capture, 100, 140), replace(QUICK, backend=backend)
-    first, second = solve(short, settings), solve(short, settings)
+    first, second = solve(short, settings).motion, solve(short, settings).motion
     for name in ("betas", "global_orient", "body_pose", "transl", "joints", "joint_covariance"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
@@ -58,7 +58,7 @@ def test_the_record_names_the_prior_that_was_used(capture):
     shipped, quick = load_sposer(), SolveSettings(method="frame", iterations=1)
     another = Another(shipped._encoder, shipped._decoder, shipped.residual_sigma, {"sha256": "abc"})
     short = cut(capture, 100, 104)
-    usual, other = (solve(short, quick, prior=prior).provenance["prior"] for prior in (None, another))
+    usual, other = (solve(short, quick, prior=prior).motion.provenance["prior"] for prior in (None, another))
     assert usual == {"name": "sposer", "weights": shipped.metadata["sha256"]}
     assert other == {"name": "another", "weights": "abc"}
 
@@ -67,27 +67,27 @@ def test_the_record_names_the_prior_that_was_used(capture):
 def test_torch_equals_numpy(capture, method):
     pytest.importorskip("torch")
     short = cut(capture, 200, 241)
-    one = solve(short, replace(QUICK, method=method))
-    other = solve(short, replace(QUICK, method=method, backend="torch"))
+    one = solve(short, replace(QUICK, method=method)).motion
+    other = solve(short, replace(QUICK, method=method, backend="torch")).motion
     np.testing.assert_allclose(other.joints, one.joints, atol=1e-5)
 
 
 def test_frame_method_is_accurate_enough_to_look_at(capture):
     short = cut(capture, 0, 60)
-    motion = solve(short, SolveSettings(method="frame"))
+    motion = solve(short, SolveSettings(method="frame")).motion
     assert evaluate(short, motion).joints_mpjpe_mm < 40
 
 
 def test_one_frame_is_solved_by_the_frame_method_and_named_by_the_bundle(capture):
     one = cut(capture, 30, 31)
-    assert solve(one, SolveSettings(method="frame")).num_frames == 1
+    assert solve(one, SolveSettings(method="frame")).motion.num_frames == 1
     with pytest.raises(TakeTooShort, match=r"needs 4 frames, the take has 1.*method 'frame'"):
         solve(one)
 
 
 def test_a_second_in_which_nobody_is_seen_is_bridged_and_flagged(capture):
     short = hidden(cut(capture, 60, 210), slice(40, 101))
-    motion = solve(short, QUICK)
+    motion = solve(short, QUICK).motion
     assert motion.flags is not None
     unseen = (motion.flags & FLAG_UNSEEN) > 0
     assert unseen[40:101].all() and not unseen[:38].any() and not unseen[103:].any()
@@ -99,7 +99,7 @@ def test_a_second_in_which_nobody_is_seen_is_bridged_and_flagged(capture):
 
 def test_the_frame_method_bridges_too(capture):
     short = hidden(cut(capture, 60, 140), slice(30, 50))
-    motion = solve(short, SolveSettings(method="frame"))
+    motion = solve(short, SolveSettings(method="frame")).motion
     assert motion.flags is not None and ((motion.flags & FLAG_UNSEEN) > 0)[30:50].all()
     step = np.linalg.norm(np.diff(motion.joints[28:53], axis=0), axis=-1)
     assert step.max() < 0.15
@@ -128,7 +128,7 @@ def test_settings_name_what_is_wrong():
 
 def test_two_views_still_place_the_body(capture):
     short = cut(capture, 0, 80).views([0, 1])
-    assert evaluate(short, solve(short, QUICK)).joints_mpjpe_mm < 60
+    assert evaluate(short, solve(short, QUICK).motion).joints_mpjpe_mm < 60
 
 
 def test_keys_stand_as_close_in_time_at_half_the_frame_rate(capture):
@@ -136,8 +136,8 @@ def test_keys_stand_as_close_in_time_at_half_the_frame_rate(capture):
     keypoints = capture.keypoints
     slow = Keypoints2D(keypoints.xy[:, :160:2], keypoints.confidence[:, :160:2], keypoints.joint_set, 30.0)
     truth = {n: v[:160:2] if n != "betas" and len(v) == capture.num_frames else v for n, v in capture.truth.items()}
-    half = solve(replace(capture, keypoints=slow, truth=truth), QUICK)
-    whole = solve(cut(capture, 0, 160), QUICK)
+    half = solve(replace(capture, keypoints=slow, truth=truth), QUICK).motion
+    whole = solve(cut(capture, 0, 160), QUICK).motion
     assert abs(half.keyframes.sum() - whole.keyframes.sum()) <= 3
     errors = [
         np.linalg.norm(m.joints - t, axis=-1).mean()

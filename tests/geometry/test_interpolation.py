@@ -164,7 +164,7 @@ def test_jacobian_functions_agree_with_each_other():
 
 def test_combination_is_the_jacobian_in_factors():
     keys, A = keys_apart(0.6, 3, d=32), np.random.default_rng(1).normal(size=(7, 32))
-    point, (_, jacobians) = ip.sider_combination(keys, 0.3), ip.sider_n_with_jacobian(keys, 0.3)
+    point, (_, jacobians) = ip.sider_weights(keys, 0.3), ip.sider_n_with_jacobian(keys, 0.3)
     along = A @ np.swapaxes(keys, -1, -2)
     for j in range(3):
         product = point.weights[..., j, None, None] * A + along @ point.mixing[..., j, :, :] @ keys
@@ -211,11 +211,11 @@ def test_windows_join_continuously_but_with_a_corner():
     assert np.linalg.norm(inner) < 1e-3
 
 
-def test_pullback_is_the_transposed_jacobian():
+def test_vjp_is_the_transposed_jacobian():
     keys, t = keys_apart(0.7), np.linspace(0.1, 0.9, 6)
     cotangent = np.random.default_rng(1).normal(size=(6, 5))
     _, jacobian = ip.sider_n_with_jacobian(keys, t)
-    pulled = ip.sider_combination(keys, t).pull_back(keys, cotangent)
+    pulled = ip.sider_weights(keys, t).vjp(cotangent)
     np.testing.assert_allclose(pulled, np.einsum("bkij,bi->bkj", jacobian, cotangent), atol=1e-12)
 
 

@@ -13,8 +13,9 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.lifter import DEFAULT_WEIGHTS, POINTS, load_lifter
-from solver_backend.priors.sposer import load_sposer, spherical
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import PriorWeights, read_weights, write_weights
 from solver_backend.types import JointSet
 
@@ -29,7 +30,7 @@ def people(body: Body, joint_set: JointSet, count: int = 40) -> tuple[np.ndarray
     rng = np.random.default_rng(5)
     prior, landmarks = load_sposer(), keypoint_landmarks(body, joint_set)
     standing = prior.encode(np.broadcast_to(np.eye(3), (1, 21, 3, 3)))
-    local = prior.decode(spherical(standing + 0.1 * rng.standard_normal((count, 32))))
+    local = prior.decode(spherical_normalisation(standing + 0.1 * rng.standard_normal((count, 32))))
     root = exp_so3(rng.standard_normal((count, 3)))
     posed = pose_landmarks(body, landmarks, np.zeros(10), root, local, rng.standard_normal((count, 3)))
     return posed.points, landmarks.names, posed.skeleton.joints

@@ -11,7 +11,8 @@ import torch
 
 from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.sposer import DEFAULT_WEIGHTS, LATENT_DIM, SPoser, load_sposer, spherical
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.priors.sposer import DEFAULT_WEIGHTS, LATENT_DIM, SPoser, load_sposer
 from solver_backend.priors.weights import PriorWeights, read_weights, write_weights
 from tests.support.bad_poses import bad_poses
 
@@ -22,7 +23,7 @@ def prior() -> SPoser:
 
 
 def codes(count: int, seed: int = 0) -> np.ndarray:
-    return spherical(np.random.default_rng(seed).standard_normal((count, LATENT_DIM)))
+    return spherical_normalisation(np.random.default_rng(seed).standard_normal((count, LATENT_DIM)))
 
 
 def poses(count: int, seed: int = 0) -> np.ndarray:
@@ -60,12 +61,12 @@ def test_jacobian_against_central_differences(prior: SPoser) -> None:
     assert np.abs(J - numeric).max() < 1e-6 * np.abs(numeric).max()
 
 
-def test_pullback_is_the_transposed_jacobian(prior: SPoser) -> None:
+def test_vjp_is_the_transposed_jacobian(prior: SPoser) -> None:
     z, cotangent = codes(9, seed=2), np.random.default_rng(3).normal(size=(9, 21, 3))
     R, J = prior.decode_with_jacobian(z)
-    rotations, pull = prior.decode_with_pullback(z)
+    rotations, vjp = prior.decode_with_vjp(z)
     np.testing.assert_allclose(rotations, R, atol=1e-12)
-    np.testing.assert_allclose(pull(cotangent), np.einsum("njad,nja->nd", J, cotangent), atol=1e-10)
+    np.testing.assert_allclose(vjp(cotangent), np.einsum("njad,nja->nd", J, cotangent), atol=1e-10)
 
 
 def test_numpy_against_torch(prior: SPoser) -> None:

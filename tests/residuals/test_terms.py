@@ -94,26 +94,27 @@ def test_a_point_behind_a_camera_is_no_better_than_an_outlier():
     assert (term(np.broadcast_to(behind, points.shape).copy(), 3.0).cost >= term(points, 3.0).cost).all()
 
 
-def test_usual_poses_gradient_and_curvature():
+def test_pose_mixture_gradient_and_curvature():
     from solver_backend.geometry.rotations import exp_so3
-    from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
+    from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 
     rng = np.random.default_rng(0)
     local = exp_so3(0.3 * rng.normal(size=(4, 21, 3)))
-    _, gradient, shares = usual_pose_term(local)
-    hessian = usual_pose_curvature(shares)
+    term = PoseMixtureTerm()
+    evidence = term(local)
+    gradient, hessian = evidence.gradient, term.hessian(evidence.factors)
     np.testing.assert_allclose(hessian, np.swapaxes(hessian, 1, 2), atol=1e-9)
     assert (np.linalg.eigvalsh(hessian) > 0).all()
     for _ in range(5):
         d = rng.normal(size=(4, 21, 3))
-        costs = [usual_pose_term(exp_so3(s * 1e-6 * d) @ local)[0] for s in (1, -1)]
+        costs = [term(exp_so3(s * 1e-6 * d) @ local).cost for s in (1, -1)]
         np.testing.assert_allclose((gradient * d.reshape(4, -1)).sum(1), (costs[0] - costs[1]) / 2e-6, rtol=1e-5)
 
 
 def test_bent_hips_come_with_a_bent_spine():
     """What the mixture is there for: of two ways to lean forward that no keypoint tells apart, the usual one."""
     from solver_backend.geometry.rotations import exp_so3
-    from solver_backend.residuals.pose_mixture import usual_pose_term
+    from solver_backend.residuals.pose_mixture import PoseMixtureTerm
     from solver_backend.types import SMPL_JOINTS
 
     def crouched(spine: float, hips: float) -> np.ndarray:
@@ -126,6 +127,6 @@ def test_bent_hips_come_with_a_bent_spine():
             ("right_knee", 1.0),
         ):
             vectors[0, SMPL_JOINTS.index(joint) - 1, 0] = angle
-        return usual_pose_term(exp_so3(vectors))[0]
+        return PoseMixtureTerm()(exp_so3(vectors)).cost
 
     assert crouched(0.4, 0.8) < crouched(-0.4, 1.6)

@@ -1,4 +1,4 @@
-"""A chain of blocks against a dense solve and the dense inverse of the same matrix."""
+"""Block-tridiagonal systems against a dense solve and the dense inverse of the same matrix."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ SIZES = [(1, 4, 4), (2, 4, 4), (5, 4, 4), (2, 7, 4), (6, 7, 4), (37, 5, 3)]
 """Blocks, unknowns of each, and how many of them meet the block before."""
 
 
-def chain(blocks, size, met):
-    """Return a chain and the same matrix, dense: positive definite, inner unknowns met by their own and the next."""
+def random_system(blocks, size, met):
+    """Return a system and its matrix, dense: positive definite, inner unknowns met by their own and the next."""
     rng, dense = np.random.default_rng(0), 0.1 * np.eye(blocks * size)
     for i in range(blocks):
         seen = np.arange(i * size, min((i + 1) * size + met, blocks * size))
@@ -32,7 +32,7 @@ def as_torch(system, dtype=None):
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 @pytest.mark.parametrize("sizes", SIZES)
 def test_steps_are_those_of_the_dense_matrix(sizes, damping, backend):
-    system, dense = chain(*sizes)
+    system, dense = random_system(*sizes)
     expected = -np.linalg.solve(dense + np.diag(damping * np.diag(dense) + 1e-9), system.g.reshape(-1))
     system = system if backend == "numpy" else as_torch(system)
     found = system.solve(np.array([damping]))
@@ -42,7 +42,7 @@ def test_steps_are_those_of_the_dense_matrix(sizes, damping, backend):
 @pytest.mark.parametrize("backend", ["numpy", "torch"])
 @pytest.mark.parametrize("sizes", SIZES)
 def test_marginals_are_the_blocks_of_the_inverse(sizes, backend):
-    system, dense = chain(*sizes)
+    system, dense = random_system(*sizes)
     blocks, size, met = sizes
     inverse = np.linalg.inv(dense).reshape(blocks, size, blocks, size)
     diagonal, upper = (system if backend == "numpy" else as_torch(system)).marginals()
@@ -54,7 +54,7 @@ def test_marginals_are_the_blocks_of_the_inverse(sizes, backend):
 
 
 def test_blocks_in_single_precision_steer_nearly_as_well():
-    system, dense = chain(37, 5, 3)
+    system, dense = random_system(37, 5, 3)
     single = BlockTridiagonal(*(a.astype(np.float32) for a in (system.diagonal, system.upper)), system.g)
     expected = -np.linalg.solve(dense, system.g.reshape(-1))
     assert np.linalg.norm(single.solve(np.zeros(1))[0] - expected) < 1e-3 * np.linalg.norm(expected)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.solver.manifold import SO3, Euclidean, Product, Sphere, ZeroMeanSphere
 
 SEEDS = st.integers(0, 2**31)
@@ -20,7 +21,7 @@ def point(name: str, rng: np.random.Generator, batch: tuple[int, ...] = (4,), d:
     if name == "so3":
         return exp_so3(v[..., :3])
     if name == "zero_mean":
-        return ZeroMeanSphere().nearest(v)
+        return spherical_normalisation(v)
     return v / np.linalg.norm(v, axis=-1, keepdims=True) if name == "sphere" else v
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from solver_backend.fitters.solution import Solution
 from tests.support.scenes import small_capture, small_motion
 
 FRAMES = 7
@@ -39,11 +40,11 @@ class StandIns:
         if self.solve_error is not None:
             raise self.solve_error
         progress("Solving", 2, 2)
-        return small_motion(FRAMES)
+        return Solution(small_motion(FRAMES), "Converged.")
 
-    def resolve(self, capture, motion, stretch, settings, progress):
+    def resolve_range(self, capture, motion, stretch, settings, progress):
         self.calls.append(("resolve", {"capture": capture.name, "stretch": stretch}))
-        return motion
+        return Solution(motion, "Converged.")
 
     def write_report(self, path, capture, motion, *, overwrite=False):
         self.calls.append(("report", {"path": path, "overwrite": overwrite}))
@@ -54,7 +55,7 @@ class StandIns:
         found = {}
         for name, functions in (
             ("solver_backend.io.load", (self.load_capture,)),
-            ("solver_backend.fitters.solve", (self.solve, self.resolve)),
+            ("solver_backend.fitters.pipeline", (self.solve, self.resolve_range)),
             ("solver_backend.report.page", (self.write_report,)),
         ):
             found[name] = ModuleType(name)

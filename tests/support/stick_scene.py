@@ -4,17 +4,19 @@ import numpy as np
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm
+from solver_backend.fitters.keyframes.normal_equations import FrameData
 from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import (
-    KeyframeLayout,
-    Keyframes,
-    hemisphere_aligned,
-    key_poses,
-)
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
+from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.synthetic.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
@@ -22,6 +24,9 @@ from tests.support.stick_body import stick_body
 from tests.support.toy_prior import ToyPrior
 
 FRAMES, WINDOW, NOISE_PX = 61, 20, 2.0
+NO_PERSON = (PoseMixtureTerm(weight=0.0),)
+"""The made-up decoder's poses are no people's: what people's poses are like has no say."""
+ROTATIONS = ResidualRotationTerm(np.full((21, 3), 0.05))
 
 
 class StickScene:
@@ -33,7 +38,7 @@ class StickScene:
         self.layout = KeyframeLayout.even(FRAMES, WINDOW)
         count = self.layout.num_keys
         walk = np.cumsum(rng.normal(size=(count, 32)), axis=0)
-        z = CODES.nearest(rng.normal(size=32) * 3 + walk * 0.5)
+        z = spherical_normalisation(rng.normal(size=32) * 3 + walk * 0.5)
         turn = np.cumsum(0.1 * rng.normal(size=count))
         half = (np.pi / 2 * np.ones(count)) / 2
         quat = np.stack([np.cos(half), np.sin(half), 0 * half, turn * 0.3], 1)
@@ -57,8 +62,16 @@ class StickScene:
         start = self.truth.retract(off)
         self.start = Keyframes(*(constant(getattr(start, n), like) for n in ("z", "quat", "transl", "residual")))
 
-    def model(self, motion: MotionPrior | None = None, *, residuals: bool = False) -> BundleModel:
-        return BundleModel(self.subject, self.prior, self.term, motion, residuals)
+    @property
+    def objective(self) -> FrameObjective:
+        return FrameObjective((self.term,), NO_PERSON)
+
+    def model(self, *keys: KeyTerm) -> BundleModel:
+        free = any(isinstance(term, ResidualRotationTerm) for term in keys)
+        return BundleModel(self.subject, self.prior, BundleObjective(self.objective, keys), free)
+
+    def data(self, *, residuals: bool) -> FrameData:
+        return FrameData(self.subject, self.prior, self.objective, residuals)
 
     def poses(self, keys: Keyframes) -> PosedFrames:
         return key_poses(self.prior, keys, self.layout, residuals=True)

@@ -1,4 +1,4 @@
-"""A stretch of an earlier motion that is to be solved again, and the poses it must pass through."""
+"""Frames of an earlier motion that are to be solved again, and the poses it must pass through."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Pin:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class FrameRange:
     """Frames to be solved again."""
 
     first: int
@@ -38,8 +38,8 @@ class Stretch:
     """Poses that the solution must pass through."""
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Stretch:
-        """Build a stretch from plain values.
+    def from_dict(cls, values: Mapping[str, Any]) -> FrameRange:
+        """Build a frame range from plain values.
 
         Raises:
             JobInvalid: a key is missing or unknown, a pose has another length or values that are not finite.
@@ -63,7 +63,7 @@ class Stretch:
         return {"first": self.first, "last": self.last, "pins": pins}
 
     def check(self, num_frames: int) -> None:
-        """Make sure that the stretch lies within a take.
+        """Make sure that the frames lie within a take.
 
         Raises:
             JobInvalid: it does not, or a pin lies outside of it.

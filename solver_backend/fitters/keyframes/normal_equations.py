@@ -1,4 +1,4 @@
-"""Normal equations of a chain of keyframes: what the frames of every window say of its three keys."""
+"""Normal equations of keyframes: what the frames of every window say of its three keys (thesis eq. 6.6)."""
 
 from __future__ import annotations
 
@@ -9,36 +9,35 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.keyframe_curve import (
-    KEY_DOF,
-    RESIDUAL_DOF,
-    Keyframes,
-    WindowRows,
-    bundle_frames,
-    lagrange,
-)
-from solver_backend.fitters.model.keyframe_gradient import frames_between, key_tangents
-from solver_backend.fitters.model.subject import FRAME_DOF, Subject, frame_equations
+from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
+from solver_backend.fitters.model.keyframe_layout import WindowRows
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.subject import Subject, frame_equations
+from solver_backend.fitters.model.tangent import KEY, PoseTangent
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
 """Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""
-MATRICES = 4
-"""Frames of a window whose matrices are formed: they change slowly, and the keys' weights on them are quartics."""
+HESSIAN_FRAMES = 4
+"""Frames of a window whose Hessians are formed: they change slowly, and the keys' weights on them are quartics."""
 FLOOR = 1e-2
 """Precision that everything has."""
-HELD = 1e12
-"""Precision of what is held."""
+FIXED = 1e12
+"""Precision of what is fixed."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-@dataclass
-class Chain:
-    """Block-tridiagonal equations under construction; block w holds the keys 2w and 2w + 1 (the last one a dummy)."""
+@dataclass(frozen=True)
+class KeyframeNormalEquations:
+    """Block-tridiagonal equations of 2 N + 1 keys; block w holds the keys 2w and 2w + 1 (the last one a dummy).
+
+    What ``add`` methods are given is added in place: the arrays are large.
+    """
 
     diagonal: Array
     """(N + 1, 2 D, 2 D), single precision: it only steers the steps."""
@@ -50,13 +49,13 @@ class Chain:
     """D, the tangent of one key."""
 
     @classmethod
-    def empty(cls, num_windows: int, dof: int, like: Array) -> Chain:
-        """Return the chain of N windows without any data; a floor keeps unseen parts still."""
+    def empty(cls, num_windows: int, dof: int, like: Array) -> KeyframeNormalEquations:
+        """Return the equations of N windows without any data; a floor keeps unseen parts still."""
         single = array_namespace(like).float32
         floor = FLOOR * identity(2 * dof, like, single)
         diagonal = zeros((num_windows + 1, 2 * dof, 2 * dof), like, single) + floor
         diagonal[-1, dof:, dof:] += identity(dof, like, single)
-        upper = zeros((num_windows, 2 * dof, dof + KEY_DOF), like, single)
+        upper = zeros((num_windows, 2 * dof, dof + KEY.dof()), like, single)
         return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), dof)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
@@ -71,21 +70,33 @@ class Chain:
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
 
-    def held(self, free: np.ndarray) -> Chain:
-        """Take the keys that are not ``free``, (2 N + 1,) bool, out of the equations: no step, no uncertainty."""
-        if free.all():
+    def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
+        """Return the equations without the keys of a (2 N + 1,) mask: they take no step and have no uncertainty."""
+        if not fixed.any():
             return self
-        xp = array_namespace(self.g)
-        mask = constant(np.repeat(np.append(free, True), self.dof).reshape(self.g.shape), self.diagonal)
-        self.diagonal *= mask[:, :, None] * mask[:, None, :]
-        self.diagonal += HELD * (1.0 - mask)[:, :, None] * xp.eye(mask.shape[1], dtype=mask.dtype)
-        self.upper *= mask[:-1, :, None] * mask[1:, None, : self.upper.shape[-1]]
-        self.g *= constant(mask, self.g)
-        return self
+        free = constant(np.repeat(np.append(~fixed, True), self.dof).reshape(self.g.shape), self.diagonal)
+        diagonal = self.diagonal * (free[:, :, None] * free[:, None, :])
+        diagonal += FIXED * (1.0 - free)[:, :, None] * identity(free.shape[1], free)
+        upper = self.upper * (free[:-1, :, None] * free[1:, None, : self.upper.shape[-1]])
+        return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.dof)
 
-    def equations(self) -> BlockTridiagonal:
-        """Return the finished equations."""
+    def block_tridiagonal(self) -> BlockTridiagonal:
+        """Return the equations as a linear solver takes them."""
         return BlockTridiagonal(self.diagonal, self.upper, self.g)
+
+
+@dataclass(frozen=True)
+class FrameData:
+    """What the frames are judged by, and how keys become frames."""
+
+    subject: Subject
+    """The person."""
+    prior: PosePrior
+    """Decoder of the codes."""
+    objective: FrameObjective
+    """Of all frames."""
+    residuals: bool
+    """The residual rotations act and are unknowns."""
 
 
 @dataclass(frozen=True)
@@ -100,74 +111,73 @@ class DataEquations:
     _matrices: list[Callable[[], Array]]
     """(n, 3 D, 3 D) of each range of windows."""
 
-    def chain(self) -> Chain:
-        """Return the equations as a chain, on all cores."""
+    def normal_equations(self) -> KeyframeNormalEquations:
+        """Return the normal equations of all keys, formed on all cores."""
         xp, like = array_namespace(self.gradient), self.gradient
         count, dof = (like.shape[0] - 1) // 2, like.shape[1]
-        chain, ends = Chain.empty(count, dof, like), empty((count, dof, dof), like, xp.float32)
+        equations = KeyframeNormalEquations.empty(count, dof, like)
+        ends = empty((count, dof, dof), like, xp.float32)
 
         def fill(block: int) -> None:
             windows, hessian = self._windows[block], self._matrices[block]()
-            chain.add_windows(windows, hessian)
+            equations.add_windows(windows, hessian)
             ends[windows] = hessian[:, 2 * dof :, 2 * dof :]
 
         map_blocks(fill, range(len(self._windows)), like)
-        chain.add_ends(ends, self.gradient)
-        return chain
+        equations.add_ends(ends, self.gradient)
+        return equations
 
 
 def data_equations(
-    subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, scale: float,
-    matrices: int = MATRICES, *, residuals: bool,
-) -> DataEquations:  # fmt: skip
+    data: FrameData, keys: Keyframes, rows: WindowRows, scale: float, hessian_frames: int = HESSIAN_FRAMES
+) -> DataEquations:
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
+
+    ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eq. 6.6), ``x_f`` on the curve through the window's keys
+    (eqs. 6.9, 6.10) and ``E_f`` the data term of one frame (eq. 6.8).
 
     The gradient is exact. So is the Gauss-Newton matrix where keys stay on the manifold; with residual rotations, when
     keys are close and nearly solved, the pose tangents of a frame are taken as those of its keys mixed by Lagrange's
     weights w: ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``, and the network's derivative is needed at the keys alone.
 
     Args:
-        subject: the person.
-        prior: decoder of the codes.
-        term: data of all frames.
+        data: what the frames are judged by.
         keys: 2 N + 1 keys.
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.
-        matrices: frames of a window whose matrices are formed.
-        residuals: the residual rotations act and are unknowns.
+        hessian_frames: frames of a window whose Hessians are formed.
     """
-    dof = KEY_DOF + (RESIDUAL_DOF if residuals else 0)
-    columns = rows.columns(matrices)
+    columns = rows.columns(hessian_frames)
 
     def block(windows: slice) -> tuple[Array, Array, Callable[[], Array]]:
         part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
-        return _block(subject, prior, term, part, rows.select(windows), columns, scale, residuals=residuals)
+        return _block(data, part, rows.select(windows), columns, scale)
 
     blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
     parts = map_blocks(block, blocks, keys.z)
-    gradient = zeros((keys.z.shape[0], dof), keys.z)
+    gradient = zeros((keys.z.shape[0], KEY.dof(residuals=data.residuals)), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
     return DataEquations(sum(part[0] for part in parts), gradient, blocks, [part[2] for part in parts])
 
 
 def _block(
-    subject: Subject, prior: PosePrior, term: PointTerm, keys: Keyframes, rows: WindowRows, columns: np.ndarray,
-    scale: float, *, residuals: bool,
-) -> tuple[Array, Array, Callable[[], Array]]:  # fmt: skip
+    data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float
+) -> tuple[Array, Array, Callable[[], Array]]:
     """Return the cost of some windows, its (2 N + 1, D) derivative by their keys, and what forms their matrices."""
     xp = array_namespace(keys.z)
-    between = frames_between(prior, keys, rows, residuals=residuals)
     count, width = rows.frames.shape
-    steering = (np.arange(count)[:, None] * width + columns).reshape(-1)
-    equations = frame_equations(subject, between.poses, term.select(rows.frames.reshape(-1)), scale, steering)
+    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=data.residuals)
+    poses, vjp = curve.poses_with_vjp(data.prior)
+    chosen = (np.arange(count)[:, None] * width + columns).reshape(-1)
+    equations = frame_equations(data.subject, poses, data.objective.select(rows.frames.reshape(-1)), scale, chosen)
     weight = constant(rows.weight.reshape(-1), keys.z)
-    gradient = between.pull_back(equations.gradient * weight[:, None])
-    form = _mixed if residuals else _exact
+    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys)
+    form = _mixed if data.residuals else _exact
     return (
         xp.sum(equations.cost * weight),
         gradient,
-        lambda: form(prior, keys, rows.sampled(columns), equations.hessian),
+        lambda: form(data.prior, keys, rows.sampled(columns), equations.hessian),
     )
 
 
@@ -175,33 +185,32 @@ def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) 
     """Return (N, 108, 108): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its three keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
-    window = np.repeat(np.arange(count), width)
-    between = bundle_frames(prior, keys, window, rows.time.reshape(-1), residuals=False)
-    by_keys = xp.astype(between.by_keys, hessian.dtype)
-    weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), by_keys)
-    tall = (count, width * FRAME_DOF, by_keys.shape[-1])
-    return xp.matmul(xp.matrix_transpose(xp.reshape(by_keys, tall)), xp.reshape(weighted, tall))
+    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=False)
+    B = xp.astype(curve.jacobian(prior), hessian.dtype)
+    weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), B)
+    tall = (count, width * PoseTangent.DOF, B.shape[-1])
+    return xp.matmul(xp.matrix_transpose(xp.reshape(B, tall)), xp.reshape(weighted, tall))
 
 
 def _mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
     """Return (N, 297, 297): ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` with the tangents P of each window's keys."""
-    xp = array_namespace(hessian)
+    xp, dof = array_namespace(hessian), PoseTangent.DOF
     count, width = rows.frames.shape
     weight, shares = constant(rows.weight, hessian), lagrange(constant(rows.time, hessian))
-    mixes = xp.stack([weight * shares[a] * shares[b] for a, b in _PAIRS], axis=1)
-    mixed = xp.matmul(mixes, xp.reshape(hessian, (count, width, FRAME_DOF * FRAME_DOF)))
-    mixed = xp.reshape(mixed, (count, len(_PAIRS), FRAME_DOF, FRAME_DOF))
-    return _by_keys(xp, mixed, xp.astype(key_tangents(prior, keys, residuals=True), hessian.dtype))
+    mixes = xp.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)
+    mixed = xp.matmul(mixes, xp.reshape(hessian, (count, width, dof * dof)))
+    mixed = xp.reshape(mixed, (count, len(_PAIRS), dof, dof))
+    return _by_keys(xp, mixed, xp.astype(d_pose_d_key(prior, keys.z, keys.residual), hessian.dtype))
 
 
-def _by_keys(xp: Any, mixed: Array, tangents: Array) -> Array:
+def _by_keys(xp: Any, mixed: Array, d_pose_d_keys: Array) -> Array:
     """Return (N, 3 D, 3 D): ``P_aᵀ M_ab P_b`` for the three keys a, b of each window."""
-    count, dof = mixed.shape[0], tangents.shape[-1]
+    count, dof = mixed.shape[0], d_pose_d_keys.shape[-1]
     hessian = empty((count, 3 * dof, 3 * dof), mixed)
-    keys = [tangents[:-2:2], tangents[1:-1:2], tangents[2::2]]
-    turned = [xp.matrix_transpose(P) for P in keys]
+    P = [d_pose_d_keys[:-2:2], d_pose_d_keys[1:-1:2], d_pose_d_keys[2::2]]
+    P_T = [xp.matrix_transpose(part) for part in P]
     for number, (a, b) in enumerate(_PAIRS):
-        product = xp.matmul(turned[a], xp.matmul(mixed[:, number], keys[b]))
+        product = xp.matmul(P_T[a], xp.matmul(mixed[:, number], P[b]))
         rows, columns = slice(a * dof, (a + 1) * dof), slice(b * dof, (b + 1) * dof)
         hessian[:, rows, columns] = product
         if a != b:

@@ -10,22 +10,24 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.keyframes.normal_equations import MATRICES, Chain, data_equations
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.keyframe_curve import (
-    KEY_DOF,
-    RESIDUAL_DOF,
-    KeyframeLayout,
-    Keyframes,
-    WindowRows,
-    hemisphere_aligned,
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
+from solver_backend.fitters.keyframes.normal_equations import (
+    HESSIAN_FRAMES,
+    FrameData,
+    KeyframeNormalEquations,
+    data_equations,
 )
+from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.tangent import KEY
+from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import WhenAsked
+from solver_backend.solver.normal_equations import LazyNormalEquations
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class Schedule:
     """Every how many frames the data are looked at."""
     tolerance: float = 1e-4
     """A scale is done when the cost changes by less than this share."""
-    matrices: int = MATRICES
-    """Frames of a window whose matrices are formed."""
+    hessian_frames: int = HESSIAN_FRAMES
+    """Frames of a window whose Hessians are formed."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class KeySolution:
     """2N + 1 keys."""
     cost: float
     """Of data and priors at the last robust scale."""
+    convergence: Convergence
+    """How the last robust scale ended."""
 
 
 @dataclass(frozen=True)
@@ -62,43 +66,49 @@ class BundleModel:
     """The person."""
     prior: PosePrior
     """Decoder of the codes."""
-    term: PointTerm
-    """Data of all frames."""
-    motion: MotionPrior | None
-    """What is known of motion; None for the data alone."""
+    objective: BundleObjective
+    """What is minimised."""
     residuals: bool = False
-    """Free the residual rotations of each key, held to zero by the prior's own statistics."""
+    """Free the residual rotations of each key."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
-        return self if self.motion is None else replace(self, motion=self.motion.part(keys))
+        return replace(self, objective=self.objective.part(keys))
+
+    def poses(self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None) -> PosedFrames:
+        """Return the poses that the keys make of these frame numbers, or of all frames of the layout."""
+        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals)
 
     def equations(
-        self, rows: WindowRows, keys: Keyframes, scale: float, matrices: int = MATRICES
-    ) -> tuple[Array, Callable[[], Chain]]:
-        """Return the cost of data and priors at these keys, and what forms their equations."""
-        data = data_equations(
-            self.subject, self.prior, self.term, keys, rows, scale, matrices, residuals=self.residuals
-        )
+        self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES
+    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
+        """Return the objective at these keys, and what forms their equations."""
+        frames = FrameData(self.subject, self.prior, self.objective.frames, self.residuals)
+        data = data_equations(frames, keys, rows, scale, hessian_frames)
 
-        def form() -> Chain:
-            chain = data.chain()
-            if self.motion is not None:
-                self.motion.add_to(chain, keys, residuals=self.residuals)
-            return chain
+        def form() -> KeyframeNormalEquations:
+            equations = data.normal_equations()
+            for term in self.objective.keys:
+                term.add_to(equations, keys)
+            return equations
 
-        prior_cost = 0.0 if self.motion is None else self.motion.cost(keys, residuals=self.residuals)
-        return data.cost + prior_cost, form
+        return data.cost + sum(term.cost(keys) for term in self.objective.keys), form
 
-    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> Chain:
-        """Return the equations at a solution, for what they tell of it, from the frames that form matrices alone."""
+    def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
+        """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
         rows = layout.rows()
-        return self.equations(rows.sampled(rows.columns(MATRICES)), keys, scale)[1]()
+        return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
+
+
+def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
+    """Return the keys of all parts, solved one after the other; costs of what parts share count twice."""
+    convergence = Convergence.joined(part.convergence for part in parts)
+    return KeySolution(keys, sum(part.cost for part in parts), convergence)
 
 
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
-) -> Keyframes:
+) -> KeySolution:
     """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
@@ -108,14 +118,15 @@ def solve_sliding(
         schedule: robust scales and iterations.
         progress: called after each window.
     """
-    keys = start
+    keys, found = start, []
     for w in range(layout.num_windows):
         window = slice(2 * w, 2 * w + 3)
-        free = np.array([False, True, True])
-        solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, free)
+        fixed = np.array([True, False, False])
+        solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, fixed)
         keys = keys.replaced(window, solved.keys)
+        found.append(solved)
         progress("Sliding bundle", w + 1, layout.num_windows)
-    return hemisphere_aligned(keys)
+    return joined_solution(hemisphere_aligned(keys), found)
 
 
 def solve_keys(
@@ -123,22 +134,22 @@ def solve_keys(
     layout: KeyframeLayout,
     start: Keyframes,
     schedule: Schedule,
-    free: np.ndarray | None = None,
+    fixed: np.ndarray | None = None,
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:
-    """Solve the free keyframes at once: normal equations are a chain of blocks, a step is linear in the take's length.
+    """Solve the free keyframes at once: normal equations are block-tridiagonal, a step is linear in the take's length.
 
     Args:
         model: what the keys are judged by.
         layout: windows of the frames.
         start: 2N + 1 keys.
         schedule: robust scales and iterations.
-        free: (2N + 1,) bool, the keys that move; None for all.
+        fixed: (2N + 1,) bool, the keys that stay; None for none.
         alive: called before each linearisation; it may raise to end the solve.
     """
     xp = array_namespace(start.z)
-    rows, dof = layout.rows(schedule.stride), KEY_DOF + (RESIDUAL_DOF if model.residuals else 0)
-    free = np.ones(layout.num_keys, dtype=bool) if free is None else free
+    rows, dof = layout.rows(schedule.stride), KEY.dof(residuals=model.residuals)
+    fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
     keys, solution = hemisphere_aligned(start), None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
@@ -146,15 +157,15 @@ def solve_keys(
 
     for scale in schedule.scales:
 
-        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, WhenAsked]:
+        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
             alive()
-            cost, form = model.equations(rows, state, scale, schedule.matrices)
-            return cost[None], WhenAsked(lambda: form().held(free).equations())
+            cost, form = model.equations(rows, state, scale, schedule.hessian_frames)
+            return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
 
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, _take, settings)
         keys = result.state
-        solution = KeySolution(keys, float(result.cost[0]))
+        solution = KeySolution(keys, float(result.cost[0]), Convergence.of(result))
     assert solution is not None
     return solution
 

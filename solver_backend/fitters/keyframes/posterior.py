@@ -9,12 +9,16 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES, KeyframeLayout, Keyframes, lagrange
-from solver_backend.fitters.model.keyframe_gradient import key_tangents
-from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose, select_frames
+from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES, lagrange
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
-from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types import JointSet
 
@@ -46,35 +50,38 @@ def joint_covariance(
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
-    tangents = xp.astype(key_tangents(model.prior, keys, residuals=model.residuals), diagonal.dtype)
+    residual = keys.residual if model.residuals else None
+    d_pose_d_keys = xp.astype(d_pose_d_key(model.prior, keys.z, residual), diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
     rows = layout.rows()
 
     def block(windows: slice) -> Array:
         part = rows.select(windows)
-        poses = select_frames(frames, part.frames[part.weight > 0] - layout.bounds[0])
+        poses = frames.select(part.frames[part.weight > 0] - layout.bounds[0])
         posed = pose_landmarks(
             model.subject.body, landmarks, model.subject.betas, poses.root, poses.local, poses.transl, jacobian=True
         )
-        of_keys = _pose_covariance(diagonal, upper, tangents, windows)
-        shares = xp.stack(lagrange(constant(part.time, tangents)), axis=-1)
+        of_keys = _pose_covariance(diagonal, upper, d_pose_d_keys, windows)
+        shares = lagrange(constant(part.time, d_pose_d_keys))
         mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
         mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
-        mixed = xp.reshape(mixed, (-1, FRAME_DOF, FRAME_DOF))[index(np.flatnonzero(part.weight > 0), keys.z)]
-        eye = identity(3, tangents)
-        by_rotations = xp.astype(posed.by_rotations, tangents.dtype)
+        mixed = xp.reshape(mixed, (-1, PoseTangent.DOF, PoseTangent.DOF))[
+            index(np.flatnonzero(part.weight > 0), keys.z)
+        ]
+        eye = identity(3, d_pose_d_keys)
+        by_rotations = xp.astype(posed.by_rotations, d_pose_d_keys.dtype)
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
-        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, FRAME_DOF)), mixed), J.shape)
+        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, PoseTangent.DOF)), mixed), J.shape)
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
         return CALIBRATION * inflation * spread + CONSTANT_M**2 * xp.astype(eye, keys.z.dtype)
 
     return xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
 
 
-def _pose_covariance(diagonal: Array, upper: Array, tangents: Array, windows: slice) -> Array:
+def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
     """Return (N, 3, 3, 69, 69): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
-    xp = array_namespace(tangents)
-    dof = tangents.shape[-1]
+    xp = array_namespace(d_pose_d_keys)
+    dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
     across = upper[start][:, :, :dof]
     S = xp.concat(
@@ -84,20 +91,18 @@ def _pose_covariance(diagonal: Array, upper: Array, tangents: Array, windows: sl
         ],
         axis=1,
     )
-    keys = [tangents[2 * windows.start + k : 2 * windows.stop + k : 2] for k in range(3)]
-    halves = [xp.matmul(P, S[:, k * dof : (k + 1) * dof]) for k, P in enumerate(keys)]
-    turned = [xp.matrix_transpose(P) for P in keys]
-    parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], turned[k]) for half in halves for k in range(3)]
-    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, FRAME_DOF, FRAME_DOF))
+    P = [d_pose_d_keys[2 * windows.start + k : 2 * windows.stop + k : 2] for k in range(3)]
+    halves = [xp.matmul(P[k], S[:, k * dof : (k + 1) * dof]) for k in range(3)]
+    P_T = [xp.matrix_transpose(part) for part in P]
+    parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], P_T[k]) for half in halves for k in range(3)]
+    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, PoseTangent.DOF, PoseTangent.DOF))
 
 
-def noise_inflation(
-    subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, num_frames: int
-) -> float:
+def noise_inflation(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, num_frames: int) -> float:
     """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     A detector errs alike in neighbouring frames. r, the lag-one correlation of first-order autoregressive noise, is
-    measured on the reprojection residuals of inliers; n is the number of frames that a key averages over.
+    measured on the residuals of inliers; n is the number of frames that a key averages over.
 
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".
@@ -106,8 +111,9 @@ def noise_inflation(
     product = power = 0.0
     for start in range(0, count, BLOCK_POSES):
         part = np.arange(start, min(start + BLOCK_POSES + 1, count))
-        points = pose(subject, select_frames(frames, index(part, frames.transl))).points
-        error, inlier = term.select(part).residuals(points, scale)
+        points = pose(subject, frames.select(index(part, frames.transl))).points
+        found = term.select(part).residuals(points)
+        error, inlier = found.error, found.inliers(scale)
         pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
         product += float(xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair))
         power += float(xp.sum(0.5 * xp.sum(error[:, 1:] ** 2 + error[:, :-1] ** 2, axis=-1) * pair))

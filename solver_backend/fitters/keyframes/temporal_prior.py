@@ -1,4 +1,4 @@
-"""What holds keyframes where the data say nothing: bounded acceleration, fading speed, residuals near the manifold."""
+"""What smooths keyframes where the data say nothing: bounded acceleration, fading speed."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.keyframes.normal_equations import Chain
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import Keyframes
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
@@ -19,7 +20,7 @@ FADING_S = 0.15
 
 @dataclass(frozen=True)
 class MotionPrior:
-    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s² + 1/2 sum_k rhoᵀ P rho``.
+    """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
     Bounded acceleration alone carries speed on through a gap: people would lean ever further and drift off. So between
     unseen keys speed is bounded too, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` with keys h apart: the least of both
@@ -28,10 +29,6 @@ class MotionPrior:
 
     spacing_s: float
     """Time between keys."""
-    residual_sigma: np.ndarray
-    """(21, 3) radians: how far the prior's own reconstructions are from true poses."""
-    frames_per_key: float = 1.0
-    """How many frames' worth of evidence a key carries: residual rotations are priors on frames."""
     accel_sigma: float = 6.0
     """m/s², of the root's translation."""
     angular_sigma: float = 32.0
@@ -45,7 +42,7 @@ class MotionPrior:
         """Return the priors on some of the keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
-    def cost(self, keys: Keyframes, *, residuals: bool) -> Array:
+    def cost(self, keys: Keyframes) -> Array:
         """Return the energy of these keys."""
         xp = array_namespace(keys.z)
         cost = zeros((), keys.z)
@@ -53,18 +50,13 @@ class MotionPrior:
             for stencil, weight in self._stencils(sigma):
                 rest, weights = _differences(value, stencil, weight)
                 cost = cost + 0.5 * xp.sum(weights[:, None] * rest * rest)
-        if residuals:
-            flat = xp.reshape(keys.residual, (keys.residual.shape[0], -1))
-            cost = cost + 0.5 * xp.sum(self._precision(flat) * flat * flat)
         return cost
 
-    def add_to(self, chain: Chain, keys: Keyframes, *, residuals: bool) -> None:
-        """Add the equations of these keys to the chain, in place."""
+    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
+        """Add the equations of these keys to those of the data, in place."""
         for value, tangents, sigma, first in self._smooth_parts(keys):
             for stencil, weight in self._stencils(sigma):
-                self._add_differences(chain, value, tangents, stencil, weight, first)
-        if residuals:
-            self._add_residual(chain, keys)
+                self._add_differences(equations, value, tangents, stencil, weight, first)
 
     def _stencils(self, sigma: float) -> list[tuple[tuple[int, ...], Array | float]]:
         """Return coefficients of what is bounded, and precisions: acceleration, and between unseen keys speed."""
@@ -73,41 +65,37 @@ class MotionPrior:
             return [((1, -2, 1), weight)]
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
-    def _precision(self, like: Array) -> Array:
-        """Return the (63,) precision of a key's residual rotations."""
-        return constant((1.0 / self.residual_sigma.reshape(-1) ** 2) * self.frames_per_key, like)
-
     def _smooth_parts(self, keys: Keyframes) -> list[tuple[Array, Array, float, int]]:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
         xp = array_namespace(keys.z)
         eye = identity(3, keys.z)
-        by_turn = quat_left_tangent(keys.quat)
         return [
-            (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, 0),
-            (keys.quat, by_turn, 0.5 * self.angular_sigma, 30),
-            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, 33),
+            (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, KEY.latent.start),
+            (keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma, KEY.root.start),
+            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, KEY.transl.start),
         ]
 
     def _add_differences(
-        self, chain: Chain, value: Array, tangents: Array, stencil: tuple[int, ...], weight: Array | float, first: int
-    ) -> None:
+        self, equations: KeyframeNormalEquations, value: Array, tangents: Array, stencil: tuple[int, ...],
+        weight: Array | float, first: int,
+    ) -> None:  # fmt: skip
         """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²`` with the coefficients c of a stencil."""
         xp = array_namespace(value)
         rest, weights = _differences(value, stencil, weight)
         count = rest.shape[0]
         parts = [(i, c * tangents[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
-            turned = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
-            gradient = xp.matmul(turned, rest[..., None])[..., 0]
+            left_T = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
+            gradient = xp.matmul(left_T, rest[..., None])[..., 0]
             for j, right in parts:
                 if j >= i:
-                    self._scatter(chain, i, j, xp.matmul(turned, right), first)
+                    self._scatter(equations, i, j, xp.matmul(left_T, right), first)
             for parity in range(min(2, count)):
                 keys = np.arange(i, i + count)[parity::2]
-                blocks, column = keys // 2, int(keys[0] % 2) * chain.dof + first
-                chain.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
+                blocks, column = keys // 2, int(keys[0] % 2) * equations.dof + first
+                equations.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
 
-    def _scatter(self, chain: Chain, i: int, j: int, blocks: Array, first: int) -> None:
+    def _scatter(self, equations: KeyframeNormalEquations, i: int, j: int, blocks: Array, first: int) -> None:
         """Add blocks that couple the keys k + i and k + j, k = 0, 1, ..."""
         xp = array_namespace(blocks)
         size = blocks.shape[-1]
@@ -117,27 +105,15 @@ class MotionPrior:
                 continue
             rows = np.arange(len(chosen)) * 2 + parity + i
             columns = np.arange(len(chosen)) * 2 + parity + j
-            row, column = int(rows[0] % 2) * chain.dof + first, int(columns[0] % 2) * chain.dof + first
+            row, column = int(rows[0] % 2) * equations.dof + first, int(columns[0] % 2) * equations.dof + first
             if rows[0] // 2 == columns[0] // 2:
                 block = rows // 2
-                chain.diagonal[block, row : row + size, column : column + size] += chosen
+                equations.diagonal[block, row : row + size, column : column + size] += chosen
                 if i != j:
-                    turned = xp.permute_dims(chosen, (0, 2, 1))
-                    chain.diagonal[block, column : column + size, row : row + size] += turned
+                    chosen_T = xp.permute_dims(chosen, (0, 2, 1))
+                    equations.diagonal[block, column : column + size, row : row + size] += chosen_T
             else:
-                chain.upper[rows // 2, row : row + size, column : column + size] += chosen
-
-    def _add_residual(self, chain: Chain, keys: Keyframes) -> None:
-        xp = array_namespace(keys.z)
-        count = keys.z.shape[0]
-        flat = xp.reshape(keys.residual, (count, -1))
-        size, precision = flat.shape[1], self._precision(flat)
-        diagonal = identity(size, flat) * precision
-        for parity in (0, 1):
-            index = np.arange(parity, count, 2) // 2
-            first = parity * chain.dof + chain.dof - size
-            chain.diagonal[: len(index), first : first + size, first : first + size] += diagonal
-            chain.g[: len(index), first : first + size] += (flat * precision)[parity::2]
+                equations.upper[rows // 2, row : row + size, column : column + size] += chosen
 
 
 def _differences(value: Array, stencil: tuple[int, ...], weight: Array | float) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""A capture examined before it is solved: faults of its views are found, put right where that is sure, and named."""
+"""A capture examined before it is solved: faults of its views are found, repaired where that is sure, and named."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.cameras.view_checks.synchronisation import estimate_delays, 
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.single_frame.start import Observations, observations_of
+from solver_backend.fitters.measurements.base import seen_frames
 from solver_backend.geometry.runs import true_runs
 from solver_backend.people.bystanders import exclude_bystanders
 from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
@@ -22,7 +22,7 @@ STEPS = 5
 LEAST_DELAY_FRAMES = 0.5
 """Smaller delays are not worth a word ..."""
 LEAST_DELAY_SIGMAS = 12.0
-"""... nor those that are not told surely: neighbouring frames err alike, so that the true deviation is larger."""
+"""... nor those that are not sure: neighbouring frames err alike, so that the true deviation is larger."""
 LATE_FRAMES = 2.0
 """A camera that is late by so much is moved unasked: by then fast limbs contradict the other views."""
 AWAY_S = 0.25
@@ -31,33 +31,33 @@ AWAY_S = 0.25
 
 @dataclass(frozen=True)
 class CheckedCapture:
-    """A capture with its faults put right or left out."""
+    """A capture with its faults repaired or left out."""
 
     capture: Capture
     """What is to be solved."""
-    observations: Observations
+    triangulation: Triangulation
     """Of that capture."""
     faults: tuple[Fault, ...]
     """What was found, by first frame."""
 
 
 def check_capture(
-    capture: Capture, observations: Observations, progress: Progress, *, estimate_sync: bool = False
+    capture: Capture, triangulation: Triangulation, progress: Progress, *, estimate_sync: bool = False
 ) -> CheckedCapture:
-    """Find faults of single views and put them right.
+    """Find faults of single views and repair them.
 
     Whole views first (names, mirrored, turned), then time, then passers-by and limbs, and what is still wrong is left
     out.
 
     Args:
         capture: as it was read.
-        observations: of that capture.
-        progress: told how far the checks are.
+        triangulation: of that capture.
+        progress: called as the checks advance.
         estimate_sync: move each camera's detections by its estimated delay, however small.
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
-    views = repair_views(cameras, keypoints, observations.triangulation)
+    views = repair_views(cameras, keypoints, triangulation)
     progress(STAGE, 1, STEPS)
     timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
     progress(STAGE, 2, STEPS)
@@ -66,7 +66,6 @@ def check_capture(
     sides = undo_swaps(cameras, alone.keypoints, alone.triangulation)
     progress(STAGE, 4, STEPS)
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
-    observations = observations_of(rest.triangulation)
     progress(STAGE, 5, STEPS)
     faults = [_fault_of(cameras, fault) for fault in views.found] + late
     for swap in sides.found:
@@ -75,9 +74,9 @@ def check_capture(
     for excluded in alone.found + rest.found:
         where = cameras.names[excluded.view], excluded.first, excluded.last
         faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
-    faults += _absences(observations.seen, keypoints.fps)
+    faults += _absences(seen_frames(rest.triangulation.points), keypoints.fps)
     faults.sort(key=lambda fault: (fault.first, fault.camera, fault.kind))
-    return CheckedCapture(replace(capture, keypoints=rest.keypoints), observations, tuple(faults))
+    return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, tuple(faults))
 
 
 def _in_time(
@@ -101,7 +100,7 @@ def _in_time(
 
 
 def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
-    """Return what is said about a view that was put right."""
+    """Return what is said about a view that was repaired."""
     where = cameras.names[fault.view_range.view], fault.view_range.first, fault.view_range.last
     cause = fault.explanation
     if isinstance(cause, Mirrored):

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
-from solver_backend.geometry.arrays import Array, identity, index
-from solver_backend.residuals.point_term import PointTerm
-from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
-
-FRAME_DOF = 69
-"""Tangent of a posed frame: root rotation 3 (world), joints 1..21 63 (each in its parent's frame), translation 3."""
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.geometry.arrays import Array, constant, identity, index
+from solver_backend.residuals.pose_term import PoseTerm
 
 
 @dataclass(frozen=True)
@@ -32,34 +31,26 @@ class Subject:
     offsets: Array
     """(L, 3) metres: bias of each landmark in its rest frame."""
 
-
-@dataclass(frozen=True)
-class PosedFrames:
-    """Poses of F frames."""
-
-    root: Array
-    """(F, 3, 3) body to world."""
-    local: Array
-    """(F, 21, 3, 3) rotations of joints 1..21."""
-    transl: Array
-    """(F, 3) metres."""
+    @classmethod
+    def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
+        """Return the average person without bias, in arrays like ``like``."""
+        return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
 
 
 @dataclass(frozen=True)
 class FrameEquations:
-    """Gauss-Newton model of the data of each frame around its pose."""
+    """Gauss-Newton model of the objective of each frame around its pose."""
 
     cost: Array
     """(F,)."""
     gradient: Array
     """(F, 69)."""
-    _parts: tuple[Array, Array, Array]
-    """Derivatives of the landmarks by turns, information and shares of the mixture, of the chosen frames."""
+    _form: Callable[[], Array]
 
     @cached_property
     def hessian(self) -> Array:
         """(F, 69, 69), or those of the chosen frames; formed when asked for."""
-        return _matrices(*self._parts)
+        return self._form()
 
 
 def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> PosedLandmarks:
@@ -71,47 +62,47 @@ def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> Po
 
 
 def frame_equations(
-    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float, steering: np.ndarray | None = None
-) -> FrameEquations:
-    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame by the 69 tangents of a pose, and what poses are like.
+    subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float,
+    hessian_frames: np.ndarray | None = None,
+) -> FrameEquations:  # fmt: skip
+    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the 69 tangents of a pose.
 
     Args:
         subject: the person.
         frames: F poses.
-        term: their data.
+        objective: what they are judged by.
         scale: of Geman-McClure's penalty.
-        steering: the frames whose matrices are wanted, in single precision, as they only steer the steps; None: all.
+        hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all.
     """
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count = posed.points.shape[0]
-    evidence = term(posed.points, scale)
-    energy, usual_pull, shares = usual_pose_term(frames.local)
-    J, pull = posed.by_rotations, evidence.gradient
+    data = objective.of_points(posed.points, scale)
+    poses = [term(frames.local) for term in objective.poses]
+    J = posed.by_rotations
     assert J is not None
-    turned = xp.matrix_transpose(xp.reshape(J, (count, -1, J.shape[-1])))
-    by_rotations = xp.matmul(turned, xp.reshape(pull, (count, -1, 1)))[..., 0]
-    by_rotations[:, 3:] += usual_pull
-    gradient = xp.concat([by_rotations, xp.sum(pull, axis=1)], axis=-1)
-    parts = J, evidence.information, shares
-    if steering is not None:
-        chosen = index(steering, J)
-        parts = tuple(xp.astype(part[chosen], xp.float32) for part in parts)
-    return FrameEquations(evidence.cost + energy, gradient, parts)
+    J_T = xp.matrix_transpose(xp.reshape(J, (count, -1, J.shape[-1])))
+    by_rotations = xp.matmul(J_T, xp.reshape(data.gradient, (count, -1, 1)))[..., 0]
+    cost = data.cost
+    for term in poses:
+        by_rotations[:, PoseTangent.JOINTS] += term.gradient
+        cost = cost + term.cost
+    gradient = xp.concat([by_rotations, xp.sum(data.gradient, axis=1)], axis=-1)
+    parts = [J, data.information, *(term.factors for term in poses)]
+    if hessian_frames is not None:
+        chosen = index(hessian_frames, J)
+        parts = [xp.astype(part[chosen], xp.float32) for part in parts]
+    return FrameEquations(cost, gradient, lambda: _hessian(objective.poses, *parts))
 
 
-def _matrices(by_rotations: Array, information: Array, shares: Array) -> Array:
-    """Return the (F, 69, 69) Gauss-Newton matrices of the data and of what poses are like."""
+def _hessian(terms: tuple[PoseTerm, ...], by_rotations: Array, information: Array, *factors: Array) -> Array:
+    """Return the (F, 69, 69) Gauss-Newton matrices of the point terms and the pose terms."""
     xp = array_namespace(by_rotations)
     count, num_landmarks = by_rotations.shape[:2]
     eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, FRAME_DOF))
+    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, PoseTangent.DOF))
     hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)
-    hessian[:, 3:66, 3:66] += usual_pose_curvature(shares)
+    for term, part in zip(terms, factors, strict=True):
+        hessian[:, PoseTangent.JOINTS, PoseTangent.JOINTS] += term.hessian(part)
     return hessian
-
-
-def select_frames(frames: PosedFrames, index: Any) -> PosedFrames:
-    """Return the poses at these indices."""
-    return PosedFrames(frames.root[index], frames.local[index], frames.transl[index])

@@ -6,76 +6,60 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.output.frame_flags import flagged
-from solver_backend.fitters.single_frame.start import Observations
+from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
-from solver_backend.types import NUM_JOINTS, Capture, Motion
+from solver_backend.types import NUM_JOINTS, Motion
 
 
 def build_motion(
-    capture: Capture,
-    subject: Subject,
-    frames: PosedFrames,
-    observations: Observations,
-    *,
-    key_times: np.ndarray,
-    covariance: Any | None,
-    scale: float,
-    contacts: np.ndarray | None = None,
-    provenance: dict[str, Any],
+    measurements: Measurements, solved: SolvedFrames, *, scale: float, provenance: dict[str, Any]
 ) -> Motion:
     """Return the Motion of F solved frames.
 
     Args:
-        capture: what was solved.
-        subject: the person.
-        frames: F poses.
-        observations: triangulation and noise.
-        key_times: frame numbers of the keyframes (may fall between frames).
-        covariance: (F, 24, 6) of each joint in square metres (see ``packed``), if the method knows it.
-        scale: robust scale in standard deviations, beyond which a detection counts as an outlier.
-        contacts: (F, 2) bool, left and right foot stand, if the method knows it.
+        measurements: what was solved from.
+        solved: F poses.
+        scale: robust scale in standard deviations, beyond twice which a measurement counts as an outlier.
         provenance: stored as it is.
     """
-    cameras, keypoints = capture.require_multiview()
+    subject, frames = solved.subject, solved.frames
     posed = pose(subject, frames)
     points, joints = to_numpy(posed.points), to_numpy(posed.skeleton.joints)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
-    error = np.linalg.norm(px - keypoints.xy, axis=-1)
-    rotvec = to_numpy(log_so3(frames.local)).reshape(len(points), -1)
-    body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
-    keyframes = np.zeros(len(points), dtype=bool)
-    keyframes[np.round(key_times).astype(int)] = True
-    normalised = error / observations.sigma_px
-    spread = None if covariance is None else to_numpy(covariance)
-    sigma = None if spread is None else mean_sigma(spread)
-    outliers = normalised[np.isfinite(normalised)] > 2 * scale
+    deviations = to_numpy(measurements.term.residuals(posed.points).deviations)
+    reprojection_px, statistics = measurements.report(points)
+    outliers = deviations[np.isfinite(deviations)] > 2 * scale
     statistics = {
-        "reprojection_median_px": _rounded(np.nanmedian(error)),
-        "reprojection_rmse_px": _rounded(np.sqrt(np.nanmean(error**2))),
+        **{name: _rounded(value) for name, value in statistics.items()},
         "outliers_percent": _rounded(100 * outliers.mean()),
         "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(to_numpy(subject.offsets), axis=-1)],
     }
+    rotvec = to_numpy(log_so3(frames.local)).reshape(len(points), -1)
+    body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
+    keyframes = np.zeros(len(points), dtype=bool)
+    keyframes[np.round(solved.key_times).astype(int)] = True
+    covariance = None if solved.covariance is None else to_numpy(solved.covariance)
+    sigma = None if covariance is None else mean_sigma(covariance)
     return Motion(
         betas=to_numpy(subject.betas),
         global_orient=to_numpy(log_so3(frames.root)),
         body_pose=body_pose,
         transl=to_numpy(frames.transl),
-        fps=keypoints.fps,
+        fps=measurements.fps,
         body=subject.body.id,
         joints=joints,
         keypoints3d=points,
-        joint_set=keypoints.joint_set,
+        joint_set=measurements.joint_set,
         joint_sigma=sigma,
-        joint_covariance=spread,
+        joint_covariance=covariance,
         keyframes=keyframes,
-        contacts=contacts,
-        flags=flagged(normalised, observations.seen, sigma),
-        reprojection_px=error.astype(np.float32),
+        contacts=solved.contacts,
+        flags=flagged(deviations, measurements.seen, sigma),
+        reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
     )
 

@@ -10,9 +10,11 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose, select_frames
-from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseChain
-from solver_backend.fitters.pose_ndf.sequence_solver import solve_chain
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseSequence
+from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 
@@ -40,7 +42,7 @@ class CompleteSettings:
     smoothness: float = 2.0
     """λ_t, 1/m², at 30 frames a second; chosen on takes of training subjects."""
     iterations: int = 30
-    """Linearisations at most for each stretch of frames."""
+    """Linearisations at most for each chunk of frames."""
     candidates: int = 64
     """Samples of the prior whose limbs are tried in place of the missing ones."""
     starts: int = 3
@@ -86,7 +88,7 @@ def complete(
         missing: columns 0..20 of joints 1..21, see ``missing_joints``.
         fps: frames per second.
         settings: weights and starts.
-        progress: called as stretches of frames are done.
+        progress: called as chunks of frames are done.
 
     Raises:
         PoseInvalid: known joints that are NaN or off SO(3).
@@ -96,10 +98,10 @@ def complete(
         start = _with_limb(frames, missing, limb)
         observed = pose(subject, start).points
         weights = ManifoldWeights(0.0, settings.manifold, settings.smoothness * (fps / 30.0) ** 2)
-        free = tuple(3 + 3 * joint + axis for joint in missing for axis in range(3))
-        chain = PoseChain(subject, prior, weights, observed, observed[..., 0] * 0.0, free)
+        free = tuple(column for joint in missing for column in range(PoseTangent.DOF)[PoseTangent.joint(joint)])
+        sequence = PoseSequence(subject, prior, weights, observed, observed[..., 0] * 0.0, free)
         name = f"Completing {number + 1}/{settings.starts}"
-        found, cost = solve_chain(chain, start, settings.iterations, name, progress)
+        found, cost = solve_sequence(sequence, start, settings.iterations, name, progress)
         if best is None or float(cost[0]) < least:
             best, least = found, float(cost[0])
     assert best is not None
@@ -110,7 +112,7 @@ def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], setti
     """Return the missing joints' rotations (starts, n, 3, 3) of those samples that lie nearest to the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
-    some = select_frames(frames, slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
+    some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
     cost = [xp.sum(prior.energy(_with_limb(some, missing, limb).local) ** 2) for limb in limbs]
     return limbs[xp.argsort(xp.stack(cost))[: settings.starts]]
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose
-from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseChain
-from solver_backend.fitters.pose_ndf.sequence_solver import solve_chain
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseSequence
+from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 
 WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
@@ -23,7 +25,7 @@ class DenoiseSettings:
     weights: ManifoldWeights = WEIGHTS
     """At 30 frames a second."""
     iterations: int = 20
-    """Linearisations at most for each stretch of frames."""
+    """Linearisations at most for each chunk of frames."""
     move_root: bool = True
     """Whether the root's rotation and translation may move too, which only smoothness and data hold."""
 
@@ -44,7 +46,7 @@ def denoise(
         frames: F noisy poses; their own landmarks are the observation.
         fps: frames per second; ``λ_t`` grows with its square, so that a speed costs the same at every rate.
         settings: weights.
-        progress: called as stretches of frames are done.
+        progress: called as chunks of frames are done.
 
     Raises:
         PoseInvalid: poses that are NaN or off SO(3).
@@ -53,6 +55,7 @@ def denoise(
     observed = pose(subject, frames).points
     w = settings.weights
     weights = replace(w, smoothness=w.smoothness * (fps / 30.0) ** 2)
-    free = range(FRAME_DOF) if settings.move_root else range(3, FRAME_DOF - 3)
-    chain = PoseChain(subject, prior, weights, observed, xp.ones_like(observed[..., 0]), tuple(free))
-    return solve_chain(chain, frames, settings.iterations, "Denoising", progress)[0]
+    columns = range(PoseTangent.DOF)
+    free = columns if settings.move_root else columns[PoseTangent.JOINTS]
+    sequence = PoseSequence(subject, prior, weights, observed, xp.ones_like(observed[..., 0]), tuple(free))
+    return solve_sequence(sequence, frames, settings.iterations, "Denoising", progress)[0]

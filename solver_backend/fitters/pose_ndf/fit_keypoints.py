@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose
+from solver_backend.exchange.joint_sets import NUM_BETAS, NUM_BODY_JOINTS
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
-from solver_backend.geometry.rotations import exp_so3, left_jacobian_inverse_so3, log_so3
+from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.residuals.point_term import PointTerm
@@ -69,47 +72,46 @@ class KeypointObjective:
         xp = array_namespace(posed.points)
         evidence = self.term(posed.points, self.scale)
         count, num_landmarks = posed.points.shape[:2]
-        eye = xp.broadcast_to(_eye(xp, 3, betas), (count, num_landmarks, 3, 3))
+        eye = xp.broadcast_to(identity(3, betas), (count, num_landmarks, 3, 3))
         J = xp.concat([posed.by_rotations, eye, posed.by_betas], axis=-1)
         weighted = xp.reshape(xp.matmul(evidence.information, J), (count, 3 * num_landmarks, -1))
-        Jt = xp.permute_dims(xp.reshape(J, (count, 3 * num_landmarks, -1)), (0, 2, 1))
-        H = xp.matmul(Jt, weighted)
-        g = xp.matmul(Jt, xp.reshape(evidence.gradient, (count, -1, 1)))[..., 0]
+        J_T = xp.permute_dims(xp.reshape(J, (count, 3 * num_landmarks, -1)), (0, 2, 1))
+        H = xp.matmul(J_T, weighted)
+        g = xp.matmul(J_T, xp.reshape(evidence.gradient, (count, -1, 1)))[..., 0]
         prior_cost, prior_g, prior_H = self._pose_terms(frames)
         s = self.settings
         cost = xp.sum(evidence.cost) + prior_cost + 0.5 * s.shape * xp.sum(betas * betas)
         return xp.reshape(cost, (1,)), Arrowhead(
-            H[:, :FRAME_DOF, :FRAME_DOF] + prior_H,
-            H[:, :FRAME_DOF, FRAME_DOF:],
-            xp.sum(H[:, FRAME_DOF:, FRAME_DOF:], axis=0) + s.shape * _eye(xp, 10, betas),
-            g[:, :FRAME_DOF] + prior_g,
-            xp.sum(g[:, FRAME_DOF:], axis=0) + s.shape * betas,
+            H[:, : PoseTangent.DOF, : PoseTangent.DOF] + prior_H,
+            H[:, : PoseTangent.DOF, PoseTangent.DOF :],
+            xp.sum(H[:, PoseTangent.DOF :, PoseTangent.DOF :], axis=0) + s.shape * identity(NUM_BETAS, betas),
+            g[:, : PoseTangent.DOF] + prior_g,
+            xp.sum(g[:, PoseTangent.DOF :], axis=0) + s.shape * betas,
         )
 
     def retract(self, state: tuple[PosedFrames, Array], step: Array) -> tuple[PosedFrames, Array]:
         """Return the state moved by (1, 10 + 69 F) steps, the shape first."""
         xp = array_namespace(step)
         frames, betas = state
-        moves = xp.reshape(step[0, 10:], (-1, FRAME_DOF))
-        turns = exp_so3(xp.reshape(moves[:, :66], (-1, 22, 3)))
-        root, local = xp.matmul(turns[:, 0], frames.root), xp.matmul(turns[:, 1:], frames.local)
-        return PosedFrames(root, local, frames.transl + moves[:, 66:]), betas + step[0, :10]
+        moves = xp.reshape(step[0, NUM_BETAS:], (-1, PoseTangent.DOF))
+        return frames.retract(moves), betas + step[0, :NUM_BETAS]
 
     def _pose_terms(self, frames: PosedFrames) -> tuple[Array, Array, Array]:
         """Return cost, gradient (F, 69) and curvature (F, 69, 69) of the manifold and of bending."""
         xp = array_namespace(frames.local)
-        bend_cost, bend_pull, bend_curvature = bending(frames.local, self.settings.bending)
+        bend_cost, bend_g, bend_curvature = bending(frames.local, self.settings.bending)
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
         w, by_joints = self.settings.manifold, xp.reshape(by_joints, (len(distance), -1))
         if self.settings.adaptive:
-            cost, pull, stiff = 0.5 * w * xp.sum(distance**2), w * distance[:, None] * by_joints, w + 0.0 * distance
+            cost, own_g, stiff = 0.5 * w * xp.sum(distance**2), w * distance[:, None] * by_joints, w + 0.0 * distance
         else:
-            cost, pull, stiff = w * xp.sum(distance), w * by_joints, w / xp.clip(distance, 1e-3, None)
+            cost, own_g, stiff = w * xp.sum(distance), w * by_joints, w / xp.clip(distance, 1e-3, None)
         metric = constant(np.diag(np.repeat(TURN_METRIC, 3)), distance)
         curvature = bend_curvature + stiff[:, None, None] * metric
-        g = zeros((len(distance), FRAME_DOF), distance)
+        g = zeros((len(distance), PoseTangent.DOF), distance)
         H = xp.zeros_like(g)[:, :, None] * g[:, None, :]
-        g[:, 3:66], H[:, 3:66, 3:66] = bend_pull + pull, curvature
+        joints = PoseTangent.JOINTS
+        g[:, joints], H[:, joints, joints] = bend_g + own_g, curvature
         return cost + bend_cost, g, H
 
 
@@ -121,13 +123,13 @@ def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
     penalties, slopes = [], []
     for joint, axis, sign in BENDS:
         penalty = xp.exp(sign * vectors[:, joint, axis])
-        one = constant(np.eye(21)[joint], penalty)[None, :, None]
+        one = constant(np.eye(NUM_BODY_JOINTS)[joint], penalty)[None, :, None]
         slope = (sign * penalty)[:, None] * inverse[:, joint, axis, :]
         penalties.append(penalty)
         slopes.append(xp.reshape(one * slope[:, None, :], (count, -1)))
     r, J = xp.stack(penalties, axis=1), xp.stack(slopes, axis=1)
-    Jt = xp.permute_dims(J, (0, 2, 1))
-    return 0.5 * weight * xp.sum(r * r), weight * xp.matmul(Jt, r[..., None])[..., 0], weight * xp.matmul(Jt, J)
+    J_T = xp.permute_dims(J, (0, 2, 1))
+    return 0.5 * weight * xp.sum(r * r), weight * xp.matmul(J_T, r[..., None])[..., 0], weight * xp.matmul(J_T, J)
 
 
 def fit_keypoints(
@@ -159,7 +161,3 @@ def fit_keypoints(
         state = result.state
     assert result is not None
     return KeypointFit(*state, cost=float(result.cost[0]), status=result.status)
-
-
-def _eye(xp, size: int, like: Array) -> Array:
-    return identity(size, like)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.subject import FRAME_DOF, PosedFrames, Subject, pose
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
-from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
@@ -21,17 +22,17 @@ class ManifoldWeights:
     """Weights of the three terms; points count as the mean over the landmarks."""
 
     data: float
-    """λ_v, 1/m²: pull of the observed points."""
+    """λ_v, 1/m²: of the observed points."""
     manifold: float
     """w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3)."""
     smoothness: float
-    """λ_t, 1/m²: pull of a frame's points towards the points of the frame before."""
+    """λ_t, 1/m²: of the way of a frame's points from those of the frame before."""
     level: float = 0.0
     """rad; a pose as near to the manifold as this is not pulled, so that recorded poses are left as they are."""
 
 
 @dataclass(frozen=True)
-class PoseChain:
+class PoseSequence:
     """What F consecutive frames are judged by."""
 
     subject: Subject
@@ -43,7 +44,7 @@ class PoseChain:
     seen: Array
     """(F, L) one where a point is observed, zero where not (its position may be anything finite)."""
     free: tuple[int, ...]
-    """Which of a frame's 69 tangents may move: root 0..2, joints 3..65, translation 66..68."""
+    """Which columns of a frame's ``PoseTangent`` may move."""
     before: Array | None = None
     """(L, 3) points of the frame before the first; None at the start of a take."""
 
@@ -57,7 +58,7 @@ class PoseChain:
         xp = array_namespace(posed.points)
         count, num_landmarks = posed.points.shape[:2]
         J = _free_columns(xp, posed.by_rotations, list(self.free))
-        Jt = xp.permute_dims(J, (0, 2, 1))
+        J_T = xp.permute_dims(J, (0, 2, 1))
         data, smooth = self.weights.data / num_landmarks, self.weights.smoothness / num_landmarks
         error = self.seen[..., None] * (posed.points - self.observed)
         step = posed.points[1:] - posed.points[:-1]
@@ -67,16 +68,17 @@ class PoseChain:
         distance = xp.clip(distance - self.weights.level, 0.0, None)
         by_free = _of_joints(xp, by_joints)[:, list(self.free)]
 
-        pull = xp.reshape(data * error + smooth * (arriving - leaving), (count, -1, 1))
+        by_points = xp.reshape(data * error + smooth * (arriving - leaving), (count, -1, 1))
         w = self.weights.manifold
-        g = xp.matmul(Jt, pull)[..., 0] + w * distance[:, None] * by_free
+        g = xp.matmul(J_T, by_points)[..., 0] + w * distance[:, None] * by_free
         neighbours = self._neighbours(xp, posed.points)
         stiff = data * self.seen + smooth * neighbours[:, None]
         stiff = xp.reshape(xp.broadcast_to(stiff[..., None], posed.points.shape), (count, -1, 1))
-        bend = np.concatenate([np.zeros(3), np.repeat(TURN_METRIC, 3), np.zeros(3)])[list(self.free)]
-        diagonal = xp.matmul(Jt, stiff * J) + constant(w * np.diag(bend), stiff)
+        bend = np.zeros(PoseTangent.DOF)
+        bend[PoseTangent.JOINTS] = np.repeat(TURN_METRIC, 3)
+        diagonal = xp.matmul(J_T, stiff * J) + constant(w * np.diag(bend[list(self.free)]), stiff)
         cost = 0.5 * (data * xp.sum(error * error) + smooth * xp.sum(arriving**2) + w * xp.sum(distance**2))
-        upper = -smooth * xp.matmul(Jt[:-1], J[1:])
+        upper = -smooth * xp.matmul(J_T[:-1], J[1:])
         return xp.reshape(cost, (1,)), BlockTridiagonal(diagonal, upper, g)
 
     def _neighbours(self, xp: Any, points: Array) -> Array:
@@ -89,12 +91,9 @@ class PoseChain:
         """Return the frames moved by (1, F n) steps in the free tangents."""
         xp = array_namespace(step)
         count = frames.root.shape[0]
-        whole = zeros((count, FRAME_DOF), step)
+        whole = zeros((count, PoseTangent.DOF), step)
         whole[:, list(self.free)] = xp.reshape(step, (count, -1))
-        turns = exp_so3(xp.reshape(whole[:, :66], (count, 22, 3)))
-        return PosedFrames(
-            xp.matmul(turns[:, 0], frames.root), xp.matmul(turns[:, 1:], frames.local), frames.transl + whole[:, 66:]
-        )
+        return frames.retract(whole)
 
 
 def _free_columns(xp: Any, by_rotations: Array | None, free: list[int]) -> Array:
@@ -103,11 +102,11 @@ def _free_columns(xp: Any, by_rotations: Array | None, free: list[int]) -> Array
     count, num_landmarks = by_rotations.shape[:2]
     eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    return xp.reshape(J, (count, 3 * num_landmarks, FRAME_DOF))[..., free]
+    return xp.reshape(J, (count, 3 * num_landmarks, PoseTangent.DOF))[..., free]
 
 
 def _of_joints(xp: Any, by_joints: Array) -> Array:
     """Return (F, 69) from (F, 21, 3): zero for the root and the translation."""
-    flat = xp.reshape(by_joints, (by_joints.shape[0], -1))
-    nothing = xp.zeros_like(flat[:, :3])
-    return xp.concat([nothing, flat, nothing], axis=1)
+    whole = zeros((by_joints.shape[0], PoseTangent.DOF), by_joints)
+    whole[:, PoseTangent.JOINTS] = xp.reshape(by_joints, (by_joints.shape[0], -1))
+    return whole

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.codes import CODES, decode_poses, decoded_only
-from solver_backend.fitters.model.subject import PosedFrames, Subject, frame_equations
-from solver_backend.geometry.arrays import Array, constant, identity, zeros
+from solver_backend.fitters.model.codes import CODES, d_pose_d_key, decoded
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, frame_equations
+from solver_backend.fitters.model.tangent import KEY
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
 
 
@@ -31,80 +33,55 @@ class FrameStates:
     transl: Array
     """(F, 3) metres."""
 
+    def retract(self, step: Array) -> FrameStates:
+        """Return the states moved by (F, 36) steps, see ``KEY``."""
+        xp = array_namespace(step)
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, KEY.latent, None])[..., 0]
+        root = xp.matmul(exp_so3(step[:, KEY.root]), self.root)
+        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, KEY.transl])
+
+    def where(self, mask: Array, other: FrameStates) -> FrameStates:
+        """Return these states where the (F,) mask is true, and the other's elsewhere."""
+        xp = array_namespace(mask)
+        pick = mask[:, None]
+        return FrameStates(
+            xp.where(pick, self.z, other.z),
+            xp.where(pick[..., None], self.root, other.root),
+            xp.where(pick, self.transl, other.transl),
+        )
+
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
     """Return the poses the states decode to."""
-    return PosedFrames(states.root, decoded_only(prior, states.z), states.transl)
-
-
-def retract(states: FrameStates, step: Array) -> FrameStates:
-    """Move by (F, 36) tangent steps: latent 30, root 3 (world), translation 3."""
-    xp = array_namespace(step)
-    basis = CODES.tangent_basis(states.z)
-    dof = basis.shape[-1]
-    moved = states.z + xp.matmul(basis, step[:, :dof, None])[..., 0]
-    turn = exp_so3(step[:, dof : dof + 3])
-    return FrameStates(CODES.nearest(moved), xp.matmul(turn, states.root), states.transl + step[:, dof + 3 :])
-
-
-def select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
-    """Take the masked frames from ``new``."""
-    xp = array_namespace(mask)
-    pick = mask[:, None]
-    return FrameStates(
-        xp.where(pick, new.z, old.z),
-        xp.where(pick[..., None], new.root, old.root),
-        xp.where(pick, new.transl, old.transl),
-    )
-
-
-def by_unknowns(prior: PosePrior, states: FrameStates) -> tuple[PosedFrames, Array]:
-    """Return the poses and the (F, 69, 36) derivative of the pose tangents by the unknowns' tangents."""
-    xp = array_namespace(states.z)
-    decoded = decode_poses(prior, states.z)
-    latent = xp.matmul(decoded.by_latent, CODES.tangent_basis(states.z))
-    count, dof = latent.shape[0], latent.shape[-1]
-    chain = zeros((count, 69, dof + 6), latent)
-    for i in range(3):
-        chain[:, i, dof + i] = 1.0
-        chain[:, 66 + i, dof + 3 + i] = 1.0
-    chain[:, 3:66, :dof] = latent
-    return PosedFrames(states.root, decoded.local, states.transl), chain
+    return PosedFrames(states.root, decoded(prior, states.z), states.transl)
 
 
 def fit_frames(
     subject: Subject,
     prior: PosePrior,
-    term: PointTerm,
+    objective: FrameObjective,
     start: FrameStates,
     scales: tuple[float, ...],
-    iterations: int,
+    settings: LMSettings,
     progress: Progress = silent,
-    stage: str = "Fitting frames",
-    tolerance: float = 1e-4,
-) -> tuple[FrameStates, Array]:
-    """Fit each frame, through a falling schedule of robust scales.
-
-    Returns:
-        The states and the (F,) costs at the last scale.
-    """
-    states, cost = start, None
+) -> LMResult[FrameStates]:
+    """Fit each frame, through a falling schedule of robust scales, and return how the last one ended."""
+    states, result = start, None
     for done, scale in enumerate(scales):
 
         def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, DenseBlocks]:
-            frames, chain = by_unknowns(prior, s)
-            equations = frame_equations(subject, frames, term, scale)
-            return equations.cost, _reduced(equations.hessian, equations.gradient, chain)
+            equations = frame_equations(subject, posed(prior, s), objective, scale)
+            return equations.cost, _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
 
-        settings = LMSettings(iterations, tolerance)
-        result = levenberg_marquardt(states, linearise, retract, select, settings)
-        states, cost = result.state, result.cost
-        progress(stage, done + 1, len(scales))
-    return states, cost
+        result = levenberg_marquardt(states, linearise, FrameStates.retract, _where, settings)
+        states = result.state
+        progress("Fitting frames", done + 1, len(scales))
+    assert result is not None
+    return result
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames: those between seen frames on the geodesics that join them, the ends held.
+    """Return states of all frames: those between seen frames on the geodesics that join them, the ends repeated.
 
     Args:
         states: poses of the seen frames.
@@ -126,10 +103,14 @@ def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> Fr
     return FrameStates(slerp(states.z[before], states.z[after], share), root, transl)
 
 
-def _reduced(hessian: Array, gradient: Array, chain: Any) -> DenseBlocks:
-    """Return the normal equations of the unknowns, ``Cᵀ H C`` and ``Cᵀ g``; a floor keeps unseen parts still."""
+def _where(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
+    return new.where(mask, old)
+
+
+def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
+    """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``; a floor keeps unseen parts still."""
     xp = array_namespace(hessian)
-    turned = xp.permute_dims(chain, (0, 2, 1))
-    reduced = xp.matmul(turned, xp.matmul(hessian, chain))
+    C, C_T = d_pose_d_state, xp.permute_dims(d_pose_d_state, (0, 2, 1))
+    reduced = xp.matmul(C_T, xp.matmul(hessian, C))
     eye = identity(reduced.shape[-1], reduced)
-    return DenseBlocks(reduced + 1e-2 * eye, xp.matmul(turned, gradient[..., None])[..., 0])
+    return DenseBlocks(reduced + 1e-2 * eye, xp.matmul(C_T, gradient[..., None])[..., 0])

@@ -1,17 +1,18 @@
-"""Where a solve starts: triangulated points, the detector's noise, sample frames, and poses fitted to points."""
+"""Where a solve starts: sample frames, and poses fitted to the points that were located in them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import FrameStates, fit_frames, posed
-from solver_backend.fitters.single_frame.fit import select as select_states
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant, identity, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -19,7 +20,8 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.lifter import Lifted, load_lifter
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, Cameras, Keypoints2D
+from solver_backend.solver.levenberg_marquardt import LMSettings
+from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
 _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
     {"left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2)},
@@ -52,71 +54,48 @@ TOLERANCE = 1e-2
 """A start is good enough when no frame's cost falls by more than this share."""
 
 
-@dataclass(frozen=True)
-class Observations:
-    """What was measured, before any body is involved."""
-
-    triangulation: Triangulation
-    """Robust points per frame and keypoint."""
-    sigma_px: np.ndarray
-    """(L,) standard deviation of each keypoint's noise, pixels."""
-    seen: np.ndarray
-    """(F,) bool: enough points were triangulated to place a body."""
-
-
-def observe(cameras: Cameras, keypoints: Keypoints2D) -> Observations:
-    """Triangulate all keypoints and measure the detector's noise from what the views disagree on."""
-    return observations_of(triangulate(cameras, keypoints.xy, keypoints.confidence))
-
-
-def observations_of(triangulation: Triangulation) -> Observations:
-    """Return what was measured, told from the triangulated keypoints."""
-    points = np.isfinite(triangulation.points).all(-1)
-    return Observations(triangulation, triangulation.sigma_px, points.sum(-1) >= min(6, points.shape[1] // 2))
-
-
-def sample_frames(observations: Observations, count: int) -> np.ndarray:
-    """Return up to ``count`` frames spread over the take, in each stretch the one that shows most."""
-    points = np.isfinite(observations.triangulation.points).all(-1).sum(-1)
-    stretches = np.array_split(np.arange(len(points)), min(count, len(points)))
-    best = np.array([s[np.argmax(points[s])] for s in stretches if len(s)])
+def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
+    """Return up to ``count`` frames spread over the take, in each part the one that shows most."""
+    points = measurements.located.sum(-1)
+    parts = np.array_split(np.arange(len(points)), min(count, len(points)))
+    best = np.array([part[np.argmax(points[part])] for part in parts if len(part)])
     return best[points[best] >= max(4, 0.6 * points.max())]
 
 
-def points_term(observations: Observations, frames: np.ndarray, like: Array) -> PositionTerm:
-    """Return the distance to the triangulated points of these frames."""
-    points = observations.triangulation.points[frames]
-    valid = np.isfinite(points).all(-1)
-    variance = np.trace(observations.triangulation.covariance[frames], axis1=-2, axis2=-1) / 3
+def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> PositionTerm:
+    """Return the distance to the located points of these frames."""
+    points, valid = measurements.points[frames], measurements.located[frames]
+    variance = np.trace(measurements.covariance[frames], axis1=-2, axis2=-1) / 3
     weight = np.where(valid, 1.0 / (POSE_SIGMA_M**2 + np.nan_to_num(variance)), 0.0)
     return PositionTerm(constant(np.where(valid[..., None], points, 0.0), like), constant(weight, like))
 
 
-def fit_to_points(subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray) -> FrameStates:
-    """Fit poses to the triangulated points of these frames, from where the lifter says or from the best start pose."""
+def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
+    """Fit poses to the located points of these frames, from where the lifter says or from the best start pose."""
     xp = array_namespace(subject.betas)
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
-    parts = map_blocks(lambda f: _fit_block(subject, prior, observations, f), blocks, subject.betas)
+    parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas)
     return FrameStates(*(xp.concat([getattr(part, name) for part in parts]) for name in ("z", "root", "transl")))
 
 
-def _fit_block(subject: Subject, prior: PosePrior, observations: Observations, frames: np.ndarray) -> FrameStates:
-    term = points_term(observations, frames, subject.betas)
+def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
+    prior, term = problem.prior, points_term(problem.measurements, frames, subject.betas)
     lifted = _lifted(subject, term)
     states, (scales, iterations) = _placed(subject, lifted), NEAR
     if not bool(array_namespace(lifted.usable).all(lifted.usable)):
-        states, (scales, iterations) = select_states(lifted.usable, states, _from_poses(subject, prior, term)), FAR
-    return fit_frames(subject, prior, term, states, scales, iterations, tolerance=TOLERANCE)[0]
+        states, (scales, iterations) = states.where(lifted.usable, _from_poses(subject, prior, term)), FAR
+    objective = FrameObjective((term,), problem.pose_terms)
+    return fit_frames(subject, prior, objective, states, scales, LMSettings(iterations, TOLERANCE)).state
 
 
-def lifted_betas(subject: Subject, observations: Observations, frames: np.ndarray) -> Array:
+def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
     """Return the (10,) shape that the lifter sees in these frames: their mean, or the subject's where it sees none."""
-    lifted = _lifted(subject, points_term(observations, frames, subject.betas))
+    lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))
-    told = xp.where(lifted.usable[:, None], lifted.betas, xp.zeros_like(lifted.betas))
-    return subject.betas if count == 0 else xp.sum(told, axis=0) / count
+    seen = xp.where(lifted.usable[:, None], lifted.betas, xp.zeros_like(lifted.betas))
+    return subject.betas if count == 0 else xp.sum(seen, axis=0) / count
 
 
 def _lifted(subject: Subject, term: PositionTerm) -> Lifted:

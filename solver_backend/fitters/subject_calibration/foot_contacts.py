@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.runs import true_runs
-from solver_backend.residuals.foot_contact import StandingTerm
-from solver_backend.residuals.point_term import PointTerm
+from solver_backend.residuals.foot_contact import foot_contact_term
+from solver_backend.residuals.positions import PositionTerm
 
 SPEED_M_S = 0.25
 """A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
@@ -19,8 +19,6 @@ SHORTEST_S = 0.12
 """A foot that touches the floor for less does not stand."""
 BREAK_S = 0.1
 """A foot that leaves its place for less did not: no step is so short."""
-SIGMA_M = 0.006
-"""How far a planted point's skin and shoe give."""
 _FOOT_POINTS = ("big_toe", "small_toe", "heel")
 
 
@@ -40,14 +38,13 @@ class Contacts:
         sides = [[k for k, name in enumerate(names) if name.startswith(side)] for side in ("left", "right")]
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
-    def held(self, data: PointTerm, like: object) -> StandingTerm:
-        """Return a data term with the planted points held to their anchors."""
-        weight = np.where(self.planted, 1.0 / SIGMA_M**2, 0.0)
-        return StandingTerm(data, constant(self.anchors, like), constant(weight, like))
+    def term(self, like: Array) -> PositionTerm:
+        """Return what draws the planted points to their anchors."""
+        return foot_contact_term(self.planted, self.anchors, like)
 
 
 def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float, fixed: np.ndarray | None = None) -> Contacts:
-    """Find the stretches in which points of the feet are slow and low.
+    """Find the frame ranges in which points of the feet are slow and low.
 
     Args:
         points: (F, L, 3) solved positions, metres, Z up.

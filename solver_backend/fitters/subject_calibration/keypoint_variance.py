@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.arrays import constant
-from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.point_term import DataTerm
 
 PRIOR_FRAMES = 60.0
 """How many frames' worth of evidence says that all views are alike; errors of neighbouring frames are."""
@@ -15,16 +18,22 @@ RANGE = (0.2, 5.0)
 """Least and largest variance of one view's keypoint, as a share of the keypoint's mean over the views."""
 
 
-def reweighted(
-    subject: Subject, frames: PosedFrames, term: ReprojectionTerm, scale: float, sample: np.ndarray
-) -> ReprojectionTerm:
+def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
+    """Return the data; if asked, with the variances of each view's points learned from the sample's poses."""
+    data = problem.measurements.term
+    if not settings.learn_noise:
+        return data
+    return reweighted(subject, sample, data, settings.robust_scale, problem.sample)
+
+
+def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, sample: np.ndarray) -> DataTerm:
     """Return the term with the variance of every view's keypoints learned from the residuals of a solution.
 
-    ``v_cl = (Σ_f |r|²/2 + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
+    ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
     restricted maximum of the log-variance's likelihood (thesis ch. 5) under an inverse-gamma prior. h is the share of a
-    view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are told relative to
+    view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are relative to
     the median keypoint's: how much all err together is known from what the views disagree on, and residuals of a body
-    that does not follow a fast limb yet would pass for more of it.
+    that does not follow a fast limb yet would pass for more of it. Points that are measured once teach nothing.
 
     Args:
         subject: the person.
@@ -36,11 +45,13 @@ def reweighted(
     part = term.select(sample)
     points = pose(subject, frames).points
     xp = array_namespace(points)
-    error, inlier = part.residuals(points, scale)
-    used = xp.astype(inlier, error.dtype)
-    per_sigma = part.weight / xp.where(part.confidence > 0, part.confidence, xp.ones_like(part.weight))
-    square = 0.5 * used * per_sigma * xp.sum(error * error, axis=-1)
+    found = part.residuals(points)
+    inlier = found.inliers(scale)
+    used = xp.astype(inlier, found.squared.dtype)
+    square = used * found.squared / found.error.shape[-1]
     free = used * (1.0 - part.leverage(points, inlier))
+    if not bool(xp.any(free > 0)):
+        return term
     sums, freedoms = xp.sum(square, axis=1), xp.sum(free, axis=1)
     mean = xp.sum(sums, axis=0) / xp.clip(xp.sum(freedoms, axis=0), 1.0, None)
     mean = xp.clip(mean, 0.05, None)

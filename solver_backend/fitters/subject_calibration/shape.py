@@ -7,15 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.single_frame import fit as single
-from solver_backend.fitters.single_frame.fit import FrameStates
+from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.single_frame.fit import FrameStates, posed
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
-from solver_backend.residuals.pose_mixture import usual_pose_curvature, usual_pose_term
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
+
+FIXED = 1e12
+"""Precision of what is kept."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,10 @@ class ShapePrior:
     """How far a detector's idea of a point may lie from ours."""
     evidence: float = 0.2
     """Share of each frame's information that is new: detector noise is correlated in time."""
+    free_betas: bool = True
+    """False keeps a known shape."""
+    free_offsets: bool = True
+    """False keeps the landmarks where they are."""
 
 
 @dataclass(frozen=True)
@@ -37,41 +45,33 @@ class _State:
 
 
 def fit_shape(
-    subject: Subject,
-    prior: PosePrior,
-    term: PointTerm,
-    start: FrameStates,
-    scales: tuple[float, ...],
-    iterations: int,
-    shape_prior: ShapePrior = ShapePrior(),
-    *,
-    free_betas: bool = True,
-    free_offsets: bool = True,
-) -> tuple[Subject, FrameStates]:
+    subject: Subject, prior: PosePrior, objective: FrameObjective, start: FrameStates, scales: tuple[float, ...],
+    settings: LMSettings, shape_prior: ShapePrior = ShapePrior(),
+) -> tuple[Subject, FrameStates]:  # fmt: skip
     """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
 
     Args:
+        subject: where shape and offsets start.
+        prior: decoder of the codes.
+        objective: of the sample.
         start: poses of the sample.
-        free_betas: False keeps a known shape.
-        free_offsets: False keeps the landmarks where they are.
+        scales: of Geman-McClure's penalty, falling.
+        settings: of each scale.
+        shape_prior: what is known of shape and offsets.
     """
     state = _State(subject, start)
-    precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
-    mean = _prior_mean(subject, free_betas, free_offsets)
+    precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
 
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
         xp = array_namespace(step)
-        return _State(
-            moved(s.subject, step[0, :m]), single.retract(s.frames, xp.reshape(step[0, m:], (start.z.shape[0], -1)))
-        )
+        return _State(moved(s.subject, step[0, :m]), s.frames.retract(xp.reshape(step[0, m:], (len(start.z), -1))))
 
     for scale in scales:
 
         def linearise(s: _State, scale: float = scale) -> tuple[Array, Arrowhead]:
-            return _arrowhead(prior, s, term, scale, precision, mean)
+            return _arrowhead(prior, s, objective, scale, precision, mean)
 
-        settings = LMSettings(max_iterations=iterations)
         state = levenberg_marquardt(state, linearise, retract, _take, settings).state
     return state.subject, state.frames
 
@@ -81,56 +81,51 @@ def _take(mask: Array, new: _State, old: _State) -> _State:
 
 
 def _arrowhead(
-    prior: PosePrior, state: _State, term: PointTerm, scale: float, precision: Array, mean: Array
+    prior: PosePrior, state: _State, objective: FrameObjective, scale: float, precision: Array, mean: Array
 ) -> tuple[Array, Arrowhead]:
     """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)
-    frames, chain = single.by_unknowns(prior, state.frames)
-    J, gradient, information, cost = _point_jacobian(state.subject, frames, term, scale)
+    frames, d_pose_d_state = posed(prior, state.frames), d_pose_d_key(prior, state.frames.z)
+    J, gradient, information, cost = _point_jacobian(state.subject, frames, objective, scale)
     count = J.shape[0]
 
     def flat(matrices: Array) -> Array:
         return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
 
-    by_pose, by_shape = xp.matmul(J[..., :69], chain[:, None]), J[..., 69:]
-    turned_pose = xp.permute_dims(flat(by_pose), (0, 2, 1))
-    turned_shape = xp.permute_dims(flat(by_shape), (0, 2, 1))
+    by_pose, by_shape = xp.matmul(J[..., : PoseTangent.DOF], d_pose_d_state[:, None]), J[..., PoseTangent.DOF :]
+    by_pose_T, by_shape_T = xp.matrix_transpose(flat(by_pose)), xp.matrix_transpose(flat(by_shape))
     weighted_shape = flat(xp.matmul(information, by_shape))
-    pull = xp.reshape(gradient, (count, -1, 1))
-    energy, usual_pull, shares = usual_pose_term(frames.local)
-    by_joints = chain[:, 3:66]
-    turned_joints = xp.permute_dims(by_joints, (0, 2, 1))
+    gradient = xp.reshape(gradient, (count, -1, 1))
+    blocks, g_blocks = xp.matmul(by_pose_T, flat(xp.matmul(information, by_pose))), xp.matmul(by_pose_T, gradient)
+    by_joints = d_pose_d_state[:, PoseTangent.JOINTS]
+    by_joints_T = xp.matrix_transpose(by_joints)
+    for term in objective.poses:
+        evidence = term(frames.local)
+        blocks = blocks + xp.matmul(by_joints_T, xp.matmul(term.hessian(evidence.factors), by_joints))
+        g_blocks = g_blocks + xp.matmul(by_joints_T, evidence.gradient[..., None])
+        cost = cost + evidence.cost
     value = _parameters(state.subject) - mean
     system = Arrowhead(
-        blocks=xp.matmul(turned_pose, flat(xp.matmul(information, by_pose)))
-        + xp.matmul(turned_joints, xp.matmul(usual_pose_curvature(shares), by_joints))
-        + 1e-2 * identity(chain.shape[-1], J),
-        coupling=xp.matmul(turned_pose, weighted_shape),
-        shared=xp.sum(xp.matmul(turned_shape, weighted_shape), axis=0) + precision[:, None] * identity(len(value), J),
-        g_blocks=(xp.matmul(turned_pose, pull) + xp.matmul(turned_joints, usual_pull[..., None]))[..., 0],
-        g_shared=xp.sum(xp.matmul(turned_shape, pull)[..., 0], axis=0) + precision * value,
+        blocks=blocks + 1e-2 * identity(d_pose_d_state.shape[-1], J),
+        coupling=xp.matmul(by_pose_T, weighted_shape),
+        shared=xp.sum(xp.matmul(by_shape_T, weighted_shape), axis=0) + precision[:, None] * identity(len(value), J),
+        g_blocks=g_blocks[..., 0],
+        g_shared=xp.sum(xp.matmul(by_shape_T, gradient)[..., 0], axis=0) + precision * value,
     )
-    return (xp.sum(cost + energy) + 0.5 * xp.sum(precision * value * value))[None], system
+    return (xp.sum(cost) + 0.5 * xp.sum(precision * value * value))[None], system
 
 
 def refit_shape(
-    subject: Subject,
-    frames: PosedFrames,
-    term: PointTerm,
-    scale: float,
-    shape_prior: ShapePrior,
-    *,
-    free_betas: bool = True,
-    free_offsets: bool = True,
+    subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
     """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
-    J, gradient, information, _ = _point_jacobian(subject, frames, term, scale)
+    J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
     xp = array_namespace(J)
-    precision = _prior_precision(subject, shape_prior, free_betas, free_offsets)
-    by_shape = J[..., 69:]
+    precision = _prior_precision(subject, shape_prior)
+    by_shape = J[..., PoseTangent.DOF :]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
-    deviation = _parameters(subject) - _prior_mean(subject, free_betas, free_offsets)
+    deviation = _parameters(subject) - _prior_mean(subject, shape_prior)
     g = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(gradient, (-1,))) + precision * deviation
     eye = identity(H.shape[0], H)
     step = DenseBlocks((H + precision[:, None] * eye)[None], g[None]).solve(xp.zeros_like(g[:1]))
@@ -150,23 +145,24 @@ def _parameters(subject: Subject) -> Array:
     return xp.concat([subject.betas, xp.reshape(subject.offsets, (-1,))])
 
 
-def _prior_mean(subject: Subject, free_betas: bool, free_offsets: bool) -> Array:
+def _prior_mean(subject: Subject, shape_prior: ShapePrior) -> Array:
     """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or what is kept."""
     xp = array_namespace(subject.betas)
-    betas = xp.zeros_like(subject.betas) if free_betas else subject.betas
-    offsets = xp.zeros_like(subject.offsets) if free_offsets else subject.offsets
+    betas = xp.zeros_like(subject.betas) if shape_prior.free_betas else subject.betas
+    offsets = xp.zeros_like(subject.offsets) if shape_prior.free_offsets else subject.offsets
     return xp.concat([betas, xp.reshape(offsets, (-1,))])
 
 
-def _prior_precision(subject: Subject, shape_prior: ShapePrior, free_betas: bool, free_offsets: bool) -> Array:
-    """Return the (10 + 3 L,) precision of the shared unknowns; what is kept is held by a very high one."""
-    betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if free_betas else 1e12)
-    offsets = np.full(3 * len(subject.landmarks), 1.0 / shape_prior.offset_sigma_m**2 if free_offsets else 1e12)
+def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
+    """Return the (10 + 3 L,) precision of the shared unknowns; what is kept has ``FIXED``."""
+    betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if shape_prior.free_betas else FIXED)
+    loose = 1.0 / shape_prior.offset_sigma_m**2 if shape_prior.free_offsets else FIXED
+    offsets = np.full(3 * len(subject.landmarks), loose)
     return constant(np.concatenate([betas, offsets]), subject.betas)
 
 
 def _point_jacobian(
-    subject: Subject, frames: PosedFrames, term: PointTerm, scale: float
+    subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return (F, L, 3, 69 + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
     posed = pose(subject, frames, jacobian=True)
@@ -177,6 +173,6 @@ def _point_jacobian(
     by_offsets = zeros((count, num, 3, 3 * num), posed.points)
     for i in range(num):
         by_offsets[:, i, :, 3 * i : 3 * i + 3] = posed.by_offsets[:, i]
-    evidence = term(posed.points, scale)
+    evidence = objective.of_points(posed.points, scale)
     J = xp.concat([posed.by_rotations, eye, posed.by_betas, by_offsets], axis=-1)
     return J, evidence.gradient, evidence.information, evidence.cost

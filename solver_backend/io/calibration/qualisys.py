@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from solver_backend.io.calibration.entry import CameraEntry
-from solver_backend.io.files import read_bytes
+from solver_backend.io.files import LARGEST_TEXT, read_bytes
 
 SUBPIXELS = 64.0
 """Focal lengths and centres are in 1/64 pixel."""
@@ -34,7 +34,7 @@ def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:
         CalibrationInvalid: a camera lacks a value.
     """
     try:
-        root = ElementTree.fromstring(read_bytes(path))
+        root = ElementTree.fromstring(read_bytes(path, LARGEST_TEXT))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not Qualisys' XML ({error}).",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.files import read_text
+from solver_backend.io.files import LARGEST_TEXT, read_text
 
 _NO_KEY_BEGINS_WITH = frozenset("-:\"'[{")
 _UNWRITTEN = {"&": "an anchor", "*": "an alias", "|": "a block text", ">": "a folded text"}
@@ -38,7 +38,7 @@ def read_yaml(path: Path) -> Any:
         FileDamaged: it is truncated or uses YAML that FileStorage never writes.
     """
     try:
-        return parse_yaml(read_text(path))
+        return parse_yaml(read_text(path, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not OpenCV's YAML ({error}).",

@@ -13,7 +13,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.io.files import read_bytes
+from solver_backend.io.files import LARGEST_TEXT, read_bytes
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import frame_numbers, shared_range
 from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
@@ -63,7 +63,7 @@ def read_people(path: Path) -> list[np.ndarray]:
         FileDamaged: the file is truncated, is not JSON or is not OpenPose's.
         KeypointCountMismatch: the list is not made of triples.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, LARGEST_TEXT)
     try:
         content = json.loads(data)
     except (ValueError, RecursionError) as error:

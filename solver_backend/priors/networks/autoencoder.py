@@ -15,7 +15,7 @@ from solver_backend.priors.base import AutoencodingPrior, check_codes, check_rot
 from solver_backend.priors.networks.decoder import (
     decoded_rotations,
     decoded_rotations_with_jacobian,
-    decoded_rotations_with_pullback,
+    decoded_rotations_with_vjp,
     reconstruction_energy,
 )
 from solver_backend.priors.networks.dense import DenseStack
@@ -66,13 +66,13 @@ class PoseAutoencoder(AutoencodingPrior):
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)
 
-    def decode_with_pullback(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+    def decode_with_vjp(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
         """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode, at the cost of one more forward pass.
 
         Raises:
             PoseInvalid: NaN or another code length.
         """
-        return decoded_rotations_with_pullback(self._decoder_for(z), z)
+        return decoded_rotations_with_vjp(self._decoder_for(z), z)
 
     def _encoded(self, features: Array) -> Array:
         """Return the encoder's outputs for (N, f) features."""

@@ -20,16 +20,16 @@ def decoded_rotations(decoder: DenseStack, z: Array) -> Array:
     return matrix_from_6d(array_namespace(z).reshape(decoder(z), (z.shape[0], NUM_BODY_JOINTS, 6)))
 
 
-def decoded_rotations_with_pullback(decoder: DenseStack, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+def decoded_rotations_with_vjp(decoder: DenseStack, z: Array) -> tuple[Array, Callable[[Array], Array]]:
     """Return rotations (N, 21, 3, 3) and the map of their left tangents' cotangents (N, 21, 3) to the code's (N, d)."""
     xp = array_namespace(z)
-    flat, pull_flat = decoder.with_pullback(z)
+    flat, flat_vjp = decoder.with_vjp(z)
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
 
-    def pull(cotangent: Array) -> Array:
-        return pull_flat(xp.reshape(xp.sum(by_6d * cotangent[..., None], axis=-2), flat.shape))
+    def vjp(cotangent: Array) -> Array:
+        return flat_vjp(xp.reshape(xp.sum(by_6d * cotangent[..., None], axis=-2), flat.shape))
 
-    return R, pull
+    return R, vjp
 
 
 def decoded_rotations_with_jacobian(decoder: DenseStack, z: Array) -> tuple[Array, Array]:

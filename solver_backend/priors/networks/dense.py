@@ -73,7 +73,7 @@ class DenseStack:
                 jacobian = jacobian * slope[:, None, :]
         return x, jacobian
 
-    def with_pullback(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
+    def with_vjp(self, x: Array) -> tuple[Array, Callable[[Array], Array]]:
         """Return the output (N, out) and the map of its cotangents (N, out) to those of the input (N, in).
 
         Reverse mode, ``v -> W_1ᵀ a'(h_1) ... W_nᵀ a'(h_n) v``: one pass costs as much as the forward pass.
@@ -86,12 +86,12 @@ class DenseStack:
                 x, slope = activate(x, self.activation)
             slopes.append(slope)
 
-        def pull(cotangent: Array) -> Array:
+        def vjp(cotangent: Array) -> Array:
             for weight, slope in zip(reversed(self.weights), reversed(slopes), strict=True):
                 cotangent = xp.matmul(cotangent if slope is None else cotangent * slope, weight)
             return cotangent
 
-        return x, pull
+        return x, vjp
 
 
 def activate(x: Array, activation: str) -> tuple[Array, Array]:

@@ -44,7 +44,7 @@ class PoseField:
 
     Children of the pelvis, which has no feature, see zeros in its place. ``s`` is the softplus.
 
-    Reference: Tiwari et al. 2022, eq. 3.
+    Reference: Tiwari et al. 2022, "Pose-NDF", eq. 3.
     """
 
     w0: Array

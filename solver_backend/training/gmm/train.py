@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.training.data.corpus import Corpus
@@ -61,4 +62,4 @@ def rotation_vectors(corpus: Corpus) -> np.ndarray:
     """Return (2 D, 63) rotation vectors of the distinct poses and their mirror images."""
     vectors = log_so3(corpus.rotations[corpus.distinct].astype(np.float64))
     flipped = vectors[:, BODY_MIRROR] * np.array([1.0, -1.0, -1.0])
-    return np.concatenate((vectors, flipped)).reshape(-1, 63)
+    return np.concatenate((vectors, flipped)).reshape(-1, 3 * NUM_BODY_JOINTS)

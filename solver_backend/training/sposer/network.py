@@ -6,14 +6,9 @@ import torch
 from torch import nn
 
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import LATENT_DIM
 from solver_backend.training.engine.dense_layers import dense_stack, linear_layers
-
-
-def spherical(z: torch.Tensor) -> torch.Tensor:
-    """Return ``(z - mean(z)) / |z - mean(z)|`` (thesis 6.2.2)."""
-    centred = z - z.mean(dim=-1, keepdim=True)
-    return centred / torch.linalg.vector_norm(centred, dim=-1, keepdim=True).clamp_min(1e-12)
 
 
 class SphericalAutoencoder(nn.Module):
@@ -36,7 +31,7 @@ class SphericalAutoencoder(nn.Module):
 
     def encode(self, rotations: torch.Tensor) -> torch.Tensor:
         """(N, 21, 3, 3) -> (N, 32)."""
-        return spherical(self.encoder(matrix_to_6d(rotations).flatten(-2)))
+        return spherical_normalisation(self.encoder(matrix_to_6d(rotations).flatten(-2)))
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
         """(N, 32) -> (N, 21, 3, 3)."""

@@ -10,12 +10,13 @@ import torch
 from torch import nn
 
 from solver_backend.geometry.interpolation import sider2
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.windows import WindowSampler
 from solver_backend.training.engine.accuracy import VALIDATION_POSES, reconstructed, reconstruction_accuracy
 from solver_backend.training.engine.devices import device_of
 from solver_backend.training.engine.pose_loss import pose_loss
-from solver_backend.training.sposer.network import SphericalAutoencoder, spherical
+from solver_backend.training.sposer.network import SphericalAutoencoder
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class SPoserTask:
         codes = self.model.encode(batch.rotations[:, :3].flatten(0, 1)).unflatten(0, (self._batch, 3))
         noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator).to(codes.device)
         between = sider2(codes[:, 0], codes[:, 1], codes[:, 2], batch.time)
-        decoded = self.model.decode(torch.cat((spherical(codes[:, 1] + noise), between)))
+        decoded = self.model.decode(torch.cat((spherical_normalisation(codes[:, 1] + noise), between)))
         truth = torch.cat((batch.rotations[:, 1], batch.rotations[:, 3]))
         weight = torch.cat((torch.ones(self._batch), torch.full((self._batch,), s.between))) / (1.0 + s.between)
         return pose_loss(truth, decoded, weight.to(codes.device), s.orthogonality)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.windows import WindowSampler
@@ -19,6 +20,7 @@ from solver_backend.training.vae.latents import LATENTS, Kind
 
 HIDDEN = 512
 _DROPOUT = 0.1
+_INPUTS = 3 * NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ class VariationalAutoencoder(nn.Module):
         super().__init__()
         published = kind == "vposer"
         self.latent = LATENTS[kind]()
-        self.norm = nn.BatchNorm1d(63) if published else nn.Identity()
+        self.norm = nn.BatchNorm1d(_INPUTS) if published else nn.Identity()
         self.encoder = nn.Sequential(
-            nn.Linear(63, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
+            nn.Linear(_INPUTS, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
             nn.Linear(HIDDEN, self.latent.outputs),
         )  # fmt: skip
         self.decoder = nn.Sequential(

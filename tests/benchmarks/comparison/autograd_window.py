@@ -13,7 +13,8 @@ from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
 from solver_backend.fitters.model.keyframe_curve import lagrange
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent
@@ -78,7 +79,7 @@ class AutogradWindow:
         z, quat, transl = (xp.concat([a, b]) for a, b in zip(fixed, free, strict=True))
         local = self.window.prior.decode(sider2(z[:1], z[1:2], z[2:], t))
         root = matrix_from_quat(sider2(quat[:1], quat[1:2], quat[2:], t))
-        frames = PosedFrames(root, local, xp.stack(lagrange(t), dim=1) @ transl)
+        frames = PosedFrames(root, local, lagrange(t) @ transl)
         known = Subject(
             subject.body, subject.landmarks, *(constant(p, term.K) for p in (subject.betas, subject.offsets))
         )

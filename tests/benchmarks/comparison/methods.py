@@ -63,7 +63,7 @@ class Method:
     @property
     def module(self) -> str:
         """The module that solves: what it imports decides whether an earlier result still holds."""
-        return "solver_backend.fitters.solve" if self._is_ours else BASELINES[self.kind].__module__
+        return "solver_backend.fitters.pipeline" if self._is_ours else BASELINES[self.kind].__module__
 
     def solver(self) -> Callable[[Capture], BaselineResult]:
         """Return the function that solves a capture."""
@@ -76,7 +76,7 @@ class Method:
 
         def ours(capture: Capture) -> BaselineResult:
             prior = _exact_prior(capture) if self.kind == EXACT_PRIOR else None
-            motion = solve(capture, settings, prior=prior)
+            motion = solve(capture, settings, prior=prior).motion
             return BaselineResult(motion.keypoints3d, motion)
 
         return ours

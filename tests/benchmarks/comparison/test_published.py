@@ -9,7 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import JointSet

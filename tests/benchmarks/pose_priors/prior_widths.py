@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.dense import DenseStack
-from solver_backend.priors.sposer import SPoser, spherical
+from solver_backend.priors.sposer import SPoser
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.engine.accuracy import reconstruction_accuracy
 from solver_backend.training.engine.dense_layers import linear_layers
@@ -49,7 +50,7 @@ def width_table(training: Corpus, validation: Corpus, truth: np.ndarray, folder:
 
 def jacobian_times(prior: SPoser) -> dict[str, float]:
     """Return processor seconds of rotations and Jacobians of 2,000 poses on one thread, the least of three."""
-    codes = spherical(np.random.default_rng(0).standard_normal((DECODED, prior.latent_dim)))
+    codes = spherical_normalisation(np.random.default_rng(0).standard_normal((DECODED, prior.latent_dim)))
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     kinds = {

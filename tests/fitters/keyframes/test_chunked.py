@@ -1,29 +1,24 @@
-"""A take cut into stretches against the same take solved at once; blocks of frames against all of them."""
+"""A take cut into chunks against the same take solved at once; blocks of frames against all of them."""
 
 import numpy as np
 import pytest
 
-from solver_backend.fitters.keyframes import normal_equations as chain
-from solver_backend.fitters.keyframes import posterior as uncertainty
-from solver_backend.fitters.keyframes.chunked import covariance_of_joints, parts_of, solve_long
+from solver_backend.fitters.keyframes import normal_equations, posterior
+from solver_backend.fitters.keyframes.chunked import chunks_of, covariance_of_joints, solve_long
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import noise_inflation
+from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model import keyframe_curve as keyframes
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, key_poses, resampled
+from solver_backend.fitters.model import keyframe_curve
+from solver_backend.fitters.model.keyframe_curve import key_poses, resampled
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import pose
 from solver_backend.geometry.symmetric import mean_sigma, unpacked
-from solver_backend.residuals import pose_mixture as usual_poses
 from tests.support.stick_scene import FRAMES
 from tests.support.stick_scene import StickScene as Scene
 
 TIGHT = Schedule((3.0,), 12, tolerance=1e-7)
-MOTION = MotionPrior(2 / 60, np.full((21, 3), 0.05), 2.0, unseen=np.arange(30) // 6 == 2)
-
-
-@pytest.fixture(autouse=True)
-def _a_figure_that_is_no_person(monkeypatch):
-    monkeypatch.setattr(usual_poses, "STRENGTH", 0.0)
+MOTION = MotionPrior(2 / 60, unseen=np.arange(30) // 6 == 2), ResidualRotationTerm(np.full((21, 3), 0.05), 2.0)
 
 
 @pytest.fixture
@@ -35,23 +30,23 @@ def scene():
     return scene
 
 
-def test_stretches_agree_with_the_whole_and_are_joined_at_their_keys(scene):
-    model = scene.model(MOTION, residuals=True)
+def test_chunks_agree_with_the_whole_and_are_joined_at_their_keys(scene):
+    model = scene.model(*MOTION)
     whole = solve_keys(model, scene.layout, scene.start, TIGHT).keys
-    cut = solve_long(model, scene.layout, scene.start, TIGHT, stretch=5, overlap=4)
+    cut = solve_long(model, scene.layout, scene.start, TIGHT, windows=5, overlap=4).keys
     points = [pose(scene.subject, scene.poses(keys)).points for keys in (whole, cut)]
     np.testing.assert_allclose(points[1], points[0], atol=2e-4)
-    alone = solve_long(model, scene.layout, scene.start, TIGHT, stretch=5, overlap=0)
+    alone = solve_long(model, scene.layout, scene.start, TIGHT, windows=5, overlap=0).keys
     rough = pose(scene.subject, scene.poses(alone)).points
     assert np.abs(rough - points[0]).max() > 5 * np.abs(points[1] - points[0]).max()
 
 
-def test_covariance_of_stretches_is_that_of_the_whole(scene):
-    model = scene.model(MOTION, residuals=True)
+def test_covariance_of_chunks_is_that_of_the_whole(scene):
+    model = scene.model(*MOTION)
     frames = scene.poses(scene.start)
     one, cut = (
-        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, stretch, overlap=4)
-        for stretch in (99, 5)
+        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, windows, overlap=4)
+        for windows in (99, 5)
     )
     assert one.shape == (FRAMES, 24, 6)
     assert np.linalg.eigvalsh(unpacked(one)).min() > 0
@@ -59,19 +54,19 @@ def test_covariance_of_stretches_is_that_of_the_whole(scene):
     np.testing.assert_allclose(cut / scale, one / scale, atol=0.02)
 
 
-def test_parts_hold_every_window_once():
-    parts = parts_of(23, 1, 5, 2)
-    assert [w for part in parts for w in range(part.kept.start, part.kept.stop)] == list(range(23))
-    assert all(part.solved.start <= part.kept.start < part.kept.stop <= part.solved.stop for part in parts)
-    assert (parts[0].solved.start, parts[1].solved.start, parts[-1].solved.stop) == (0, parts[1].kept.start - 1, 23)
+def test_chunks_hold_every_window_once():
+    chunks = chunks_of(23, 1, 5, 2)
+    assert [w for chunk in chunks for w in range(chunk.kept.start, chunk.kept.stop)] == list(range(23))
+    assert all(chunk.solved.start <= chunk.kept.start < chunk.kept.stop <= chunk.solved.stop for chunk in chunks)
+    assert (chunks[0].solved.start, chunks[1].solved.start, chunks[-1].solved.stop) == (0, chunks[1].kept.start - 1, 23)
 
 
 def test_blocks_of_frames_add_up_to_all_of_them(scene, monkeypatch):
-    model, found = scene.model(MOTION, residuals=True), []
+    model, found = scene.model(*MOTION), []
     for frames in (10_000, 9):
-        monkeypatch.setattr(chain, "BLOCK_FRAMES", frames)
-        monkeypatch.setattr(keyframes, "BLOCK_POSES", frames)
-        monkeypatch.setattr(uncertainty, "BLOCK_POSES", frames)
+        monkeypatch.setattr(normal_equations, "BLOCK_FRAMES", frames)
+        monkeypatch.setattr(keyframe_curve, "BLOCK_POSES", frames)
+        monkeypatch.setattr(posterior, "BLOCK_POSES", frames)
         cost, form = model.equations(scene.layout.rows(), scene.start, 3.0)
         equations = form()
         poses = key_poses(scene.prior, scene.start, scene.layout, residuals=True)

@@ -1,15 +1,15 @@
-"""A stretch solved again: what lies outside stays, pins are met, and what was wrong gets better."""
+"""A frame range solved again: what lies outside stays, pins are met, and what was wrong gets better."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
-from solver_backend.fitters.keyframes.frame_range import Pin, Stretch
+from solver_backend.fitters import resolve_range, solve
+from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.posterior import CONSTANT_M
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solve import resolve, solve
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.support.short_solves import QUICK, cut
@@ -25,7 +25,7 @@ def capture() -> Capture:
 
 @pytest.fixture(scope="module")
 def solved(capture) -> Motion:
-    return solve(capture, QUICK)
+    return solve(capture, QUICK).motion
 
 
 def error_mm(motion: Motion, capture: Capture, frames: slice) -> float:
@@ -33,14 +33,14 @@ def error_mm(motion: Motion, capture: Capture, frames: slice) -> float:
 
 
 def spoiled(motion: Motion) -> Motion:
-    """Return the motion with both arms thrown up within the stretch."""
+    """Return the motion with both arms thrown up within the range."""
     pose = motion.body_pose.copy()
     pose[FIRST + 1 : LAST, 45:51] += 1.0
     return replace(motion, body_pose=pose)
 
 
-def test_a_spoiled_stretch_is_mended_and_the_rest_stays_bit_for_bit(capture, solved):
-    mended = resolve(capture, spoiled(solved), Stretch(FIRST, LAST), QUICK)
+def test_a_spoiled_range_is_mended_and_the_rest_stays_bit_for_bit(capture, solved):
+    mended = resolve_range(capture, spoiled(solved), FrameRange(FIRST, LAST), QUICK).motion
     outside = np.r_[0 : FIRST + 1, LAST : solved.num_frames]
     for name in (
         "global_orient",
@@ -66,7 +66,7 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     pose = solved.body_pose[frame].copy()
     pose[45:48] += [0.0, 0.0, 0.4]
     pin = Pin(frame, solved.global_orient[frame], pose, solved.transl[frame])
-    moved = resolve(capture, solved, Stretch(FIRST, LAST, (pin,)), QUICK)
+    moved = resolve_range(capture, solved, FrameRange(FIRST, LAST, (pin,)), QUICK).motion
     np.testing.assert_allclose(moved.body_pose[frame, :63], pose[:63], atol=1e-6)
     assert moved.joint_sigma[FIRST : LAST + 1].max() < 2 * solved.joint_sigma.max()
     assert moved.joint_sigma[frame].max() < 1.05 * CONSTANT_M, "a pinned pose is as certain as the shape"
@@ -75,36 +75,76 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     assert change[frame - 1] > 0.5 * change[frame] and change[frame + 1] > 0.5 * change[frame]
 
 
-def test_the_whole_take_can_be_the_stretch(capture, solved):
-    again = resolve(capture, solved, Stretch(0, solved.num_frames - 1), QUICK)
+def test_frames_that_nothing_changed_are_found_again(capture, solved):
+    """The same data, shape and noise: what is left is where keys stand and how feet are judged."""
+    again = resolve_range(capture, solved, FrameRange(FIRST, LAST), QUICK).motion
+    moved = 1000 * np.linalg.norm(again.joints - solved.joints, axis=-1)[FIRST + 1 : LAST]
+    assert moved.mean() < 4.0 and moved.max() < 25.0
+    twice = resolve_range(capture, again, FrameRange(FIRST, LAST), QUICK).motion
+    settled = 1000 * np.linalg.norm(twice.joints - again.joints, axis=-1)[FIRST + 1 : LAST]
+    assert settled.mean() < 0.25 and settled.max() < 1.0
+
+
+def test_pinned_poses_are_passed_through_exactly(capture, solved):
+    """At an end of the range, in its middle, and off the prior's manifold; rotations, root and place."""
+    rng, pins = np.random.default_rng(6), []
+    for frame in (FIRST, 45, 46):
+        orient = solved.global_orient[frame] + 0.1 * rng.normal(size=3)
+        pose = solved.body_pose[frame] + np.r_[0.2 * rng.normal(size=63), np.zeros(6)]
+        pins.append(Pin(frame, orient, pose, solved.transl[frame] + 0.05 * rng.normal(size=3)))
+    solution = resolve_range(capture, solved, FrameRange(FIRST, LAST, tuple(pins)), QUICK)
+    for pin in pins:
+        for name in ("global_orient", "body_pose", "transl"):
+            found = getattr(solution.motion, name)[pin.frame]
+            np.testing.assert_allclose(found[:63], getattr(pin, name)[:63], atol=1e-9, err_msg=name)
+    assert solution.motion.provenance["status"] == solution.status
+
+
+def test_frames_outside_do_not_move_at_all(capture, solved):
+    """Every array of the motion, whatever it holds; the ends keep their poses, as no pin stands there."""
+    again = resolve_range(capture, spoiled(solved), FrameRange(FIRST, LAST), QUICK).motion
+    outside = np.r_[0 : FIRST + 1, LAST : solved.num_frames]
+    compared = set()
+    for field in fields(Motion):
+        old, new = getattr(solved, field.name), getattr(again, field.name)
+        if isinstance(old, np.ndarray):
+            frames = (slice(None), outside) if field.name == "reprojection_px" else outside
+            old, new = (old, new) if field.name == "betas" else (old[frames], new[frames])
+            assert old.tobytes() == new.tobytes(), field.name
+            compared.add(field.name)
+    assert {"flags", "keyframes", "contacts", "reprojection_px", "joint_covariance", "betas"} <= compared
+
+
+def test_the_whole_take_can_be_the_range(capture, solved):
+    again = resolve_range(capture, solved, FrameRange(0, solved.num_frames - 1), QUICK).motion
     assert error_mm(again, capture, slice(None)) < 1.1 * error_mm(solved, capture, slice(None))
 
 
 @pytest.mark.parametrize(
-    ("stretch", "message"),
+    ("frame_range", "message"),
     [
-        (Stretch(50, 50), "no stretch of a take of 100 frames"),
-        (Stretch(-1, 20), "no stretch"),
-        (Stretch(20, 100), r"0 <= first < last <= 99"),
-        (Stretch(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside"),
+        (FrameRange(50, 50), "no stretch of a take of 100 frames"),
+        (FrameRange(-1, 20), "no stretch"),
+        (FrameRange(20, 100), r"0 <= first < last <= 99"),
+        (FrameRange(20, 40, (Pin(60, np.zeros(3), np.zeros(69), np.zeros(3)),)), "pinned at frame 60, outside"),
     ],
 )
-def test_a_stretch_outside_the_take_is_named(capture, solved, stretch, message):
+def test_a_range_outside_the_take_is_named(capture, solved, frame_range, message):
     with pytest.raises(JobInvalid, match=message):
-        resolve(capture, solved, stretch, QUICK)
+        resolve_range(capture, solved, frame_range, QUICK)
 
 
 def test_a_motion_of_another_take_or_body_is_named(capture, solved):
     with pytest.raises(MotionInvalid, match="has 100 frames at 60 fps, the capture 50"):
-        resolve(cut(capture, 0, 50), solved, Stretch(10, 20), QUICK)
+        resolve_range(cut(capture, 0, 50), solved, FrameRange(10, 20), QUICK)
     with pytest.raises(MotionInvalid, match="of the body smpl_male"):
-        resolve(capture, replace(solved, body="smpl_male"), Stretch(10, 20), QUICK)
+        resolve_range(capture, replace(solved, body="smpl_male"), FrameRange(10, 20), QUICK)
 
 
 def test_plain_values_are_checked_and_read_back():
     pin = {"frame": 5, "global_orient": [0.0] * 3, "body_pose": [0.1] * 69, "transl": [0.0, 0.0, 1.0]}
     values = {"first": 2, "last": 9, "pins": [pin]}
-    assert Stretch.from_dict(values).as_dict() == values
+    assert FrameRange.from_dict(values).as_dict() == values
     for change, message in (
         ({"first": 2.5}, "first is 2.5; a whole number"),
         ({"frames": 3}, "nothing unknown"),
@@ -112,24 +152,24 @@ def test_plain_values_are_checked_and_read_back():
         ({"pins": [{**pin, "body_pose": [0.0] * 63}]}, "body_pose must be 69"),
     ):
         with pytest.raises(JobInvalid, match=message):
-            Stretch.from_dict({**values, **change})
+            FrameRange.from_dict({**values, **change})
 
 
 def test_settings_without_residual_rotations_also_work(capture, solved):
-    again = resolve(capture, solved, Stretch(FIRST, LAST), SolveSettings(residual_rotations=False))
+    again = resolve_range(capture, solved, FrameRange(FIRST, LAST), SolveSettings(residual_rotations=False)).motion
     assert np.isfinite(again.joints).all()
 
 
-def test_feet_that_stand_beyond_the_stretch_do_not_slip_at_its_ends():
-    """The left foot stands throughout, the right one at the start; hips and knees were bent by hand in the stretch."""
-    capture, stretch = cut(demo_capture(), 0, 120), Stretch(65, 105)
-    solved = solve(capture, QUICK)
+def test_feet_that_stand_beyond_the_range_do_not_slip_at_its_ends():
+    """The left foot stands throughout, the right one at the start; hips and knees were bent by hand in the range."""
+    capture, frame_range = cut(demo_capture(), 0, 120), FrameRange(65, 105)
+    solved = solve(capture, QUICK).motion
     pose = solved.body_pose.copy()
     pose[66:105, [0, 3, 9, 12]] += 0.3
     spoiled = replace(solved, body_pose=pose)
 
     def slip_mm(contacts: bool) -> float:
-        points = resolve(capture, spoiled, stretch, replace(QUICK, contacts=contacts)).keypoints3d
+        points = resolve_range(capture, spoiled, frame_range, replace(QUICK, contacts=contacts)).motion.keypoints3d
         stands = [points[3:117, BODY.index("left_big_toe")], points[43:86, BODY.index("right_big_toe")]]
         return 1000 * max(float(np.linalg.norm(stand - stand.mean(axis=0), axis=-1).max()) for stand in stands)
 

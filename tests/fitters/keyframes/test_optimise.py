@@ -7,43 +7,33 @@ from solver_backend.cameras.projection import project
 from solver_backend.fitters.keyframes.normal_equations import data_equations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys, solve_sliding
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.keyframe_curve import (
-    Keyframes,
-    bundle_frames,
-    hemisphere_aligned,
-)
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import frame_equations, pose
-from solver_backend.residuals import pose_mixture as usual_poses
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import JointSet, Keypoints2D
-from tests.support.stick_scene import NOISE_PX
+from tests.support.stick_scene import NOISE_PX, ROTATIONS
 from tests.support.stick_scene import StickScene as Scene
 
 SCHEDULE = Schedule((12.0, 3.0), 8)
 
 
-@pytest.fixture(autouse=True)
-def _a_figure_that_is_no_person(monkeypatch):
-    """The made-up decoder's poses are no people's: what people's poses are like has no say."""
-    monkeypatch.setattr(usual_poses, "STRENGTH", 0.0)
-
-
 def prior_of_motion() -> MotionPrior:
-    return MotionPrior(10 / 60, np.full((21, 3), 0.05), accel_sigma=20.0, angular_sigma=90.0, latent_sigma=60.0)
+    return MotionPrior(10 / 60, accel_sigma=20.0, angular_sigma=90.0, latent_sigma=60.0)
 
 
 def test_sliding_recovers_the_keys():
     scene = Scene()
     before = scene.error_mm(scene.start)
-    solved = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
+    solved = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE).keys
     assert before > 25
     assert scene.error_mm(solved) < 3.0
 
 
 def test_global_is_no_worse_than_sliding():
     scene = Scene()
-    sliding = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
-    together = solve_keys(scene.model(prior_of_motion(), residuals=False), scene.layout, sliding, SCHEDULE).keys
+    sliding = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE).keys
+    together = solve_keys(scene.model(prior_of_motion()), scene.layout, sliding, SCHEDULE).keys
     assert scene.error_mm(together) < 1.05 * scene.error_mm(sliding)
 
 
@@ -59,7 +49,7 @@ def test_residual_rotations_reach_poses_off_the_manifold():
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), px)
     errors, keys = [], scene.start
     for residuals in (False, True):
-        keys = solve_keys(scene.model(prior_of_motion(), residuals=residuals), scene.layout, keys, SCHEDULE).keys
+        keys = solve_keys(scene.model(prior_of_motion(), *[ROTATIONS] * residuals), scene.layout, keys, SCHEDULE).keys
         errors.append(scene.error_mm(keys))
     assert errors[1] < 0.4 * errors[0]
 
@@ -71,7 +61,7 @@ def test_a_second_without_any_view_is_bridged():
     keypoints = Keypoints2D(scene.keypoints.xy, blind, JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
     keys = solve_keys(scene.model(prior_of_motion()), scene.layout, scene.start, SCHEDULE).keys
-    keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
+    keys = solve_keys(scene.model(prior_of_motion(), ROTATIONS), scene.layout, keys, SCHEDULE).keys
     points = pose(scene.subject, scene.poses(keys)).points
     assert np.isfinite(points).all()
     speed = np.linalg.norm(np.diff(points, axis=0), axis=-1) * 60
@@ -84,18 +74,18 @@ def test_torch_equals_numpy():
     results = []
     for like in (np.zeros(1), torch.zeros(1, dtype=torch.float64)):
         scene = Scene(like)
-        keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE)
-        keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, keys, SCHEDULE).keys
+        keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE).keys
+        keys = solve_keys(scene.model(prior_of_motion(), ROTATIONS), scene.layout, keys, SCHEDULE).keys
         results.append(np.asarray(pose(scene.subject, scene.poses(keys)).points))
     # Matrices in single precision steer the steps: what is left is how near to the minimum they stop.
     np.testing.assert_allclose(results[1], results[0], atol=1e-4)
 
 
-def test_held_keys_stay_and_the_others_move():
+def test_fixed_keys_stay_and_the_others_move():
     scene = Scene()
     free = np.ones(scene.layout.num_keys, dtype=bool)
     free[[0, 3]] = False
-    keys = solve_keys(scene.model(prior_of_motion(), residuals=True), scene.layout, scene.start, SCHEDULE, free).keys
+    keys = solve_keys(scene.model(prior_of_motion(), ROTATIONS), scene.layout, scene.start, SCHEDULE, ~free).keys
     for name in ("z", "quat", "transl", "residual"):
         before, after = getattr(hemisphere_aligned(scene.start), name), getattr(keys, name)
         np.testing.assert_allclose(after[~free], before[~free], atol=1e-12)
@@ -111,7 +101,7 @@ def test_gradient_by_keys_equals_central_differences(residuals):
     rows, step = scene.layout.rows(), 1e-6
 
     def cost(state):
-        return data_equations(scene.subject, scene.prior, scene.term, state, rows, 3.0, residuals=residuals)
+        return data_equations(scene.data(residuals=residuals), state, rows, 3.0)
 
     gradient = cost(keys).gradient
     for _ in range(4):
@@ -124,14 +114,14 @@ def test_the_matrix_by_keys_is_close_to_the_exact_gauss_newton_matrix():
     scene = Scene()
     layout = scene.layout
     rows = layout.rows()
-    data = data_equations(scene.subject, scene.prior, scene.term, scene.truth, rows, 3.0, residuals=False)
+    data = data_equations(scene.data(residuals=False), scene.truth, rows, 3.0)
     window, time = layout.positions(layout.frames)
-    between = bundle_frames(scene.prior, scene.truth, window, time, residuals=False)
-    equations = frame_equations(scene.subject, between.poses, scene.term, 3.0)
+    curve = KeyframeCurve.through(scene.truth.triples(window), time[:, None], residuals=False)
+    equations = frame_equations(scene.subject, curve.poses(scene.prior), scene.objective, 3.0)
     first = window == 0
-    B = between.by_keys[first]
+    B = curve.jacobian(scene.prior)[first]
     exact = np.einsum("fia,fij,fjb->ab", B, equations.hessian[first], B)[36:72, 36:72]
-    found = data.chain().diagonal[0][36:72, 36:72] - 1e-2 * np.eye(36)
+    found = data.normal_equations().diagonal[0][36:72, 36:72] - 1e-2 * np.eye(36)
     assert np.linalg.norm(found - exact) < 0.1 * np.linalg.norm(exact)
 
 

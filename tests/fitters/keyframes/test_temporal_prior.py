@@ -5,75 +5,79 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.fitters.keyframes.normal_equations import Chain
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
+from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import FADING_S, MotionPrior
-from solver_backend.fitters.model.keyframe_curve import KEY_DOF
+from solver_backend.fitters.model.tangent import KEY
 from tests.support.random_keys import random_keys
 
 KEYS = 7
 
 
-def empty_chain(dof: int) -> Chain:
-    blocks = (KEYS + 1) // 2
+def no_equations(dof: int, keys: int = KEYS) -> KeyframeNormalEquations:
+    blocks = (keys + 1) // 2
     size = 2 * dof
-    return Chain(
-        np.zeros((blocks, size, size)), np.zeros((blocks - 1, size, dof + KEY_DOF)), np.zeros((blocks, size)), dof
+    return KeyframeNormalEquations(
+        np.zeros((blocks, size, size)), np.zeros((blocks - 1, size, dof + KEY.dof())), np.zeros((blocks, size)), dof
     )
 
 
-def dense(chain: Chain) -> np.ndarray:
-    blocks, size = chain.g.shape
+def dense(equations: KeyframeNormalEquations) -> np.ndarray:
+    blocks, size = equations.g.shape
     full = np.zeros((blocks, size, blocks, size))
     for i in range(blocks):
-        full[i, :, i] = chain.diagonal[i]
+        full[i, :, i] = equations.diagonal[i]
         if i + 1 < blocks:
-            met = chain.upper.shape[-1]
-            full[i, :, i + 1, :met] = chain.upper[i]
-            full[i + 1, :met, i] = chain.upper[i].T
+            met = equations.upper.shape[-1]
+            full[i, :, i + 1, :met] = equations.upper[i]
+            full[i + 1, :met, i] = equations.upper[i].T
     return full.reshape(blocks * size, blocks * size)
 
 
 @pytest.mark.parametrize("unseen", [None, np.array([False, False, True, True, True, False])])
 @pytest.mark.parametrize("residuals", [False, True])
 def test_gradient_equals_central_differences(residuals, unseen):
-    keys, dof = random_keys(KEYS), 99 if residuals else 36
-    prior = MotionPrior(0.2, np.full((21, 3), 0.1), 1.0, 2.0, 3.0, 4.0, unseen)
-    chain = empty_chain(dof)
-    prior.add_to(chain, keys, residuals=residuals)
-    gradient = chain.g.reshape(-1)[: KEYS * dof]
+    keys, dof = random_keys(KEYS), KEY.dof(residuals=residuals)
+    terms = [MotionPrior(0.2, 2.0, 3.0, 4.0, unseen), *[ResidualRotationTerm(np.full((21, 3), 0.1), 1.0)] * residuals]
+    equations = no_equations(dof)
+    for term in terms:
+        term.add_to(equations, keys)
+    gradient = equations.g.reshape(-1)[: KEYS * dof]
     rng = np.random.default_rng(0)
     for _ in range(5):
         direction = rng.normal(size=(KEYS, dof))
-        costs = [prior.cost(keys.retract(s * 1e-5 * direction), residuals=residuals) for s in (1, -1)]
+        costs = [sum(term.cost(keys.retract(s * 1e-5 * direction)) for term in terms) for s in (1, -1)]
         numeric = (costs[0] - costs[1]) / 2e-5
         assert gradient @ direction.reshape(-1) == pytest.approx(numeric, rel=1e-6)
 
 
 def test_hessian_is_symmetric_positive_and_exact_for_translations():
     keys = random_keys(KEYS)
-    prior = MotionPrior(0.2, np.full((21, 3), 0.1), accel_sigma=2.0, angular_sigma=1e9, latent_sigma=1e9)
-    chain = empty_chain(36)
-    prior.add_to(chain, keys, residuals=False)
-    full = dense(chain)[: KEYS * 36, : KEYS * 36]
+    prior = MotionPrior(0.2, accel_sigma=2.0, angular_sigma=1e9, latent_sigma=1e9)
+    equations = no_equations(36)
+    prior.add_to(equations, keys)
+    full = dense(equations)[: KEYS * 36, : KEYS * 36]
     np.testing.assert_allclose(full, full.T, atol=1e-12)
     assert np.linalg.eigvalsh(full).min() > -1e-8
     second = np.zeros((KEYS - 2, KEYS))
     for k in range(KEYS - 2):
         second[k, k : k + 3] = [1, -2, 1]
     expected = second.T @ second / (2.0 * 0.2**2) ** 2
-    np.testing.assert_allclose(full[33::36, 33::36], expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(full[KEY.transl.start :: 36, KEY.transl.start :: 36], expected, rtol=1e-6, atol=1e-9)
 
 
 def test_between_unseen_keys_speed_fades():
     """A body that goes at 1 m/s when it is last seen goes on for about the way of ``FADING_S``."""
     spacing, count = 0.05, 41
     keys = replace(random_keys(count), transl=np.zeros((count, 3)))
-    prior = MotionPrior(spacing, np.full((21, 3), 0.1), unseen=np.ones(count - 1, dtype=bool))
+    prior = MotionPrior(spacing, unseen=np.ones(count - 1, dtype=bool))
     blocks = (count + 1) // 2
-    chain = Chain(np.zeros((blocks, 72, 72)), np.zeros((blocks - 1, 72, 72)), np.zeros((blocks, 72)), 36)
-    prior.add_to(chain, keys, residuals=False)
-    along_x = np.arange(count) * 36 + 33
-    H = dense(chain)[np.ix_(along_x, along_x)]
+    equations = KeyframeNormalEquations(
+        np.zeros((blocks, 72, 72)), np.zeros((blocks - 1, 72, 72)), np.zeros((blocks, 72)), 36
+    )
+    prior.add_to(equations, keys)
+    along_x = np.arange(count) * 36 + KEY.transl.start
+    H = dense(equations)[np.ix_(along_x, along_x)]
     start = np.array([0.0, spacing])
     path = np.append(start, np.linalg.solve(H[2:, 2:], -H[2:, :2] @ start))
     speed = np.diff(path) / spacing

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.projection import project
+from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.progress import silent
+from solver_backend.fitters import solve
 from solver_backend.fitters.measurements.sanitise import CheckedCapture, check_capture
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.start import observe
-from solver_backend.fitters.solve import solve
 from solver_backend.io.load import load_capture
 from solver_backend.simulation import bad_input
 from solver_backend.synthetic.demo import demo_capture
@@ -32,16 +32,16 @@ def capture() -> Capture:
 
 @pytest.fixture(scope="module")
 def clean(capture) -> Motion:
-    return solve(capture, QUICK)
+    return solve(capture, QUICK).motion
 
 
 def checked(capture: Capture, **options: bool) -> CheckedCapture:
     cameras, keypoints = capture.require_multiview()
-    return check_capture(capture, observe(cameras, keypoints), silent, **options)
+    return check_capture(capture, triangulate(cameras, keypoints.xy, keypoints.confidence), silent, **options)
 
 
 def points_mm(found: CheckedCapture, capture: Capture) -> float:
-    error = np.linalg.norm(found.observations.triangulation.points - capture.truth["keypoints3d"], axis=-1)
+    error = np.linalg.norm(found.triangulation.points - capture.truth["keypoints3d"], axis=-1)
     return 1000 * float(np.nanmean(error))
 
 
@@ -160,7 +160,7 @@ def test_an_absence_is_named(capture):
 
 
 def test_an_absence_is_bridged_upright_and_costs_the_rest_nothing(capture, clean):
-    motion = solve(bad_input.away(capture, 40, 0.8), QUICK)
+    motion = solve(bad_input.away(capture, 40, 0.8), QUICK).motion
     assert motion.flags is not None
     unseen = (motion.flags & FLAG_UNSEEN) > 0
     np.testing.assert_allclose(np.flatnonzero(unseen)[[0, -1]], [40, 87], atol=7)
@@ -177,7 +177,7 @@ def test_a_solve_names_what_it_found_and_is_as_good_as_a_clean_one(capture, clea
     """A bumped camera and exchanged limbs of others at once."""
     assert clean.provenance["findings"] == []
     bad = bad_input.bumped(swapped(capture, [(2, "legs", 20, 42), (0, "arms", 60, 71)]), VIEW, 5.0, 50)
-    motion = solve(bad, replace(QUICK, estimate_sync=True))
+    motion = solve(bad, replace(QUICK, estimate_sync=True)).motion
     found = [Fault.from_dict(values) for values in motion.provenance["findings"]]
     assert [(f.kind, f.camera, f.detail) for f in found] == [
         (FaultKind.LIMBS_EXCHANGED, "cam03", "legs"),

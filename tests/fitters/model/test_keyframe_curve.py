@@ -1,84 +1,156 @@
-"""Keyframe layout, interpolation and the derivative of frames by keys."""
+"""The curve through keyframes: its value, its Jacobian and its vector-Jacobian product, each part of the keys."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import KeyframeLayout, bundle_frames
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, key_poses, resampled
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.tangent import KEY, PoseTangent
+from solver_backend.geometry.interpolation import sider2
+from solver_backend.geometry.rotations import exp_so3, matrix_from_quat
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 
 FRAMES, WINDOW = 27, 9
+LAYOUT = KeyframeLayout.even(FRAMES, WINDOW)
+ROWS = LAYOUT.rows()
+WINDOWS = np.arange(LAYOUT.num_windows)
+PARTS = {"latent": KEY.latent, "root": KEY.root, "transl": KEY.transl, "residual": KEY.residual}
 
 
-def tangent_between(R: np.ndarray, R0: np.ndarray) -> np.ndarray:
-    flat = Rotation.from_matrix((R @ np.swapaxes(R0, -1, -2)).reshape(-1, 3, 3)).as_rotvec()
-    return flat.reshape(R.shape[:-2] + (3,))
+def curve_through(keys: Keyframes, *, residuals: bool) -> KeyframeCurve:
+    return KeyframeCurve.through(keys.triples(WINDOWS), ROWS.time, residuals=residuals)
 
 
-@pytest.mark.parametrize(("num_frames", "window"), [(4, 20), (27, 9), (100, 20), (101, 7), (21, 20)])
-def test_layout_covers_every_frame_once(num_frames, window):
-    layout = KeyframeLayout.even(num_frames, window)
-    index, time = layout.positions(layout.frames)
-    np.testing.assert_array_equal(layout.frames, np.arange(num_frames))
-    assert time.min() >= 0 and time.max() <= 1
-    np.testing.assert_allclose(layout.bounds[index] + time * np.diff(layout.bounds)[index], layout.frames, atol=1e-9)
-    rows = layout.rows()
-    np.testing.assert_array_equal(np.sort(rows.frames[rows.weight > 0]), np.arange(num_frames))
-    for w in range(layout.num_windows):
-        inside = rows.weight[w] > 0
-        np.testing.assert_array_equal(index[rows.frames[w, inside]], w)
-        np.testing.assert_allclose(rows.time[w, inside], time[rows.frames[w, inside]])
+def tangent_between(poses: PosedFrames, base: PosedFrames) -> np.ndarray:
+    """Return (F, 69): the step that leads from one pose to the other."""
+    tangent = np.empty((len(base.root), PoseTangent.DOF))
+    for columns, R, R0 in (
+        (PoseTangent.ROOT, poses.root, base.root), (PoseTangent.JOINTS, poses.local, base.local),
+    ):  # fmt: skip
+        turns = (R @ np.swapaxes(R0, -1, -2)).reshape(-1, 3, 3)
+        tangent[:, columns] = Rotation.from_matrix(turns).as_rotvec().reshape(len(R), -1)
+    tangent[:, PoseTangent.TRANSL] = poses.transl - base.transl
+    return tangent
 
 
-@pytest.mark.parametrize("stride", [2, 3, 7])
-def test_rows_with_a_stride_stand_for_the_frames_left_out(stride):
-    rows = KeyframeLayout.even(101, 20).rows(stride)
-    assert 101 - 5 * stride <= rows.weight.sum() <= 101 + 5 * stride
-    assert (np.diff(rows.frames, axis=1)[rows.weight[:, 1:] > 0] == stride).all()
+def along(keys: Keyframes, direction: np.ndarray, *, residuals: bool) -> np.ndarray:
+    """Return (W n, 69): the central difference of the poses along a direction of the keys."""
+    prior, step = ToyPrior(), 1e-5
+    base = curve_through(keys, residuals=residuals).poses(prior)
+    up, down = (
+        tangent_between(curve_through(keys.retract(sign * step * direction), residuals=residuals).poses(prior), base)
+        for sign in (1, -1)
+    )
+    return (up - down) / (2 * step)
+
+
+def directions(parts: str, count: int, residuals: bool):
+    """Yield random directions of the keys, in one part of their tangents or in all."""
+    rng = np.random.default_rng(4)
+    for _ in range(count):
+        direction = rng.normal(size=(LAYOUT.num_keys, KEY.dof(residuals=residuals)))
+        if parts != "all":
+            alone = np.zeros_like(direction)
+            alone[:, PARTS[parts]] = direction[:, PARTS[parts]]
+            direction = alone
+        yield direction
+
+
+CASES = [(part, True) for part in (*PARTS, "all")] + [(part, False) for part in ("latent", "root", "transl", "all")]
 
 
 def test_frames_pass_through_their_keys():
-    layout = KeyframeLayout.even(FRAMES, WINDOW)
-    keys = random_keys(layout.num_keys)
-    prior = ToyPrior()
+    keys, prior = random_keys(LAYOUT.num_keys), ToyPrior()
     for k, when in enumerate((0.0, 0.5, 1.0)):
-        window = np.arange(layout.num_windows)
-        frames = bundle_frames(prior, keys, window, np.full(len(window), when), residuals=False)
-        chosen = keys.select(2 * window + k)
-        np.testing.assert_allclose(frames.poses.transl, chosen.transl, atol=1e-12)
-        np.testing.assert_allclose(frames.poses.local, prior.decode(chosen.z), atol=1e-9)
+        curve = KeyframeCurve.through(keys.triples(WINDOWS), np.full((len(WINDOWS), 1), when), residuals=False)
+        frames, chosen = curve.poses(prior), keys.select(2 * WINDOWS + k)
+        np.testing.assert_allclose(frames.transl, chosen.transl, atol=1e-12)
+        np.testing.assert_allclose(frames.local, prior.decode(chosen.z), atol=1e-9)
 
 
-@pytest.mark.parametrize("residuals", [False, True])
-def test_derivative_by_keys_equals_central_differences(residuals):
-    layout = KeyframeLayout.even(FRAMES, WINDOW)
-    keys, prior = random_keys(layout.num_keys), ToyPrior()
-    dof = 99 if residuals else 36
-    window, time = layout.positions(layout.frames)
-    base = bundle_frames(prior, keys, window, time, residuals=residuals)
-    step = 1e-5
-    rng = np.random.default_rng(4)
-    for _ in range(6):
-        direction = rng.normal(size=(layout.num_keys, dof))
+def test_value_is_sider2_on_codes_and_root_and_the_parabola_on_the_rest():
+    """Equations 6.9 and 6.10, one frame at a time."""
+    keys, prior = random_keys(LAYOUT.num_keys), ToyPrior()
+    found = curve_through(keys, residuals=True).poses(prior)
+    flat = np.c_[keys.transl, keys.residual.reshape(LAYOUT.num_keys, -1)]
+    for row, (w, n) in enumerate(np.ndindex(*ROWS.time.shape)):
+        t, own = ROWS.time[w, n], slice(2 * w, 2 * w + 3)
+        z, quat = sider2(*keys.z[own], t), sider2(*keys.quat[own], t)
+        through = np.polyfit([0, 0.5, 1], flat[own], 2)
+        rest = np.array([t**2, t, 1]) @ through
+        local = exp_so3(rest[3:].reshape(21, 3)) @ prior.decode(z[None])[0]
+        np.testing.assert_allclose(found.local[row], local, atol=1e-9)
+        np.testing.assert_allclose(found.root[row], matrix_from_quat(quat), atol=1e-9)
+        np.testing.assert_allclose(found.transl[row], rest[:3], atol=1e-9)
 
-        def tangents(sign, direction=direction):
-            moved = keys.retract(sign * step * direction)
-            poses = bundle_frames(prior, moved, window, time, residuals=residuals).poses
-            root = tangent_between(poses.root, base.poses.root)
-            local = tangent_between(poses.local, base.poses.local).reshape(FRAMES, -1)
-            return np.concatenate([root, local, poses.transl - base.poses.transl], axis=1)
 
-        numeric = (tangents(1) - tangents(-1)) / (2 * step)
-        stacked = np.stack([direction[2 * window + k] for k in range(3)], axis=1).reshape(FRAMES, -1)
-        analytic = np.einsum("fij,fj->fi", base.by_keys, stacked)
+@pytest.mark.parametrize(("part", "residuals"), CASES)
+def test_jacobian_equals_central_differences(part, residuals):
+    keys = random_keys(LAYOUT.num_keys)
+    jacobian = curve_through(keys, residuals=residuals).jacobian(ToyPrior())
+    width = ROWS.time.shape[1]
+    for direction in directions(part, 3, residuals):
+        numeric = along(keys, direction, residuals=residuals)
+        of_window = np.stack([direction[2 * WINDOWS + k] for k in range(3)], axis=1).reshape(len(WINDOWS), -1)
+        analytic = np.einsum("fij,fj->fi", jacobian, np.repeat(of_window, width, axis=0))
         np.testing.assert_allclose(analytic, numeric, atol=1e-6 * np.abs(numeric).max())
 
 
-def test_latent_tangents_are_an_orthonormal_basis_of_the_constraint():
-    z = CODES.nearest(np.random.default_rng(0).normal(size=(50, 32)))
-    basis = CODES.tangent_basis(z)
-    np.testing.assert_allclose(np.swapaxes(basis, 1, 2) @ basis, np.tile(np.eye(30), (50, 1, 1)), atol=1e-12)
-    np.testing.assert_allclose(basis.sum(axis=1), 0, atol=1e-12)
-    np.testing.assert_allclose(np.einsum("fi,fij->fj", z, basis), 0, atol=1e-12)
+@pytest.mark.parametrize(("part", "residuals"), CASES)
+def test_vjp_equals_central_differences(part, residuals):
+    keys = random_keys(LAYOUT.num_keys)
+    _, vjp = curve_through(keys, residuals=residuals).poses_with_vjp(ToyPrior())
+    cotangent = np.random.default_rng(7).normal(size=(ROWS.time.size, PoseTangent.DOF))
+    by_keys = vjp(cotangent).by_tangents(keys)
+    assert by_keys.shape == (LAYOUT.num_keys, KEY.dof(residuals=residuals))
+    for direction in directions(part, 3, residuals):
+        numeric = (cotangent * along(keys, direction, residuals=residuals)).sum()
+        np.testing.assert_allclose((by_keys * direction).sum(), numeric, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("residuals", [False, True])
+def test_vjp_is_the_transposed_jacobian_summed_over_windows(residuals):
+    keys = random_keys(LAYOUT.num_keys)
+    curve, dof = curve_through(keys, residuals=residuals), KEY.dof(residuals=residuals)
+    cotangent = np.random.default_rng(8).normal(size=(ROWS.time.size, PoseTangent.DOF))
+    found = curve.poses_with_vjp(ToyPrior())[1](cotangent).by_tangents(keys)
+    by_frames = np.einsum("fij,fi->fj", curve.jacobian(ToyPrior()), cotangent)
+    by_windows = by_frames.reshape(len(WINDOWS), -1, 3, dof).sum(axis=1)
+    expected = np.zeros_like(found)
+    for k in range(3):
+        np.add.at(expected, 2 * WINDOWS + k, by_windows[:, k])
+    # The Jacobian is in single precision.
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_terms_in_the_codes_themselves_reach_the_keys():
+    keys = random_keys(LAYOUT.num_keys)
+    curve = curve_through(keys, residuals=False)
+    by_codes = np.random.default_rng(9).normal(size=(ROWS.time.size, 32))
+    nothing = np.zeros((ROWS.time.size, PoseTangent.DOF))
+    by_keys = curve.poses_with_vjp(ToyPrior())[1](nothing, by_codes).by_tangents(keys)
+    for direction in directions("latent", 3, residuals=False):
+        values = [curve_through(keys.retract(sign * 1e-5 * direction), residuals=False).codes.value for sign in (1, -1)]
+        numeric = (by_codes * (values[0] - values[1]).reshape(len(by_codes), -1)).sum() / 2e-5
+        np.testing.assert_allclose((by_keys * direction).sum(), numeric, rtol=1e-6)
+
+
+def test_poses_at_scattered_frames_are_those_of_the_rows():
+    keys, prior = random_keys(LAYOUT.num_keys), ToyPrior()
+    rows = curve_through(keys, residuals=True).poses(prior)
+    frames = np.array([3, 4, 11, 26])
+    found = key_poses(prior, keys, LAYOUT, frames, residuals=True)
+    at = [int(np.flatnonzero((ROWS.frames.reshape(-1) == f) & (ROWS.weight.reshape(-1) > 0))[0]) for f in frames]
+    for name in ("root", "local", "transl"):
+        np.testing.assert_allclose(getattr(found, name), getattr(rows, name)[at], atol=1e-12)
+
+
+def test_keys_resampled_at_their_own_times_stay():
+    keys = random_keys(LAYOUT.num_keys)
+    again = resampled(keys, LAYOUT, LAYOUT)
+    for name in ("z", "quat", "transl", "residual"):
+        np.testing.assert_allclose(getattr(again, name), getattr(keys, name), atol=1e-9)

@@ -1,4 +1,4 @@
-"""The chain's equations: gradient and curvature against differences, NumPy against torch, takes in stretches."""
+"""The sequence's equations: gradient and curvature against differences, NumPy against torch, takes in chunks."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, PoseInvalid
-from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
-from solver_backend.fitters.pose_ndf import sequence_solver as chain_module
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.pose_ndf import sequence_solver
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
-from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseChain
-from solver_backend.fitters.pose_ndf.sequence_solver import solve_chain
+from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseSequence
+from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from tests.support.pose_ndf_weights import random_prior
 
 NAMES = ("LWRA", "RWRA", "CLAV", "LTOE", "RTOE", "LFHD", "LELB", "RKNE")
+ALL = tuple(range(PoseTangent.DOF))
 WEIGHTS = ManifoldWeights(2.0, 0.3, 1.5, level=0.015)
 
 
@@ -43,13 +46,13 @@ def frames(count: int, seed: int, spread: float = 0.3) -> PosedFrames:
     return PosedFrames(exp_so3(0.2 * rng.standard_normal((count, 3))), local, 0.1 * rng.standard_normal((count, 3)))
 
 
-def chain(prior: PoseNDF, count: int, free: tuple[int, ...] = tuple(range(69)), first: bool = False) -> PoseChain:
+def sequence(prior: PoseNDF, count: int, free: tuple[int, ...] = ALL, first: bool = False) -> PoseSequence:
     rng = np.random.default_rng(9)
     person = subject()
     observed = pose(person, frames(count, 5)).points
     before = None if first else observed[0] + 0.02
     seen = (rng.uniform(size=observed.shape[:2]) > 0.2).astype(float)
-    return PoseChain(person, prior, WEIGHTS, observed, seen, free, before)
+    return PoseSequence(person, prior, WEIGHTS, observed, seen, free, before)
 
 
 def as_torch(value):
@@ -69,9 +72,9 @@ def dense(system, count: int) -> np.ndarray:
     return H
 
 
-@pytest.mark.parametrize(("first", "free"), [(True, tuple(range(69))), (False, (0, 5, 48, 49, 50, 68))])
+@pytest.mark.parametrize(("first", "free"), [(True, ALL), (False, (0, 5, 48, 49, 50, 68))])
 def test_gradient_against_central_differences(prior: PoseNDF, first: bool, free: tuple[int, ...]) -> None:
-    problem, state, step = chain(prior, 3, free, first), frames(3, 1), 1e-6
+    problem, state, step = sequence(prior, 3, free, first), frames(3, 1), 1e-6
     _, system = problem.linearise(state)
     g = system.g.reshape(-1)
     for i in range(0, len(g), 1 if len(free) < 10 else 7):
@@ -84,7 +87,7 @@ def test_gradient_against_central_differences(prior: PoseNDF, first: bool, free:
 
 def test_curvature_is_that_of_the_residuals(prior: PoseNDF) -> None:
     """H = Jᵀ J of the points' residuals, built here by differences of them, and the metric for the prior's."""
-    problem, state, free = chain(prior, 3, (1, 9, 50, 67)), frames(3, 2), 4
+    problem, state, free = sequence(prior, 3, (1, 9, 50, 67)), frames(3, 2), 4
     _, system = problem.linearise(state)
 
     def residuals(x: PosedFrames) -> np.ndarray:
@@ -110,21 +113,21 @@ def test_curvature_is_that_of_the_residuals(prior: PoseNDF) -> None:
 
 
 def test_numpy_against_torch(prior: PoseNDF) -> None:
-    problem, state = chain(prior, 4), frames(4, 3)
+    problem, state = sequence(prior, 4), frames(4, 3)
     body = problem.subject
     there = replace(
         problem, observed=as_torch(problem.observed), seen=as_torch(problem.seen), before=as_torch(problem.before),
         subject=Subject(body.body, body.landmarks, as_torch(body.betas), as_torch(body.offsets)),
     )  # fmt: skip
-    a, b = solve_chain(problem, state, 4), solve_chain(there, as_torch(state), 4)
+    a, b = solve_sequence(problem, state, 4), solve_sequence(there, as_torch(state), 4)
     assert float(a[1][0]) == pytest.approx(float(b[1][0]), rel=1e-9)
     np.testing.assert_allclose(b[0].local.numpy(), a[0].local, atol=1e-6)
 
 
-def test_a_long_take_goes_on_from_stretch_to_stretch(prior: PoseNDF, monkeypatch) -> None:
-    monkeypatch.setattr(chain_module, "STRETCH", 4)
-    problem, state, told = chain(prior, 10, first=True), frames(10, 4), []
-    found, _ = solve_chain(problem, state, 5, "Work", lambda *event: told.append(event))
+def test_a_long_take_goes_on_from_chunk_to_chunk(prior: PoseNDF, monkeypatch) -> None:
+    monkeypatch.setattr(sequence_solver, "CHUNK_FRAMES", 4)
+    problem, state, told = sequence(prior, 10, first=True), frames(10, 4), []
+    found, _ = solve_sequence(problem, state, 5, "Work", lambda *event: told.append(event))
     assert told == [("Work", 4, 10), ("Work", 8, 10), ("Work", 10, 10)] and found.local.shape == (10, 21, 3, 3)
     points = pose(problem.subject, found).points
     held = replace(problem, observed=problem.observed[4:8], seen=problem.seen[4:8], before=points[3])
@@ -141,7 +144,7 @@ def test_denoising_is_smoother_and_its_gradient_vanishes_in_the_end(prior: PoseN
     speed = [np.linalg.norm(np.diff(pose(person, x).points, axis=0), axis=-1).mean() for x in (noisy, found)]
     assert speed[1] < 0.5 * speed[0]
     observed = pose(person, noisy).points
-    problem = PoseChain(person, prior, settings.weights, observed, np.ones(observed.shape[:2]), tuple(range(69)))
+    problem = PoseSequence(person, prior, settings.weights, observed, np.ones(observed.shape[:2]), ALL)
     before, after = (np.abs(problem.linearise(x)[1].g).max() for x in (noisy, found))
     assert after < 0.05 * before
     kept = denoise(person, prior, noisy, 30.0, DenoiseSettings(move_root=False, iterations=3))

@@ -7,11 +7,14 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.cameras.triangulation.triangulate import Triangulation
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.markers import MarkerReport
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import posed
-from solver_backend.fitters.single_frame.start import fit_to_points, lifted_betas, observations_of
+from solver_backend.fitters.single_frame.start import fit_to_points, lifted_betas
 from solver_backend.priors.sposer import load_sposer
+from solver_backend.residuals.positions import PositionTerm
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import JointSet
 
@@ -29,10 +32,10 @@ def subject(joint_set: JointSet) -> Subject:
     return Subject(body, landmarks, np.zeros(10), np.zeros((len(landmarks), 3)))
 
 
-def located(points: np.ndarray) -> Triangulation:
+def located(person: Subject, points: np.ndarray) -> Measurements:
     covariance = np.broadcast_to(1e-4 * np.eye(3), (*points.shape, 3))
-    views = np.zeros((2, *points.shape[:2]))
-    return Triangulation(points, covariance, views == 0, views, np.ones(points.shape[1]))
+    term = PositionTerm(np.nan_to_num(points), np.isfinite(points).all(-1) * 1e4)
+    return Measurements(person.landmarks, points, covariance, term, 60.0, MarkerReport(points))
 
 
 @pytest.mark.parametrize("lost", [None, "left_shoulder"])
@@ -42,7 +45,8 @@ def test_poses_meet_the_points_with_and_without_the_whole_trunk(truth, lost):
     points = truth["joints"][:: len(truth["joints"]) // len(FRAMES)][: len(FRAMES)].copy()
     if lost is not None:
         points[:, person.landmarks.names.index(lost)] = np.nan
-    states = fit_to_points(person, load_sposer(), observations_of(located(points)), FRAMES)
+    problem = Problem.of(person.body, load_sposer(), located(person, points))
+    states = fit_to_points(problem, person, FRAMES)
     found = pose(person, posed(load_sposer(), states)).points
     assert np.nanmean(np.linalg.norm(found - points, axis=-1)) < 0.04
 
@@ -51,4 +55,4 @@ def test_shape_is_the_subjects_where_nothing_is_lifted(truth):
     person = subject(JointSet.SMPL_24)
     points = truth["joints"][: len(FRAMES)].copy()
     points[:, 16] = np.nan
-    assert not np.asarray(lifted_betas(person, observations_of(located(points)), FRAMES)).any()
+    assert not np.asarray(lifted_betas(person, located(person, points), FRAMES)).any()

@@ -5,25 +5,21 @@ import pytest
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import FrameStates, posed
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.residuals import pose_mixture as usual_poses
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.synthetic.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.stick_body import stick_body
 from tests.support.toy_prior import ToyPrior
 
 FRAMES = 24
-
-
-@pytest.fixture(autouse=True)
-def _a_figure_that_is_no_person(monkeypatch):
-    """The made-up decoder's poses are no people's: what people's poses are like has no say."""
-    monkeypatch.setattr(usual_poses, "STRENGTH", 0.0)
 
 
 @pytest.fixture
@@ -36,20 +32,21 @@ def scene():
     truth = Subject(body, landmarks, np.array([1.2, -0.7, *np.zeros(8)]), offsets)
     root = exp_so3(np.array([np.pi / 2, 0, 0])) @ exp_so3(0.3 * rng.normal(size=(FRAMES, 3)))
     transl = np.array([0, 0, 0.95]) + 0.1 * rng.normal(size=(FRAMES, 3))
-    states = FrameStates(CODES.nearest(rng.normal(size=(FRAMES, 32))), root, transl)
+    states = FrameStates(spherical_normalisation(rng.normal(size=(FRAMES, 32))), root, transl)
     points = pose(truth, posed(prior, states)).points
     cameras = tripods(np.array([0.0, 0.0, 0.95]))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
     keypoints = Keypoints2D(px + rng.normal(size=px.shape), np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
     term = ReprojectionTerm.of(cameras, keypoints, np.full(24, 1.0), points)
     start = FrameStates(states.z, states.root, states.transl + 0.01 * rng.normal(size=(FRAMES, 3)))
-    return truth, prior, term, start
+    # The made-up decoder's poses are no people's: what people's poses are like has no say.
+    return truth, prior, FrameObjective((term,), (PoseMixtureTerm(weight=0.0),)), start
 
 
 def test_shape_and_bias_are_recovered(scene):
-    truth, prior, term, start = scene
+    truth, prior, objective, start = scene
     blank = Subject(truth.body, truth.landmarks, np.zeros(10), np.zeros((24, 3)))
-    found, states = fit_shape(blank, prior, term, start, (9.0, 3.0), 10, ShapePrior(evidence=1.0))
+    found, states = fit_shape(blank, prior, objective, start, (9.0, 3.0), LMSettings(10), ShapePrior(evidence=1.0))
     np.testing.assert_allclose(found.betas[:2], truth.betas[:2], atol=0.1)
     np.testing.assert_allclose(found.offsets[15], truth.offsets[15], atol=0.006)
     lengths = [np.linalg.norm(np.diff(s.body.rest_joints(s.betas)[[4, 7]], axis=0)) for s in (found, truth)]
@@ -58,7 +55,7 @@ def test_shape_and_bias_are_recovered(scene):
 
 
 def test_a_known_shape_is_kept(scene):
-    truth, prior, term, start = scene
+    truth, prior, objective, start = scene
     known = Subject(truth.body, truth.landmarks, truth.betas, np.zeros((24, 3)))
-    found, _ = fit_shape(known, prior, term, start, (3.0,), 5, ShapePrior(), free_betas=False)
+    found, _ = fit_shape(known, prior, objective, start, (3.0,), LMSettings(5), ShapePrior(free_betas=False))
     np.testing.assert_allclose(found.betas, truth.betas, atol=1e-6)

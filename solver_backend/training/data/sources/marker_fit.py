@@ -7,17 +7,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.markers import marker_landmarks
-from solver_backend.cameras.triangulation.triangulate import Triangulation
-from solver_backend.fitters.model.subject import PosedFrames, Subject, frame_equations, pose, select_frames
+from solver_backend.fitters.measurements.markers import measure_markers
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, frame_equations, pose
+from solver_backend.fitters.model.tangent import PoseTangent
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import fit_frames, posed
-from solver_backend.fitters.single_frame.start import Observations, fit_to_points
+from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape, refit_shape
-from solver_backend.geometry.rotations import exp_so3, left_jacobian_inverse_so3, log_so3
+from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.sposer import SPoser
-from solver_backend.residuals.positions import PositionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
+from solver_backend.types import MarkerCloud
 
 
 @dataclass(frozen=True)
@@ -46,97 +49,71 @@ class FittedMarkers:
     """(F, L) distance of every marker to the body's; NaN where it was not seen."""
 
 
-def fit_markers(
-    labels: tuple[str, ...], markers: np.ndarray, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()
-) -> FittedMarkers:
+def fit_markers(cloud: MarkerCloud, body: Body, prior: SPoser, settings: MarkerFit = MarkerFit()) -> FittedMarkers:
     """Fit shape and offsets on a sample of frames, all frames with the prior, then every joint by itself.
 
     Args:
-        labels: L marker names.
-        markers: (F, L, 3) metres, Z up, NaN where a marker is missing.
+        cloud: F frames of L named markers.
         body: the body.
-        prior: where the fit starts, and what holds joints that no marker sees.
+        prior: where the fit starts, and what steadies joints that no marker sees.
         settings: noise and priors.
+
+    Raises:
+        MarkersUnknown, NoDetections: as in ``measure_markers``.
     """
-    count, num = markers.shape[:2]
-    scales, seen = (settings.robust_scale,), np.isfinite(markers).all(-1)
-    subject = Subject(body, marker_landmarks(body, labels), np.zeros(10), np.zeros((num, 3)))
-    filled = np.where(seen[..., None], markers, 0.0)
-    term = PositionTerm(filled, seen * settings.sigma_m**-2)
-    coarse = PositionTerm(filled, seen * settings.coarse_sigma_m**-2)
+    fine = Problem.of(body, prior, measure_markers(cloud, body, np.zeros(1), settings.sigma_m))
+    coarse = measure_markers(cloud, body, np.zeros(1), settings.coarse_sigma_m).term
+    subject = Subject.average(body, fine.measurements.landmarks, np.zeros(1))
+    count, scales = fine.num_frames, (settings.robust_scale,)
     sample = np.unique(np.linspace(0, count - 1, settings.sample).astype(int))
-    observations = _as_observations(markers)
-    start = fit_to_points(subject, prior, observations, sample)
-    subject, start = fit_shape(subject, prior, coarse.select(sample), start, scales, 15, settings.shape)
-    frames = posed(prior, start)
+    start, coarse = fit_to_points(fine, subject, sample), FrameObjective((coarse.select(sample),), fine.pose_terms)
+    subject, start = fit_shape(subject, prior, coarse, start, scales, LMSettings(15), settings.shape)
+    frames, objective = posed(prior, start), fine.objective.select(sample)
     for _ in range(4):
-        frames = free_joints(subject, frames, term.select(sample), prior, scale=scales[0])
-        subject = refit_shape(subject, frames, term.select(sample), scales[0], settings.shape)
-    everywhere = fit_to_points(subject, prior, observations, np.arange(count))
-    everywhere, _ = fit_frames(subject, prior, term, everywhere, scales, 12)
-    frames = free_joints(subject, posed(prior, everywhere), term, prior, scale=scales[0])
-    distance = np.linalg.norm(pose(subject, frames).points - filled, axis=-1)
-    return FittedMarkers(subject, frames, np.where(seen, distance, np.nan))
+        frames = free_joints(subject, frames, objective, prior, scale=scales[0])
+        subject = refit_shape(subject, frames, objective, scales[0], settings.shape)
+    everywhere = fit_to_points(fine, subject, np.arange(count))
+    everywhere = fit_frames(subject, prior, fine.objective, everywhere, scales, LMSettings(12)).state
+    frames = free_joints(subject, posed(prior, everywhere), fine.objective, prior, scale=scales[0])
+    distance = np.linalg.norm(pose(subject, frames).points - fine.measurements.points, axis=-1)
+    return FittedMarkers(subject, frames, distance)
 
 
 def free_joints(
     subject: Subject,
     start: PosedFrames,
-    term: PositionTerm,
+    objective: FrameObjective,
     prior: SPoser,
     *,
     scale: float,
     iterations: int = 12,
     block: int = 512,
 ) -> PosedFrames:
-    """Fit every joint's rotation by itself, held to where it starts by the prior's own reconstruction error."""
+    """Fit every joint's rotation by itself, drawn to where it starts by the prior's own reconstruction error."""
     parts = [slice(i, i + block) for i in range(0, len(start.transl), block)]
-    fitted = [_free(subject, select_frames(start, p), term.select(p), prior, scale, iterations) for p in parts]
-    return PosedFrames(*(np.concatenate([getattr(f, n) for f in fitted]) for n in ("root", "local", "transl")))
+    fitted = [_free(subject, start.select(p), objective.select(p), prior, scale, iterations) for p in parts]
+    return PosedFrames.concatenate(fitted)
 
 
 def _free(
-    subject: Subject, start: PosedFrames, term: PositionTerm, prior: SPoser, scale: float, iterations: int
+    subject: Subject, start: PosedFrames, objective: FrameObjective, prior: SPoser, scale: float, iterations: int
 ) -> PosedFrames:
     precision = 1.0 / np.asarray(prior.residual_sigma) ** 2
 
     def linearise(frames: PosedFrames) -> tuple[np.ndarray, DenseBlocks]:
-        equations = frame_equations(subject, frames, term, scale)
+        equations = frame_equations(subject, frames, objective, scale)
         away = log_so3(frames.local @ np.swapaxes(start.local, -1, -2))
         back = left_jacobian_inverse_so3(away)
-        pull = np.swapaxes(back, -1, -2) @ (precision * away)[..., None]
+        by_joints = np.swapaxes(back, -1, -2) @ (precision * away)[..., None]
         hessian, gradient = equations.hessian.copy(), equations.gradient.copy()
-        gradient[:, 3:66] += pull.reshape(len(away), -1)
+        gradient[:, PoseTangent.JOINTS] += by_joints.reshape(len(away), -1)
         for j in range(away.shape[1]):
-            block = slice(3 + 3 * j, 6 + 3 * j)
+            block = PoseTangent.joint(j)
             hessian[:, block, block] += np.swapaxes(back[:, j], -1, -2) @ (precision[j, :, None] * back[:, j])
         cost = equations.cost + 0.5 * (precision * away * away).sum((1, 2))
         return cost, DenseBlocks(hessian + 1e-3 * np.eye(hessian.shape[-1]), gradient)
 
-    return levenberg_marquardt(start, linearise, _retract, _select, LMSettings(max_iterations=iterations)).state
-
-
-def _retract(frames: PosedFrames, step: np.ndarray) -> PosedFrames:
-    turn = exp_so3(step[:, 3:66].reshape(-1, 21, 3))
-    return PosedFrames(exp_so3(step[:, :3]) @ frames.root, turn @ frames.local, frames.transl + step[:, 66:])
-
-
-def _select(mask: np.ndarray, new: PosedFrames, old: PosedFrames) -> PosedFrames:
-    pick = mask[:, None, None]
-    return PosedFrames(
-        np.where(pick, new.root, old.root),
-        np.where(pick[..., None], new.local, old.local),
-        np.where(mask[:, None], new.transl, old.transl),
-    )
-
-
-def _as_observations(markers: np.ndarray) -> Observations:
-    """Return markers as if they had been triangulated, without error."""
-    count, num = markers.shape[:2]
-    return Observations(
-        Triangulation(
-            markers, np.zeros((count, num, 3, 3)), np.ones((1, count, num), bool), np.zeros((1, count, num)),
-            np.ones(num),
-        ),
-        np.ones(num), np.ones(count, bool),
-    )  # fmt: skip
+    return levenberg_marquardt(
+        start, linearise, PosedFrames.retract, lambda mask, new, old: new.where(mask, old),
+        LMSettings(max_iterations=iterations),
+    ).state  # fmt: skip

@@ -13,6 +13,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.data.sources.marker_fit import MarkerFit, fit_markers
+from solver_backend.types import MarkerCloud
 
 FIT_FPS = 10.0
 """Rate of the fit: the movements last seconds."""
@@ -72,7 +73,8 @@ def read_markers(path: Path) -> tuple[tuple[str, ...], np.ndarray]:
 def _fit(subject: str, files: list[Path], kept: Path | None) -> list[MarkerTake]:
     read = [read_markers(path) for path in files]
     ends = np.cumsum([len(markers) for _, markers in read])
-    fit = fit_markers(read[0][0], np.concatenate([m for _, m in read]), load_body(), load_sposer(), FIT)
+    cloud = MarkerCloud(np.concatenate([m for _, m in read]), FIT_FPS, read[0][0])
+    fit = fit_markers(cloud, load_body(), load_sposer(), FIT)
     rotations = np.split(fit.frames.local.astype(np.float32), ends[:-1])
     residual = np.split(1000 * np.nanmean(fit.residual_m, axis=1), ends[:-1])
     names = [path.stem for path in files]

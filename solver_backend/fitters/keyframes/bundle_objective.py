@@ -1,0 +1,78 @@
+"""What the bundle minimises: the terms of its frames (``fitters.objective``) and the terms over its keyframes.
+
+``E(x) = Σ_f E_frame(x_f) + Σ_t E_t(keys)``, where the frames f are what the curves through the keys make of them:
+
+==================  ==============================  ======================================  =========================
+term                file                            penalises                               weight
+==================  ==============================  ======================================  =========================
+temporal prior      keyframes/temporal_prior        acceleration; speed where nobody is     1 / (sigma spacing²)²
+                                                    seen
+residual rotations  keyframes/residual_rotation     joints off the prior's manifold         1 / sigma²
+==================  ==============================  ======================================  =========================
+
+The published bundle (thesis eqs. 6.6-6.8) has the reprojection term alone; the others are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
+from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
+from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.problem import Problem
+from solver_backend.geometry.arrays import Array
+from solver_backend.residuals.point_term import PointTerm
+
+
+class KeyTerm(Protocol):
+    """Anything that judges keyframes."""
+
+    def part(self, keys: slice) -> KeyTerm:
+        """Return the term of some of the keys."""
+        ...
+
+    def cost(self, keys: Keyframes) -> Array:
+        """Return the energy of these keys."""
+        ...
+
+    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
+        """Add the equations of these keys to those of the data, in place."""
+        ...
+
+
+@dataclass(frozen=True)
+class BundleObjective:
+    """The terms of F frames and of the keys that make them."""
+
+    frames: FrameObjective
+    """Of all frames of the take."""
+    keys: tuple[KeyTerm, ...] = ()
+    """Over neighbouring keys, and on each."""
+
+    def part(self, keys: slice) -> BundleObjective:
+        """Return the objective of some of the keys; frames are picked by their numbers."""
+        return replace(self, keys=tuple(term.part(keys) for term in self.keys))
+
+
+def bundle_objective(
+    problem: Problem, layout: KeyframeLayout, window: int, points: tuple[PointTerm, ...], *, residuals: bool
+) -> BundleObjective:
+    """Return what the global method minimises.
+
+    Args:
+        problem: the measurements made ready.
+        layout: windows of the keys, which stand half a window apart.
+        window: frames of a window.
+        points: the data, and contacts where feet stand.
+        residuals: keys may leave the prior's manifold.
+    """
+    spacing = 0.5 * window
+    terms: list[KeyTerm] = [MotionPrior(spacing / problem.fps, unseen=layout.gaps(problem.measurements.seen))]
+    if residuals:
+        terms.append(ResidualRotationTerm(problem.prior.residual_sigma, frames_per_key=0.5 * spacing))
+    return BundleObjective(FrameObjective(points, problem.pose_terms), tuple(terms))

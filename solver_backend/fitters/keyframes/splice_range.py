@@ -1,0 +1,101 @@
+"""Frames that were solved again put into the motion that they belong to; all others stay bit for bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.output.build_motion import build_motion
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts
+from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.types import Motion
+
+
+@dataclass(frozen=True)
+class SolvedRange:
+    """A frame range solved again, with the windows on either side of it."""
+
+    frame_range: FrameRange
+    """What was asked for."""
+    layout: KeyframeLayout
+    """Windows."""
+    free: np.ndarray
+    """(2N + 1,) bool: the keys that moved."""
+    frames: PosedFrames
+    """Poses of the frames of the layout."""
+    contacts: Contacts | None
+    """Of the whole take, if standing feet were looked for."""
+    status: str
+    """How the last pass ended."""
+
+    @property
+    def moved(self) -> np.ndarray:
+        """Numbers of the frames that take their new poses: all of the range but ends that no person pinned."""
+        wanted, frames = self.frame_range, self.layout.frames
+        inside = (frames >= wanted.first) & (frames <= wanted.last)
+        pinned = {pin.frame for pin in wanted.pins}
+        fixed = set(self.layout.key_times[~self.free]) & {wanted.first, wanted.last} - pinned
+        return frames[inside & ~np.isin(frames, list(fixed))]
+
+
+def contacts_in_place(
+    problem: Problem, subject: Subject, before: PosedFrames, frames: PosedFrames, layout: KeyframeLayout,
+    frame_range: FrameRange,
+) -> Contacts:  # fmt: skip
+    """Return which points of the feet stand in the earlier motion with the new frames in their places."""
+    points = to_numpy(pose(subject, before).points)
+    points[layout.frames] = to_numpy(pose(subject, frames).points)
+    number = np.arange(problem.num_frames)
+    return find_contacts(
+        points, subject.landmarks.names, problem.fps, (number < frame_range.first) | (number > frame_range.last)
+    )
+
+
+def spliced(
+    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange,
+    covariance: np.ndarray, scale: float,
+) -> Motion:  # fmt: skip
+    """Return the earlier motion with the frames that moved replaced.
+
+    Args:
+        problem: the measurements made ready.
+        subject: the person.
+        motion: the earlier solve.
+        before: its poses.
+        solved: the frames solved again.
+        covariance: (n, 24, 6) of the joints in the frames of the layout (see ``packed``).
+        scale: see ``build_motion``.
+    """
+    layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
+    whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
+    for name in ("root", "local", "transl"):
+        getattr(whole, name)[moved] = getattr(solved.frames, name)[moved - layout.bounds[0]]
+    everywhere = np.zeros((problem.num_frames, *covariance.shape[1:]))
+    everywhere[layout.frames] = covariance
+    key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
+    contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
+    frames = SolvedFrames(subject, whole, key_times, everywhere, contacts)
+    again = build_motion(problem.measurements, frames, scale=scale, provenance={})
+    values: dict[str, Any] = {}
+    for field in fields(Motion):
+        old, new = getattr(motion, field.name), getattr(again, field.name)
+        if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name != "betas":
+            values[field.name] = old.copy()
+            index = (slice(None), moved) if field.name == "reprojection_px" else moved
+            values[field.name][index] = new[index]
+    entry = {"first": wanted.first, "last": wanted.last, "pins": sorted({pin.frame for pin in wanted.pins})}
+    record = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
+    record |= {"statistics": again.provenance["statistics"], "status": solved.status}
+    return replace(motion, **values, provenance=record)
+
+
+def _copied(values: Array) -> Array:
+    return values.copy() if isinstance(values, np.ndarray) else values.clone()

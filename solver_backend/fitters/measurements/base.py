@@ -1,0 +1,63 @@
+"""What a solve starts from and is judged by, whatever was measured: keypoints in views, or optical markers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from solver_backend.body.landmarks import Landmarks
+from solver_backend.residuals.point_term import DataTerm
+from solver_backend.types import JointSet
+
+
+class ResidualReport(Protocol):
+    """What a motion says of how far it is from the measurements, in their own unit."""
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
+        """Return (C, F, L) reprojection errors in pixels, if there are images, and statistics, of (F, L, 3) points."""
+        ...
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """F frames of L points of one person."""
+
+    landmarks: Landmarks
+    """The L points on the body."""
+    points: np.ndarray
+    """(F, L, 3) world metres, NaN where a point was not located."""
+    covariance: np.ndarray
+    """(F, L, 3, 3) m²; NaN or anything where there is no point."""
+    term: DataTerm
+    """How far landmarks are from what was measured."""
+    fps: float
+    """Frames per second."""
+    report: ResidualReport
+    """The same for people to read."""
+    joint_set: JointSet | None = None
+    """Names of the points, where they are a detector's keypoints."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """What a motion records of them: noise, and faults that were found."""
+
+    @property
+    def num_frames(self) -> int:
+        """F."""
+        return len(self.points)
+
+    @property
+    def located(self) -> np.ndarray:
+        """(F, L) bool: the points that are known."""
+        return np.isfinite(self.points).all(-1)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(F,) bool: enough points are known to place a body."""
+        return seen_frames(self.points)
+
+
+def seen_frames(points: np.ndarray) -> np.ndarray:
+    """Return (F,) bool: enough of the (F, L, 3) points, NaN where missing, are known to place a body."""
+    located = np.isfinite(points).all(-1)
+    return located.sum(-1) >= min(6, located.shape[1] // 2)

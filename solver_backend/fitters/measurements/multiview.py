@@ -1,0 +1,86 @@
+"""Keypoints that calibrated cameras see: triangulated, checked, and judged by their reprojection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.measurements.base import Measurements, seen_frames
+from solver_backend.fitters.measurements.sanitise import check_capture
+from solver_backend.geometry.arrays import Array
+from solver_backend.metrics.image import reprojection_px
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.types import Cameras, Capture, Fault, Keypoints2D
+
+
+def measure_views(
+    capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False
+) -> Measurements:
+    """Return what the views of a capture measure, after faults of single views were found and repaired.
+
+    Args:
+        capture: calibrated cameras and 2D keypoints.
+        body: whose landmarks the keypoints are.
+        like: array that says kind, type and device.
+        progress: called as stages advance.
+        estimate_sync: see ``check_capture``.
+
+    Raises:
+        TooFewViews, NoDetections: nothing can be triangulated.
+    """
+    cameras, keypoints = capture.require_multiview()
+    progress("Triangulating", 0, 1)
+    triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    progress("Triangulating", 1, 1)
+    checked = check_capture(capture, triangulation, progress, estimate_sync=estimate_sync)
+    return measurements_of(checked.capture, checked.triangulation, body, like, checked.faults)
+
+
+def measurements_of(
+    capture: Capture, triangulation: Triangulation, body: Body, like: Array, faults: tuple[Fault, ...] = ()
+) -> Measurements:
+    """Return the measurements of a capture that is triangulated and taken as it is.
+
+    Raises:
+        NoDetections: in no frame enough points are known to place a body.
+    """
+    cameras, keypoints = capture.require_multiview()
+    if not seen_frames(np.asarray(triangulation.points)).any():
+        raise NoDetections(
+            "In no frame do two cameras agree on enough keypoints to place a body.", where=capture.name,
+            hint="Check that the calibration belongs to this recording and that the cameras are synchronised.",
+        )  # fmt: skip
+    sigma_px = triangulation.sigma_px
+    return Measurements(
+        landmarks=keypoint_landmarks(body, keypoints.joint_set),
+        points=triangulation.points,
+        covariance=triangulation.covariance,
+        term=ReprojectionTerm.of(cameras, keypoints, sigma_px, like),
+        fps=keypoints.fps,
+        report=ReprojectionReport(cameras, keypoints),
+        joint_set=keypoints.joint_set,
+        provenance={
+            "findings": [fault.as_dict() for fault in faults],
+            "sigma_px": [round(float(s), 3) for s in sigma_px],
+        },
+    )
+
+
+@dataclass(frozen=True)
+class ReprojectionReport:
+    """How far points are from the detections, in pixels."""
+
+    cameras: Cameras
+    keypoints: Keypoints2D
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+        """Return (C, F, L) errors in pixels and their statistics, of (F, L, 3) points."""
+        error = reprojection_px(self.cameras, points, self.keypoints)
+        median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
+        return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}

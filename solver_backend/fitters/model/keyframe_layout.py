@@ -1,0 +1,106 @@
+"""Where keyframes stand in time, and the frames of their windows (thesis 6.2.5)."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class KeyframeLayout:
+    """N windows over F frames; window w uses the keys 2w, 2w + 1, 2w + 2, its neighbours share the end keys."""
+
+    bounds: np.ndarray
+    """(N + 1,) frame numbers at which windows meet, rising; the first and the last are the ends of the frames."""
+
+    @classmethod
+    def even(cls, num_frames: int, window: int, first: int = 0) -> KeyframeLayout:
+        """Cut F >= 2 frames from ``first`` on into windows of nearly ``window`` frames."""
+        count = max(1, round((num_frames - 1) / window))
+        return cls(first + np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64))
+
+    @property
+    def num_windows(self) -> int:
+        """Number of windows N."""
+        return len(self.bounds) - 1
+
+    @property
+    def num_keys(self) -> int:
+        """Number of keys, 2N + 1."""
+        return 2 * self.num_windows + 1
+
+    @property
+    def key_times(self) -> np.ndarray:
+        """(2N + 1,) frame number of each key; a middle key may fall between two frames."""
+        times = np.empty(self.num_keys)
+        times[::2] = self.bounds
+        times[1::2] = 0.5 * (self.bounds[:-1] + self.bounds[1:])
+        return times
+
+    @property
+    def frames(self) -> np.ndarray:
+        """(F,) numbers of the frames from the first bound to the last."""
+        return np.arange(self.bounds[0], self.bounds[-1] + 1)
+
+    def positions(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return window and position in it, 0..1, of frame numbers; a bound belongs to the earlier window."""
+        window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
+        return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
+
+    def rows(self, stride: int = 1) -> WindowRows:
+        """Return every ``stride``-th frame of each window, each frame standing for the ones left out."""
+        first, last = self.bounds[:-1] + 1, self.bounds[1:]
+        first[0] -= 1
+        width = int((last - first).max()) // stride + 1
+        frames = first[:, None] + stride * np.arange(width)
+        inside = frames <= last[:, None]
+        frames = np.where(inside, frames, last[:, None])
+        time = (frames - self.bounds[:-1, None]) / np.diff(self.bounds)[:, None]
+        return WindowRows(frames, time, float(stride) * inside)
+
+    def gaps(self, seen: np.ndarray) -> np.ndarray:
+        """Return (2N,) bool: none of the frames from one key to the next is ``seen``, (F,) of the whole take."""
+        before = np.concatenate([[0], np.cumsum(seen)])
+        times = self.key_times
+        first, last = np.ceil(times[:-1]).astype(int), np.floor(times[1:]).astype(int)
+        return before[last + 1] == before[first]
+
+    def part(self, windows: slice) -> KeyframeLayout:
+        """Return the layout of some windows."""
+        return KeyframeLayout(self.bounds[windows.start : windows.stop + 1])
+
+
+@dataclass(frozen=True)
+class WindowRows:
+    """Frames laid out window by window: N rows of n frames, the shorter rows padded with frames of no weight."""
+
+    frames: np.ndarray
+    """(N, n) frame numbers."""
+    time: np.ndarray
+    """(N, n) positions in the window, 0..1."""
+    weight: np.ndarray
+    """(N, n) how many frames each one stands for; 0 in the padding."""
+
+    def blocks(self, num_frames: int) -> list[slice]:
+        """Return ranges of windows, alike in length, even in number, with ``num_frames`` frames each at most."""
+        count, width = self.frames.shape
+        pairs = -(-count * width // (2 * num_frames))
+        bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
+        return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
+
+    def columns(self, count: int) -> np.ndarray:
+        """Return about ``count`` columns spread over the rows; more where the shortest row would have fewer."""
+        stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
+        return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
+
+    def sampled(self, columns: np.ndarray) -> WindowRows:
+        """Return the frames of these columns, standing for those of the others."""
+        weight = self.weight[:, columns]
+        weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
+        return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
+
+    def select(self, windows: slice) -> WindowRows:
+        """Return the rows of these windows."""
+        return WindowRows(self.frames[windows], self.time[windows], self.weight[windows])

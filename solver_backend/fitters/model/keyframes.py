@@ -1,0 +1,66 @@
+"""Latent keyframes: a code, the root's rotation and place, and rotations off the manifold (thesis 6.2.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.fitters.model.codes import CODES
+from solver_backend.fitters.model.tangent import KEY
+from solver_backend.geometry.arrays import Array, index
+from solver_backend.geometry.rotations import quat_from_rotvec, quat_multiply
+from solver_backend.geometry.sphere import spherical_normalisation
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """K keyframes."""
+
+    z: Array
+    """(K, 32) unit zero-mean codes."""
+    quat: Array
+    """(K, 4) root rotations wxyz, neighbours in one hemisphere."""
+    transl: Array
+    """(K, 3) metres."""
+    residual: Array
+    """(K, 21, 3) rotations off the manifold, radians."""
+
+    def select(self, keys: np.ndarray | slice) -> Keyframes:
+        """Return the keys at these indices."""
+        return Keyframes(self.z[keys], self.quat[keys], self.transl[keys], self.residual[keys])
+
+    def triples(self, windows: np.ndarray) -> Keyframes:
+        """Return (W, 3) keys: those of each of these windows."""
+        return self.select(index(2 * windows[:, None] + np.arange(3), self.z))
+
+    def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
+        """Return the keys with those of a range taken from ``new``."""
+        xp = array_namespace(self.z)
+
+        def spliced(name: str) -> Array:
+            old = getattr(self, name)
+            return xp.concat([old[: keys.start], getattr(new, name), old[keys.stop :]])
+
+        return Keyframes(*(spliced(name) for name in ("z", "quat", "transl", "residual")))
+
+    def retract(self, step: Array) -> Keyframes:
+        """Return the keys moved by (K, 36) or (K, 99) steps, see ``KEY``."""
+        xp = array_namespace(step)
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, KEY.latent, None])[..., 0]
+        quat = quat_multiply(quat_from_rotvec(step[:, KEY.root]), self.quat)
+        quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
+        residual = self.residual
+        if step.shape[1] > KEY.dof():
+            residual = residual + xp.reshape(step[:, KEY.residual], residual.shape)
+        return Keyframes(spherical_normalisation(moved), quat, self.transl + step[:, KEY.transl], residual)
+
+
+def hemisphere_aligned(keys: Keyframes) -> Keyframes:
+    """Return the keys with signs of the root quaternions chosen so that neighbours lie in one hemisphere."""
+    xp = array_namespace(keys.quat)
+    dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
+    signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
+    signs = xp.concat([xp.ones_like(keys.quat[:1, 0]), xp.cumulative_prod(signs)])
+    return replace(keys, quat=keys.quat * signs[:, None])

@@ -1,0 +1,44 @@
+"""What is minimised over posed frames: a list of terms, each with its own residual and weight.
+
+``E(x) = Σ_f [ Σ_p E_p(y(x_f)) + Σ_q E_q(R(x_f)) ]`` with the landmarks y and the joints' rotations R of frame f:
+
+=================  ==========================  ============================================  ===========================
+term               file                        penalises                                     weight
+=================  ==========================  ============================================  ===========================
+reprojection       residuals/reprojection      landmarks off the detections (thesis 6.8)     confidence / noise variance
+positions          residuals/positions         landmarks off measured 3D points              1 / noise variance
+foot contact       residuals/foot_contact      planted points off their anchors              1 / SIGMA_M²
+pose mixture       residuals/pose_mixture      unusual poses, and all turns away from rest   WEIGHT, rest_precision
+=================  ==========================  ============================================  ===========================
+
+The terms over keyframes, and the list of what the bundle minimises, are in ``keyframes/bundle_objective``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
+
+from solver_backend.geometry.arrays import Array
+from solver_backend.residuals.point_term import PointEvidence, PointTerm
+from solver_backend.residuals.pose_term import PoseTerm
+
+
+@dataclass(frozen=True)
+class FrameObjective:
+    """The terms of F frames."""
+
+    points: tuple[PointTerm, ...]
+    """On landmark positions; at least one."""
+    poses: tuple[PoseTerm, ...] = ()
+    """On the joints' rotations."""
+
+    def select(self, frames: Any) -> FrameObjective:
+        """Return the terms of the frames at these indices (or of this slice)."""
+        return replace(self, points=tuple(term.select(frames) for term in self.points))
+
+    def of_points(self, points: Array, scale: float) -> PointEvidence:
+        """Return the sum of the point terms at (F, L, 3) positions; ``scale`` is the robust scale."""
+        return reduce(add, [term(points, scale) for term in self.points])

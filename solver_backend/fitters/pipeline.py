@@ -1,0 +1,141 @@
+"""From a capture to a motion: the one entry that the command line, the job file and the add-on use."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend import __version__
+from solver_backend.body.files.choices import load_chosen_body, resolve_body
+from solver_backend.exchange.errors import BackendMissing, TakeTooShort
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.keyframes.global_method import solve_by_bundle
+from solver_backend.fitters.keyframes.resolve_range import solve_range
+from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
+from solver_backend.fitters.measurements.multiview import measure_views
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.output.build_motion import build_motion
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.single_frame.method import solve_by_frame
+from solver_backend.fitters.solution import Solution
+from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.types import Capture, Motion
+
+_METHODS = {"global": solve_by_bundle, "sliding": solve_by_sliding, "frame": solve_by_frame}
+
+
+def solve(
+    capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
+    prior: AutoencodingPrior | None = None,
+) -> Solution:  # fmt: skip
+    """Solve the motion of the person in a multi-view capture.
+
+    Args:
+        capture: calibrated cameras and 2D keypoints.
+        settings: method, backend and the rest.
+        progress: called as stages advance.
+        prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
+
+    Raises:
+        TooFewViews, NoDetections: nothing can be triangulated.
+        TakeTooShort: the bundle was asked for on fewer than 4 frames.
+        BackendMissing: torch was asked for and is not installed.
+        BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
+    """
+    problem = prepare(capture, settings, progress)
+    problem = problem if prior is None else replace(problem, prior=prior)
+    return solve_problem(problem, settings, progress, _sources(capture, settings))
+
+
+def solve_problem(
+    problem: Problem, settings: SolveSettings, progress: Progress = silent, provenance: Mapping[str, Any] | None = None
+) -> Solution:
+    """Solve the motion of the person from measurements of any kind.
+
+    Args:
+        problem: measurements made ready, in arrays of the settings' backend.
+        settings: method and the rest.
+        progress: called as stages advance.
+        provenance: what the motion records besides.
+    """
+    subject = learn_subject(problem, first_subject(problem, settings), settings, progress)
+    solved, convergence = _METHODS[settings.method](problem, subject, settings, progress)
+    record = {
+        "solver": __version__,
+        "settings": asdict(settings),
+        "body": problem.body.id,
+        "prior": {"name": problem.prior.name, "weights": problem.prior.metadata.get("sha256")},
+        **(provenance or {}),
+        **problem.measurements.provenance,
+        "status": convergence.status,
+    }
+    motion = build_motion(problem.measurements, solved, scale=settings.robust_scale, provenance=record)
+    return Solution(motion, convergence.status)
+
+
+def resolve_range(
+    capture: Capture, motion: Motion, frame_range: FrameRange, settings: SolveSettings = SolveSettings(),
+    progress: Progress = silent,
+) -> Solution:  # fmt: skip
+    """Solve some frames of an earlier motion again, through poses that a person pinned; see ``solve_range``.
+
+    Raises:
+        JobInvalid: the frame range is none of this take.
+        MotionInvalid: the motion belongs to another take or body.
+        TooFewViews, NoDetections, BackendMissing: as in ``solve``.
+    """
+    problem = prepare(capture, settings, progress)
+    return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
+
+
+def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> Problem:
+    """Return the views of a capture made ready for a solver.
+
+    Raises:
+        TooFewViews, NoDetections, TakeTooShort, BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
+    """
+    _, keypoints = capture.require_multiview()
+    if settings.method != "frame" and keypoints.num_frames < 4:
+        raise TakeTooShort(
+            f"The bundle needs 4 frames, the take has {keypoints.num_frames}.", where=capture.name,
+            hint="Use the method 'frame' for single images.",
+        )  # fmt: skip
+    body, like = load_chosen_body(settings.body), _origin(settings.backend)
+    measurements = measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
+    return Problem.of(body, load_sposer(), measurements)
+
+
+def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
+    """Return the average person without bias, or one of the shape that the settings know."""
+    subject = Subject.average(problem.body, problem.measurements.landmarks, _origin(settings.backend))
+    return subject if settings.betas is None else replace(subject, betas=constant(settings.betas, subject.betas))
+
+
+def _origin(backend: str) -> Array:
+    """Return an array of the backend's kind that constants take after."""
+    if backend == "numpy":
+        return np.zeros(1)
+    try:
+        import torch
+    except ImportError as error:
+        raise BackendMissing(
+            "The torch backend was asked for, and torch is not installed.",
+            hint="Install torch in this Python, or use the backend 'numpy'.",
+        ) from error
+    return torch.zeros(1, dtype=torch.float64)
+
+
+def _sources(capture: Capture, settings: SolveSettings) -> dict[str, Any]:
+    """Return which files went into a solve."""
+    path = resolve_body(settings.body)
+    fingerprint = {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    return {"body_file": fingerprint, "capture": capture.name, "sources": list(capture.sources)}

@@ -1,0 +1,79 @@
+"""What a solve finds: poses of all frames, and whether the search for them came to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.geometry.arrays import Array
+from solver_backend.solver.levenberg_marquardt import LMResult
+from solver_backend.types import Motion
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solved take."""
+
+    motion: Motion
+    """The poses and what is known of them."""
+    status: str
+    """One sentence on how the last pass ended; the motion's provenance holds it too."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How the last robust scale of a solve ended, over the parts that were solved one after the other."""
+
+    parts: int
+    """Parts of the take."""
+    converged: int
+    """Those whose cost no longer changes."""
+    iterations: int
+    """The most linearisations that one of them took."""
+
+    @classmethod
+    def of(cls, result: LMResult[Any]) -> Convergence:
+        """Return how one minimisation ended."""
+        return cls(1, int(result.converged), result.iterations)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Convergence]) -> Convergence:
+        """Return how several ended."""
+        found = list(parts)
+        return cls(
+            sum(part.parts for part in found), sum(part.converged for part in found),
+            max(part.iterations for part in found),
+        )  # fmt: skip
+
+    @property
+    def status(self) -> str:
+        """One sentence for people."""
+        if self.converged == self.parts:
+            return f"Converged: the cost no longer changes after {self.iterations} linearisations."
+        where = "" if self.parts == 1 else f" in {self.parts - self.converged} of {self.parts} parts of the take"
+        return f"Stopped after {self.iterations} linearisations{where}; more iterations may help."
+
+
+@dataclass(frozen=True)
+class SolvedFrames:
+    """Poses of a take, and what the method knows of them."""
+
+    subject: Subject
+    """The person, with the shape and bias of the last pass."""
+    frames: PosedFrames
+    """F poses."""
+    key_times: np.ndarray = field(default_factory=lambda: np.arange(0))
+    """Frame numbers of the keyframes; they may fall between frames."""
+    covariance: Array | None = None
+    """(F, 24, 6) covariance of each joint in square metres (see ``packed``), where the method knows it."""
+    contacts: np.ndarray | None = None
+    """(F, 2) bool: left and right foot stand, where the method knows it."""
+
+
+MethodResult = tuple[SolvedFrames, Convergence]
+"""What a method returns."""

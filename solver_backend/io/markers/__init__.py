@@ -1,0 +1,1 @@
+"""Recordings of optical markers: C3D, TRC, and the tables of OptiTrack, Vicon and Qualisys."""

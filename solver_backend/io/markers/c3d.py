@@ -1,0 +1,228 @@
+"""Markers in from C3D files of every processor, with integers or floats.
+
+Source: the C3D file format user guide (Motion Lab Systems, c3d.org). A frame is, for every point, four words: x, y, z
+and one that holds the residual in its low byte and a mask of the cameras in its high one; then the analog samples. A
+word has two bytes in a file of integers and four in a file of floats, where the fourth is the same integer as a float.
+It is negative for a point that was not seen. The header's numbers count where a parameter differs, as what cannot be
+read without them is kept right by every writer, but counts above 65,535 are in parameters or nowhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.files import read_bytes
+from solver_backend.io.markers.c3d_numbers import floats, integers
+from solver_backend.io.markers.c3d_parameters import BLOCK, Header, Parameters, read_header, read_parameters
+from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
+from solver_backend.io.markers.take import MarkerEvent, MarkerTake
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import is_model_output
+
+MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+"""Lists of points that are no positions: programs keep what their models compute (joint angles) as points."""
+
+MOST = 65535
+"""Largest count in the header."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the frames are."""
+
+    start: int
+    """First byte."""
+    frames: int
+    """Number of frames."""
+    stride: int
+    """Bytes in a frame."""
+    points: int
+    """Points in a frame."""
+    word: int
+    """Bytes in a word: 4 in a file of floats, 2 in one of integers."""
+    first_frame: int
+    """Number of the first frame."""
+    problems: tuple[str, ...]
+    """What is wrong with the file's counts."""
+
+
+def read_c3d(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the markers of a C3D file.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file says.
+        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
+        up_axis: its axis that points up; None takes POINT:Y_SCREEN, or how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated, is not C3D, or states no frame rate.
+        NoDetections: it holds no markers (but forces, say), or none is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    data = np.frombuffer(read_bytes(path), np.uint8)
+    parameters = read_parameters(data, path)
+    header = read_header(data, parameters.processor)
+    layout = _layout(data, header, parameters, path)
+    labels = parameters.continued_texts("POINT:LABELS")[: layout.points]
+    labels += ("",) * (layout.points - len(labels))
+    kept, notes = _positions_only(labels, parameters)
+    positions, residual, problems = _points(data, layout, kept, _scale(header, parameters, path), parameters)
+    kind = "float" if layout.word == 4 else "integer"
+    source = MarkerSource(
+        path=path,
+        format=f"C3D ({parameters.processor.name}, {kind})",
+        positions=positions,
+        labels=tuple(labels[i] for i in kept),
+        rate=header.rate if header.rate > 0 else (parameters.number("POINT:RATE") or header.rate),
+        default_unit="mm",
+        default_up_axis="z",
+        unit=" ".join(parameters.texts("POINT:UNITS")[:1]),
+        up_axis=_screen_up(parameters),
+        residual=residual,
+        first_frame=layout.first_frame,
+        events=_events(header, parameters),
+        analog_channels=_analog_channels(header, parameters),
+        notes=notes,
+        problems=(*layout.problems, *problems),
+    )
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
+    """Find the frames; no count is trusted beyond the file's own length.
+
+    Where there are more than ``MOST`` frames and no parameter says so, the header's last frame stays at ``MOST`` or
+    begins again at 0: the file's length decides.
+
+    Raises:
+        FileDamaged: the file ends before the first frame is complete.
+    """
+    word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
+    points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
+    block = header.data_block or int(parameters.number("POINT:DATA_START") or 0)
+    start = (block - 1) * BLOCK if block > 1 else parameters.end
+    room = max(len(data) - start, 0)
+    claims, first = _frame_counts(header, parameters)
+    stride = word * (4 * points + header.analog)
+    # Some writers state the channels where the header wants their samples in a frame; then most of the file is left.
+    samples = word * (4 * points + len(_analog_channels(header, parameters)) * header.analog_per_channel)
+    if max(claims) * stride + BLOCK < room and max(claims) * stride < max(claims) * samples <= room:
+        stride = samples
+    if not points:
+        return _Layout(start, 0, stride, 0, word, first, ())
+    complete = room // stride
+    fitting = [count for count in claims if 0 < count <= complete]
+    frames = max(fitting) if fitting else complete
+    if header.last == MOST and frames <= MOST:
+        frames = complete
+    elif (complete - frames) % (MOST + 1) <= BLOCK // stride:
+        frames += (complete - frames) // (MOST + 1) * (MOST + 1)
+    if not frames:
+        raise FileDamaged(
+            f"The file ends before its first frame of {points} points.", where=str(path), hint="Export it again."
+        )
+    problems = ()
+    if not fitting:
+        problems = (
+            f"The file states {listing(f'{c:,}' for c in claims)} frames but holds {frames:,}: it is truncated.",
+        )
+    return _Layout(start, frames, stride, points, word, first, problems)
+
+
+def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], int]:
+    """Return what the file says in several places about its number of frames, and the number of the first."""
+    first = header.first
+    claims = [header.last - header.first + 1]
+    start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
+    if start.size >= 2 and end.size >= 2:
+        # Two words, the low one first.
+        low, high = (values[0] + 65536 * values[1] for values in (start, end))
+        if 0 <= low <= high < 2**32:
+            claims.append(int(high - low) + 1)
+            first = int(low)
+    for name in ("POINT:LONG_FRAMES", "POINT:FRAMES"):
+        count = parameters.number(name)
+        if count is not None and 0 < count < 2**32:
+            claims.append(int(count))
+    return [count for count in dict.fromkeys(claims) if count > 0] or [1], first
+
+
+def _scale(header: Header, parameters: Parameters, path: Path) -> float:
+    """Return the units of an integer; in a file of floats it is that of the residuals alone."""
+    for scale in (header.scale, parameters.number("POINT:SCALE") or math.nan):
+        if math.isfinite(scale) and scale != 0:
+            return abs(scale)
+    raise FileDamaged("Neither the header nor POINT:SCALE states a scale.", where=str(path), hint="Export it again.")
+
+
+def _points(
+    data: np.ndarray, layout: _Layout, kept: np.ndarray, scale: float, parameters: Parameters
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return positions (F, M, 3) and residuals (F, M) of the kept points, NaN where missing, in the file's unit."""
+    frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
+    raw = frames[:, : 4 * layout.word * layout.points]
+    decode = floats if layout.word == 4 else integers
+    values = decode(raw, parameters.processor).reshape(layout.frames, layout.points, 4)
+    values = values if len(kept) == layout.points else values[:, kept]
+    positions = values[..., :3] * (1.0 if layout.word == 4 else scale)
+    fourth = np.nan_to_num(values[..., 3].astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
+    missing = fourth < 0
+    problems: tuple[str, ...] = ()
+    if missing.all() and positions.any():
+        missing, problems = np.zeros_like(missing), ("Every residual says that the point was not seen.",)
+    positions[missing] = np.nan
+    residual = (fourth.clip(0, 32767).astype(np.int64) & 255) * scale
+    residual[missing] = np.nan
+    return positions, residual, problems
+
+
+def _positions_only(labels: tuple[str, ...], parameters: Parameters) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the indices of points that are positions, and a sentence on the others."""
+    outputs = {label for name in MODEL_OUTPUTS for label in parameters.continued_texts(f"POINT:{name}")} - {""}
+    kept = [i for i, label in enumerate(labels) if label not in outputs and not is_model_output(label)]
+    return np.array(kept, dtype=np.int64), left_out_note(len(labels) - len(kept))
+
+
+def _screen_up(parameters: Parameters) -> str:
+    """Return the axis that POINT:Y_SCREEN draws upwards, as 'z' or '-y'; empty where it or X_SCREEN makes no sense."""
+    axes = [" ".join(parameters.texts(f"POINT:{name}_SCREEN")[:1]).lower().lstrip("+") for name in "XY"]
+    known = all(axis.lstrip("-") in ("x", "y", "z") for axis in axes)
+    return axes[1] if known and axes[0][-1] != axes[1][-1] else ""
+
+
+def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
+    """Return the names of the analog channels; those without one are numbered."""
+    used = parameters.number("ANALOG:USED")
+    count = int(used) if used is not None else header.analog // max(header.analog_per_channel, 1)
+    count = min(max(count, 0), header.analog)
+    labels = parameters.continued_texts("ANALOG:LABELS")[:count]
+    return tuple(label or f"channel {i}" for i, label in enumerate(labels + ("",) * (count - len(labels)), 1))
+
+
+def _events(header: Header, parameters: Parameters) -> tuple[MarkerEvent, ...]:
+    """Return the events of the EVENT group, whose times are minutes and seconds, or else those of the header."""
+    times = parameters.numbers("EVENT:TIMES")
+    used = parameters.number("EVENT:USED")
+    times = times[: len(times) // 2 * 2].reshape(-1, 2)[: int(used) if used is not None else None]
+    if not len(times):
+        pairs = zip(header.event_labels, header.event_times.tolist(), strict=True)
+        return tuple(MarkerEvent(label, time) for label, time in pairs if math.isfinite(time))
+    columns = [
+        (parameters.continued_texts(f"EVENT:{name}") + ("",) * len(times))[: len(times)]
+        for name in ("LABELS", "CONTEXTS", "SUBJECTS")
+    ]
+    return tuple(
+        MarkerEvent(label, 60.0 * minutes + seconds, context, subject)
+        for label, context, subject, (minutes, seconds) in zip(*columns, times.tolist(), strict=True)
+        if math.isfinite(minutes) and math.isfinite(seconds)
+    )

@@ -1,0 +1,168 @@
+"""Markers out to C3D files: Intel, floats, millimetres, Z up.
+
+Source: the C3D file format user guide (Motion Lab Systems, c3d.org). The parameters are those that the guide asks for,
+and no analog data. Counts above 65,535 are kept in TRIAL:ACTUAL_END_FIELD and POINT:LONG_FRAMES, as programs that read
+long files look for them in the one or the other; more than 255 labels go on in POINT:LABELS2.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import NonFiniteData, ShapeMismatch
+from solver_backend.exchange.outputs import atomic_output
+from solver_backend.io.markers.c3d_numbers import Processor
+from solver_backend.io.markers.c3d_parameters import BLOCK, KEY, MOST_BLOCKS
+from solver_backend.io.markers.take import MarkerEvent
+from solver_backend.types import MarkerCloud
+
+PER_PARAMETER = 255
+"""Most strings in one parameter, and most characters in one."""
+MOST_POINTS = 65535
+_MM = 1000.0
+
+
+def write_c3d(
+    path: Path | str,
+    cloud: MarkerCloud,
+    *,
+    events: Sequence[MarkerEvent] = (),
+    first_frame: int = 1,
+    overwrite: bool = False,
+) -> Path:
+    """Write markers to a C3D file, whole or not at all; a missing one is 0 0 0 with the residual -1.
+
+    Args:
+        path: the file.
+        cloud: markers, Z up, in metres.
+        events: what happened during the take.
+        first_frame: number of the first frame.
+        overwrite: replace a file that is there.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+        NonFiniteData: the frame rate is not positive.
+        ShapeMismatch: labels and markers differ in number, or the labels are too many or too long for a C3D file.
+    """
+    positions = np.asarray(cloud.positions, dtype=np.float64) * _MM
+    frames, markers = positions.shape[:2]
+    if not (np.isfinite(cloud.fps) and cloud.fps > 0):
+        raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=str(path))
+    labels = cloud.labels or tuple(f"*{i}" for i in range(1, markers + 1))
+    if len(labels) != markers or markers > MOST_POINTS:
+        raise ShapeMismatch(f"{len(labels)} labels do not fit {markers} markers.", where=str(path))
+    largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
+    # Half of a 16-bit integer's range, should a program store the points as such.
+    scale = max(0.1, largest / 32000.0)
+    section, data_block = _parameter_section(cloud.fps, frames, labels, events, first_frame, scale)
+    with atomic_output(path, overwrite=overwrite) as temporary, open(temporary, "wb") as stream:
+        stream.write(_header(cloud.fps, frames, markers, first_frame, scale, data_block))
+        stream.write(section)
+        stream.write(_padded(_frames(positions, cloud.residual, scale).tobytes()))
+    return Path(path)
+
+
+def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) -> np.ndarray:
+    """Return (F, M, 4) floats: x, y, z and the residual in units of the scale, -1 where missing."""
+    seen = np.isfinite(positions).all(axis=-1)
+    values = np.zeros((*positions.shape[:2], 4), dtype="<f4")
+    values[..., :3] = np.where(seen[..., None], positions, 0.0)
+    if residual is not None:
+        values[..., 3] = np.clip(np.rint(np.nan_to_num(residual) * _MM / scale), 0, 255)
+    values[~seen, 3] = -1.0
+    return values
+
+
+def _header(fps: float, frames: int, markers: int, first: int, scale: float, data_block: int) -> bytes:
+    last = first + frames - 1
+    words = struct.pack(
+        "<BBHHHHHfHHf", 2, KEY, markers, 0, min(first, 65535), min(last, 65535), 10, -scale, data_block, 0, fps
+    )
+    return _padded(words)
+
+
+def _parameter_section(
+    fps: float, frames: int, labels: Sequence[str], events: Sequence[MarkerEvent], first: int, scale: float
+) -> tuple[bytes, int]:
+    """Return the section, filled up to blocks, and the block after it.
+
+    Raises:
+        ShapeMismatch: the section would be longer than a file can say.
+    """
+
+    def records(data_block: int) -> bytes:
+        point = {
+            "USED": _integers(len(labels)), "FRAMES": _integers(min(frames, 65535)), "SCALE": _floats(-scale),
+            "RATE": _floats(fps), "DATA_START": _integers(data_block), "UNITS": _texts(["mm"]),
+            "X_SCREEN": _texts(["+X"]), "Y_SCREEN": _texts(["+Z"]), **_long("LABELS", labels),
+            **_long("DESCRIPTIONS", [""] * len(labels)), "LONG_FRAMES": _floats(frames),
+        }  # fmt: skip
+        last = first + frames - 1
+        trial = {
+            "ACTUAL_START_FIELD": _integers(first % 65536, first // 65536),
+            "ACTUAL_END_FIELD": _integers(last % 65536, last // 65536),
+            "CAMERA_RATE": _floats(fps),
+        }
+        analog = {
+            "USED": _integers(0), "RATE": _floats(fps), "GEN_SCALE": _floats(1.0), "LABELS": _texts([]),
+            "DESCRIPTIONS": _texts([]), "SCALE": (4, (0,), b""), "OFFSET": (2, (0,), b""), "UNITS": _texts([]),
+        }  # fmt: skip
+        force = {"USED": _integers(0), "TYPE": (2, (0,), b""), "ZERO": _integers(1, 0)}
+        event = {
+            "USED": _integers(len(events)), "LABELS": _texts([e.label for e in events]),
+            "CONTEXTS": _texts([e.context for e in events]), "SUBJECTS": _texts([e.subject for e in events]),
+            "TIMES": (4, (2, len(events)), b"".join(struct.pack("<ff", e.time // 60, e.time % 60) for e in events)),
+        }  # fmt: skip
+        groups = {"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force}
+        return _records(groups | ({"EVENT": event} if events else {}))
+
+    size = len(records(0)) + 4
+    blocks = -(-size // BLOCK)
+    if blocks > MOST_BLOCKS:
+        raise ShapeMismatch(f"{len(labels)} labels and {len(events)} events are too long for the head of a C3D file.")
+    head = bytes([1, KEY, blocks, Processor.INTEL])
+    return _padded(head + records(2 + blocks)), 2 + blocks
+
+
+_Value = tuple[int, tuple[int, ...], bytes]
+
+
+def _integers(*values: int) -> _Value:
+    return 2, () if len(values) == 1 else (len(values),), struct.pack(f"<{len(values)}H", *values)
+
+
+def _floats(*values: float) -> _Value:
+    return 4, () if len(values) == 1 else (len(values),), struct.pack(f"<{len(values)}f", *values)
+
+
+def _texts(texts: Sequence[str]) -> _Value:
+    raw = [text.encode("utf-8")[:PER_PARAMETER] for text in texts]
+    length = max((len(text) for text in raw), default=0) or 1
+    return -1, (length, len(raw)), b"".join(text.ljust(length) for text in raw)
+
+
+def _long(name: str, texts: Sequence[str]) -> dict[str, _Value]:
+    """Return a list of strings as one parameter or, where it is too long for that, as NAME, NAME2, ..."""
+    parts = [texts[i : i + PER_PARAMETER] for i in range(0, max(len(texts), 1), PER_PARAMETER)]
+    return {f"{name}{i if i > 1 else ''}": _texts(part) for i, part in enumerate(parts, 1)}
+
+
+def _records(groups: dict[str, dict[str, _Value]]) -> bytes:
+    """Return the chain of records that ``c3d_parameters`` follows, without descriptions."""
+    chain = [(-i, name, b"\0") for i, name in enumerate(groups, 1)]
+    for i, parameters in enumerate(groups.values(), 1):
+        for name, (kind, sizes, data) in parameters.items():
+            chain.append((i, name, struct.pack("<bB", kind, len(sizes)) + bytes(sizes) + data + b"\0"))
+    out = b""
+    for k, (group, name, body) in enumerate(chain):
+        step = 0 if k == len(chain) - 1 else len(body) + 2
+        out += struct.pack("<bb", len(name), group) + name.encode() + struct.pack("<H", step) + body
+    return out
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % BLOCK)

@@ -1,0 +1,141 @@
+"""Markers in from CSV files of OptiTrack Motive (format versions 1.2 to 1.25).
+
+Source: the OptiTrack documentation, "Data Export: CSV". The first line holds names and values in turn ('Format
+Version', 'Capture Frame Rate', 'Rotation Type', 'Length Units', ...). Then come rows of types, names, ids (and parents,
+in newer versions), of quantities ('Rotation', 'Position', 'Mean Marker Error'), and the row 'Frame', 'Time (Seconds)',
+in some versions 'TimeCode', X, Y, Z, W. Which rows there are depends on the version, so columns are found by what is
+in them. Cells of a marker that is not seen are blank. Motive's world has Y up.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.io.files import read_text
+from solver_backend.io.markers.source import MarkerSource, as_take
+from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.text_table import (
+    frame_problems,
+    header_cells,
+    number_in,
+    number_table,
+    rate_of,
+    triples,
+)
+from solver_backend.io.recognition.camera_names import listing
+
+MEASURED = "marker"
+"""Type of markers as measured; 'Rigid Body Marker' and 'Bone Marker' are where an asset's model expects them."""
+_KNOWN_TYPES = (MEASURED, "rigid body", "rigid body marker", "bone", "bone marker", "skeleton")
+
+
+def read_motive_csv(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the markers of a CSV file of Motive; rigid bodies and bones, which it computes from them, are left out.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file says.
+        unit: its length unit; None takes what the file says.
+        up_axis: its axis that points up; None takes Y, or how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated, has no header, or states no frame rate.
+        NoDetections: it holds no markers but rigid bodies, or none is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    lines = read_text(path).splitlines()
+    if not lines or not lines[0].lstrip('"').lower().startswith("format version"):
+        raise FileDamaged(
+            "The file is no CSV of Motive: 'Format Version' is expected at its start.",
+            where=str(path),
+            hint="Export it again with its header.",
+        )
+    cells = header_cells(lines[0], ",")
+    meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
+    at = next((i for i, line in enumerate(lines[:30]) if header_cells(line, ",")[:1] == ["Frame"]), None)
+    if at is None:
+        raise FileDamaged(
+            "The file is truncated: a row that begins with 'Frame' is expected.",
+            where=str(path),
+            hint="Export it again.",
+        )
+    columns, labels, notes = _markers([header_cells(line, ",") for line in lines[1 : at + 1] if line.strip()], path)
+    rows = [line.split(",") for line in lines[at + 1 :] if line.strip()]
+    values = _table(rows, at + 2, path)
+    rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
+    numbers = values[:, 0] if len(values) else np.zeros(0)
+    source = MarkerSource(
+        path=path,
+        format=f"Motive CSV {meta.get('format version', '')}".strip(),
+        positions=triples(values, columns),
+        labels=labels,
+        rate=rate if rate is not None else (rate_of(values[:, 1]) if values.shape[1] > 1 else None),
+        default_unit="m",
+        default_up_axis="y",
+        unit=meta.get("length units", ""),
+        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 0,
+        notes=notes,
+        problems=frame_problems(numbers, number_in(meta.get("total exported frames"))),
+    )
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _table(rows: list[list[str]], first_line: int, path: Path) -> np.ndarray:
+    """Return the rows' numbers; a time code, the one cell that is none, is blanked."""
+    for row in rows:
+        if len(row) > 2 and ":" in row[2]:
+            row[2] = ""
+    return number_table(rows, first_line, path)
+
+
+def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str, ...], tuple[str, ...]]:
+    """Return the first columns and the labels of the markers, and sentences on what is left out.
+
+    Args:
+        header: the rows from the types to 'Frame', 'Time (Seconds)', ...
+        path: the file, for messages.
+    """
+    axes = header[-1]
+    at = next((i for i, row in enumerate(header) if any(cell.lower() in _KNOWN_TYPES for cell in row)), None)
+    if at is None or at + 1 >= len(header) - 1:
+        raise FileDamaged(
+            "The file has no row of types ('Marker', 'Rigid Body', ...) above its columns.",
+            where=str(path),
+            hint="Export it again with its header.",
+        )
+    types, names, quantities = (_filled(row, len(axes)) for row in (header[at], header[at + 1], header[-2]))
+    starts = [
+        i
+        for i in range(len(axes) - 2)
+        if [axis.upper() for axis in axes[i : i + 3]] == ["X", "Y", "Z"] and quantities[i].lower() == "position"
+    ]
+    of_type = {kind: [i for i in starts if types[i].lower() == kind] for kind in dict.fromkeys(map(str.lower, types))}
+    expected = [i for kind, columns in of_type.items() if kind != MEASURED and kind.endswith(MEASURED) for i in columns]
+    chosen = of_type.get(MEASURED) or expected
+    bodies = tuple(dict.fromkeys(names[i] for i in starts if types[i].lower() == "rigid body"))
+    bones = sum(types[i].lower() == "bone" for i in starts)
+    if not chosen:
+        what = f"{len(bodies)} rigid bodies and {bones} bones" if bodies or bones else "none"
+        raise NoDetections(
+            f"The file holds no markers but {what}.", where=str(path), hint="Export it with 'Markers' switched on."
+        )
+    notes: list[str] = []
+    if bodies or bones:
+        what = f"{len(bodies)} rigid bodies ({listing(bodies[:8])}) and {bones} bones"
+        notes.append(f"{what} are left out: they are computed from the markers.")
+    if of_type.get(MEASURED) and expected:
+        notes.append(f"{len(expected)} places where assets expect their markers are left out: measured ones are there.")
+    elif expected:
+        notes.append("Markers are where their assets expect them, not as measured: the file holds no others.")
+    return chosen, tuple(names[i] for i in chosen), tuple(notes)
+
+
+def _filled(row: list[str], width: int) -> list[str]:
+    return (row + [""] * width)[:width]

@@ -1,0 +1,155 @@
+"""Markers in from CSV and text files of Vicon Nexus, and of Workstation and Polygon before it.
+
+Source: the Vicon Nexus documentation, "Export ASCII files", and files of these programs. A file is made of sections
+('Joints', 'Model Outputs', 'Devices', 'Events', 'Trajectories'), each its name, its rate ('100', or '100,Hz'), a row of
+labels above the first of their three columns, a row 'Frame, Sub Frame, X, Y, Z, ...' ('Field #, X, Y, Z' in older
+ones), in Nexus a row of units, then the frames until an empty line. Cells of a marker that is not seen are blank.
+Vicon's world has Z up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.io.files import read_text
+from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
+from solver_backend.io.markers.take import MarkerEvent, MarkerTake
+from solver_backend.io.markers.text_table import (
+    frame_problems,
+    header_cells,
+    number_in,
+    number_table,
+    triples,
+)
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import is_model_output
+
+SECTIONS = ("trajectories", "joints", "segments", "model outputs", "devices", "events")
+"""What a file may hold; markers are in the first."""
+
+
+def read_nexus_csv(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the trajectories of a CSV or text file of Nexus.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file says.
+        unit: its length unit; None takes what the file says.
+        up_axis: its axis that points up; None takes Z, or how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated, is none of Nexus, or states no frame rate.
+        NoDetections: it holds no trajectories but other sections, or no marker is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    lines = read_text(path).splitlines()
+    sections = sections_of(lines)
+    if "trajectories" not in sections:
+        raise _no_trajectories(sections, path)
+    start = sections["trajectories"]
+    at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
+    if at is None:
+        raise FileDamaged(
+            "The file is truncated: a row 'Frame,Sub Frame,X,Y,Z' is expected below 'Trajectories'.",
+            where=str(path),
+            hint="Export it again.",
+        )
+    delimiter = max(",;\t", key=lines[at].count)
+    axes, names = header_cells(lines[at], delimiter), header_cells(lines[at - 1], delimiter)
+    points = {i: _cell(names, i) for i in range(len(axes) - 2) if axes[i : i + 3] == ["X", "Y", "Z"]}
+    markers = {i: label for i, label in points.items() if not is_model_output(label)}
+    units = header_cells(lines[at + 1], delimiter) if at + 1 < len(lines) else []
+    has_units = bool(units) and not units[0]
+    rows = _rows(lines[at + (2 if has_units else 1) :], delimiter)
+    values = number_table(rows, at + (3 if has_units else 2), path, comma=delimiter != ",")
+    numbers = values[:, 0] if len(values) else np.zeros(0)
+    source = MarkerSource(
+        path=path,
+        format="Nexus CSV",
+        positions=triples(values, tuple(markers)),
+        labels=tuple(markers.values()),
+        rate=_rate(lines[start + 1], delimiter),
+        default_unit="mm",
+        default_up_axis="z",
+        unit=next((cell for cell in units if cell), "") if has_units else "",
+        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
+        events=_events(lines, sections, delimiter),
+        analog_channels=_devices(lines, sections, delimiter),
+        notes=left_out_note(len(points) - len(markers)),
+        problems=frame_problems(numbers, None),
+    )
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def sections_of(lines: Sequence[str]) -> dict[str, int]:
+    """Return the line of each section by its name in small letters."""
+    found: dict[str, int] = {}
+    for i, line in enumerate(lines):
+        name = line.strip(' ,;\t"').lower() if len(line) < 200 else ""
+        if name in SECTIONS:
+            found.setdefault(name, i)
+    return found
+
+
+def _no_trajectories(sections: dict[str, int], path: Path) -> Exception:
+    if not sections:
+        return FileDamaged(
+            f"The file is none of Nexus: one of {listing(SECTIONS)} is expected on a line of its own.",
+            where=str(path),
+            hint="Export it again.",
+        )
+    return NoDetections(
+        f"The file holds no markers but {listing(sections)}.",
+        where=str(path),
+        hint="Export it with 'Trajectories' switched on.",
+    )
+
+
+def _cell(cells: Sequence[str], index: int) -> str:
+    return cells[index] if index < len(cells) else ""
+
+
+def _is_axes_row(line: str) -> bool:
+    return line.strip(' "').lower().startswith(("frame", "field #"))
+
+
+def _rate(line: str, delimiter: str) -> float | None:
+    return number_in(next(iter(header_cells(line, delimiter)), None))
+
+
+def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
+    """Return the cells of the section's rows, up to the first empty one."""
+    rows: list[list[str]] = []
+    for line in lines:
+        cells = line.split(delimiter)
+        if not cells[0].strip():
+            break
+        rows.append(cells)
+    return rows
+
+
+def _events(lines: Sequence[str], sections: dict[str, int], delimiter: str) -> tuple[MarkerEvent, ...]:
+    """Return the section 'Events': rows of subject, context, name and time in seconds."""
+    if "events" not in sections:
+        return ()
+    start = sections["events"] + 1
+    at = next((i for i in range(start, min(start + 4, len(lines))) if lines[i].lower().startswith("subject")), None)
+    rows = _rows(lines[at + 1 :], delimiter) if at is not None else []
+    cells = [[cell.strip() for cell in row] for row in rows if len(row) >= 4]
+    timed = [(row, number_in(row[3])) for row in cells]
+    return tuple(MarkerEvent(row[2], time, row[1], row[0]) for row, time in timed if time is not None)
+
+
+def _devices(lines: Sequence[str], sections: dict[str, int], delimiter: str) -> tuple[str, ...]:
+    """Return the names of the columns of the section 'Devices'."""
+    start = sections.get("devices", len(lines))
+    at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
+    return tuple(cell for cell in header_cells(lines[at], delimiter)[2:] if cell) if at is not None else ()

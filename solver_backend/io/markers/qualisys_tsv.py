@@ -1,0 +1,111 @@
+"""Markers in from TSV files of Qualisys Track Manager.
+
+Source: the QTM user manual, "TSV file formats, motion data". Lines of a name and its values between tabs (NO_OF_FRAMES,
+NO_OF_MARKERS, FREQUENCY, DATA_INCLUDED, EVENT, MARKER_NAMES, TRAJECTORY_TYPES), on demand a row of column names, then
+the frames: on demand a frame number and a time, then x, y and z of every marker in millimetres. A marker that is not
+seen is blank, 'null' or 0. QTM's world has Z up unless changed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
+from solver_backend.io.files import read_text
+from solver_backend.io.markers.source import MarkerSource, as_take
+from solver_backend.io.markers.take import MarkerEvent, MarkerTake
+from solver_backend.io.markers.text_table import (
+    frame_problems,
+    is_number,
+    number_in,
+    number_table,
+    rate_of,
+    triples,
+)
+
+FIRST_LINE = "NO_OF_FRAMES"
+"""How the files begin."""
+
+
+def read_qualisys_tsv(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the markers of a TSV file of QTM.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file says.
+        unit: its length unit; None takes mm, or estimates it from the markers' spread.
+        up_axis: its axis that points up; None takes Z, or how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated, is none of QTM, or states no frame rate.
+        CaptureNotRecognised: it holds 2D or 6D data.
+        NoDetections: it holds no markers, or none is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    lines = read_text(path).splitlines()
+    if not lines or not lines[0].strip().upper().startswith(FIRST_LINE):
+        raise FileDamaged(f"The file is none of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))
+    first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
+    header, events = _header(lines[:first])
+    included = " ".join(header.get("DATA_INCLUDED", ["3D"]))
+    if included.strip() and "3D" not in included.upper():
+        raise CaptureNotRecognised(
+            f"The file holds {included} data; markers are 3D.", where=str(path), hint="Export 3D data."
+        )
+    labels = [name for name in header.get("MARKER_NAMES", []) if name]
+    values = number_table([line.split("\t") for line in lines[first:] if line.strip()], first + 1, path)
+    stated = number_in(" ".join(header.get("NO_OF_MARKERS", [])))
+    count = len(labels) or int(min(max(stated or 0, 0), values.shape[1] // 3))
+    before = 2 if "FRAME" in header or _has_frame_columns(values, count) else 0
+    numbers = values[:, 0] if before else np.arange(1.0, len(values) + 1)
+    rate = number_in(" ".join(header.get("FREQUENCY", [])))
+    problems = [f"The file states {stated:g} markers but names {count}."] if stated not in (None, count) else []
+    frames = number_in(" ".join(header.get(FIRST_LINE, [])))
+    source = MarkerSource(
+        path=path,
+        format="Qualisys TSV",
+        positions=triples(values, range(before, before + 3 * count, 3)),
+        labels=(*labels, *[""] * (count - len(labels))),
+        rate=rate if rate is not None or not before else rate_of(values[:, 1]),
+        default_unit="mm",
+        default_up_axis="z",
+        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
+        events=events,
+        problems=(*problems, *frame_problems(numbers, frames)),
+    )
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _starts_with_number(line: str) -> bool:
+    """Return whether a line is a frame: a first cell that is a number, or blank cells before one."""
+    cells = [cell for cell in line.split("\t") if cell.strip()]
+    return bool(cells) and is_number(cells[0])
+
+
+def _header(lines: list[str]) -> tuple[dict[str, list[str]], tuple[MarkerEvent, ...]]:
+    """Return the values of every name, and the events: EVENT, label, frame, time."""
+    header: dict[str, list[str]] = {}
+    events: list[MarkerEvent] = []
+    for line in lines:
+        name, *cells = (cell.strip() for cell in line.split("\t"))
+        if name.upper() == "EVENT" and len(cells) >= 3 and (time := number_in(cells[2])) is not None:
+            events.append(MarkerEvent(cells[0], time))
+        else:
+            header.setdefault(name.upper(), cells)
+    return header, tuple(events)
+
+
+def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
+    """Return whether a frame number and a time stand before the markers: numbers that go on by one, then time."""
+    if values.shape[1] < 2 or not len(values):
+        return False
+    if values.shape[1] == 3 * markers + 2:
+        return True
+    steps = np.diff(values[:, :2], axis=0)
+    return bool(len(steps) and values.shape[1] != 3 * markers and (steps[:, 0] == 1).all() and (steps[:, 1] > 0).all())

@@ -1,0 +1,81 @@
+"""Every kind of file of markers that is read, and reading one whichever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
+from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.motive_csv import read_motive_csv
+from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
+from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_tsv
+from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.trc import read_trc
+from solver_backend.io.reader import Reader, ReadOptions
+
+_HEAD_BYTES = 65536
+"""A file's format is recognised from so much of it."""
+
+
+def _row(
+    kind: str,
+    suffixes: tuple[str, ...],
+    read: Callable[..., MarkerTake],
+    begins: Callable[[str], bool] | None = None,
+) -> Reader[MarkerTake]:
+    """Return the reader of files with these endings, where several formats share one that begin as this one does."""
+
+    def recognises(path: Path) -> bool:
+        return path.suffix.lower() in suffixes and path.is_file() and (begins is None or begins(_head(path)))
+
+    def with_options(path: Path, options: ReadOptions) -> MarkerTake:
+        return read(path, fps=options.fps, unit=options.unit, up_axis=options.up_axis)
+
+    return Reader(f"{kind} ({', '.join(suffixes)})", recognises, with_options)
+
+
+def _head(path: Path) -> str:
+    """Return how the file begins, empty where it cannot be read."""
+    try:
+        with open(path, "rb") as stream:
+            return stream.read(_HEAD_BYTES).decode("utf-8-sig", "replace").lstrip(' "\r\n\t')
+    except OSError:
+        return ""
+
+
+MARKERS: tuple[Reader[MarkerTake], ...] = (
+    _row("C3D", (".c3d",), read_c3d),
+    _row("TRC", (".trc",), read_trc),
+    _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, lambda head: head.lower().startswith("format version")),
+    _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
+    _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
+)
+"""Asked in this order; the first that recognises a path reads it."""
+
+
+def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MARKERS, **options: Any) -> MarkerTake:
+    """Read a file of markers.
+
+    Args:
+        path: the file.
+        readers: asked in this order.
+        options: fields of ``ReadOptions``: fps, unit and up_axis count.
+
+    Raises:
+        FileMissing: there is no such file.
+        CaptureNotRecognised: no reader knows the path.
+        JobInvalid: the frame rate, unit or axis is impossible.
+        MocapError: whatever else the reader raises.
+    """
+    path, chosen = Path(path), ReadOptions(**options)
+    if not path.is_file():
+        raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+    reader = next((reader for reader in readers if reader.recognises(path)), None)
+    if reader is None:
+        kinds = "; ".join(reader.kind for reader in readers)
+        raise CaptureNotRecognised(
+            "The file is no recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
+        )
+    return reader.read(path, chosen)

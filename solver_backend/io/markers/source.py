@@ -1,0 +1,208 @@
+"""From what a file of markers says, in its own unit and axes, to markers in our world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
+from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake, gaps_of
+from solver_backend.io.markers.text_table import LARGEST
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import is_unnamed, subjects_of, unique_labels
+from solver_backend.io.recognition.marker_unit import Unit, find_unit
+from solver_backend.io.recognition.marker_up_axis import UpAxis, find_up_axis
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.types import MarkerCloud
+
+STILL_FRAMES = 10
+"""A marker that is exactly where it was over this many frames was not measured in them."""
+
+
+@dataclass(frozen=True)
+class MarkerSource:
+    """What a reader found in a file."""
+
+    path: Path
+    """The file."""
+    format: str
+    """Name of the format, with its kind."""
+    positions: np.ndarray
+    """(F, M, 3) in the file's unit and axes, NaN where missing."""
+    labels: tuple[str, ...]
+    """M labels, empty where there is none."""
+    rate: float | None
+    """Frames per second, None where the file states none."""
+    default_unit: str
+    """Unit of most files of the format."""
+    default_up_axis: str
+    """Axis that points up in most files of the format."""
+    unit: str = ""
+    """Unit as the file states it."""
+    up_axis: str = ""
+    """Axis that points up as the file states it."""
+    residual: np.ndarray | None = None
+    """(F, M) the recording program's residual, in the file's unit."""
+    first_frame: int = 1
+    """The file's number of the first frame."""
+    events: tuple[MarkerEvent, ...] = ()
+    """Events in the file."""
+    analog_channels: tuple[str, ...] = ()
+    """Analog channels, which are not read."""
+    notes: tuple[str, ...] = ()
+    """What the reader assumed."""
+    problems: tuple[str, ...] = ()
+    """What the reader found wrong."""
+
+
+def left_out_note(outputs: int) -> tuple[str, ...]:
+    """Return a sentence on points that are no positions."""
+    if not outputs:
+        return ()
+    return (f"{outputs} points that are no positions (angles, forces, moments, powers) are left out.",)
+
+
+def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axis: str | None) -> MarkerTake:
+    """Return the markers in metres with Z up, and what was recognised.
+
+    Args:
+        source: what a reader found.
+        fps: frames per second; None takes what the file says.
+        unit: the file's length unit; None takes what the file says, or estimates it from the markers' spread.
+        up_axis: the file's axis that points up; None takes what the file says, or how the body stands.
+
+    Raises:
+        NoDetections: the file holds no markers, or none is ever seen.
+        FileDamaged: the file states no frame rate, and none is given.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    _require_markers(source)
+    labels, problems = _labels(source)
+    positions, notes = _seen(source, labels)
+    found_unit = find_unit(positions, source.unit, unit, source.default_unit)
+    positions *= found_unit.metres
+    found_axis = find_up_axis(positions, labels, source.up_axis, up_axis, source.default_up_axis)
+    positions = (positions.reshape(-1, 3) @ rotation_to_z_up(found_axis.name).T).reshape(positions.shape)
+    rate = _rate(source, fps)
+    gaps, missing = gaps_of(np.isfinite(positions[..., 0]))
+    unlabelled = tuple(label for label in labels if is_unnamed(label))
+    named = len(unlabelled) < len(labels)
+    report = MarkerReport(
+        format=source.format,
+        frames=len(positions),
+        first_frame=source.first_frame,
+        fps=rate,
+        unit=found_unit.name,
+        unit_reason=found_unit.reason,
+        up_axis=found_axis.name,
+        up_axis_reason=found_axis.reason,
+        subjects=subjects_of(labels),
+        unlabelled=unlabelled,
+        gaps=tuple(gaps.tolist()),
+        missing=tuple(missing.tolist()),
+        analog_channels=source.analog_channels,
+        events=source.events,
+        notes=(*_sentences(source, rate, found_unit, found_axis), *notes, *source.notes),
+        problems=(*source.problems, *_found(found_unit, found_axis), *problems, *_still(positions, labels)),
+    )
+    residual = source.residual * found_unit.metres if source.residual is not None else None
+    return MarkerTake(MarkerCloud(positions, rate, labels if named else None, residual), report)
+
+
+def _require_markers(source: MarkerSource) -> None:
+    frames, markers = source.positions.shape[:2]
+    if not markers:
+        channels = len(source.analog_channels)
+        what = f" but {channels} analog channels (forces, muscles)" if channels else ""
+        raise NoDetections(
+            " ".join((f"The file holds no markers{what}.", *source.notes)),
+            where=str(source.path),
+            hint="Choose the recording's file of markers, or export it with trajectories.",
+        )
+    if not frames:
+        raise NoDetections("The file holds no frames.", where=str(source.path), hint="Export it again.")
+
+
+def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return labels that are unique, and what was wrong with the file's."""
+    labels, doubled = unique_labels(source.labels)
+    problems: list[str] = []
+    if doubled:
+        problems.append(f"Labels are there more than once: {listing(doubled)}; the later ones are numbered.")
+    empty = sum(not label for label in source.labels)
+    if all(is_unnamed(label) for label in source.labels):
+        problems.append(
+            f"None of the {len(labels)} points is named. Label them in the recording program, or name a layout's "
+            "markers by hand."
+        )
+    elif empty:
+        problems.append(f"{empty} of {len(labels)} points have no label.")
+    return labels, tuple(problems)
+
+
+def _seen(source: MarkerSource, labels: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return positions that are NaN wherever a marker was not seen, and a sentence on those at the origin.
+
+    Many programs write 0 0 0 for a marker that is not seen; no measured one is exactly there.
+    """
+    # One coordinate after the other: NumPy is slow to reduce an axis of three.
+    x, y, z = np.moveaxis(source.positions, -1, 0)
+    origin = (x == 0) & (y == 0) & (z == 0)
+    seen = (np.abs(x) < LARGEST) & (np.abs(y) < LARGEST) & (np.abs(z) < LARGEST) & ~origin
+    positions = np.where(seen[..., None], source.positions, np.nan)
+    if not seen.any():
+        raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
+    at_origin = [label for label, frames in zip(labels, origin.sum(axis=0), strict=True) if frames]
+    if not at_origin:
+        return positions, ()
+    return positions, (
+        f"{len(at_origin)} markers are exactly at the origin in some frames, {listing(at_origin[:8])}: "
+        f"read as not seen ({int(origin.sum())} positions).",
+    )
+
+
+def _rate(source: MarkerSource, fps: float | None) -> float:
+    if fps is not None:
+        if not (np.isfinite(fps) and fps > 0):
+            raise JobInvalid(f"The frame rate must be a positive number, not {fps}.", where="fps")
+        return float(fps)
+    if source.rate is None or not (np.isfinite(source.rate) and source.rate > 0):
+        found = "states no frame rate" if source.rate is None else f"states a frame rate of {source.rate:g}"
+        raise FileDamaged(
+            f"The file {found}; a positive number is expected.", where=str(source.path), hint="Give the frame rate."
+        )
+    return float(source.rate)
+
+
+def _sentences(source: MarkerSource, rate: float, unit: Unit, axis: UpAxis) -> list[str]:
+    frames, markers = source.positions.shape[:2]
+    sentences = [
+        f"{source.format}: {markers} markers in {frames} frames at {rate:g} Hz.",
+        f"Lengths are read as {unit.name} ({unit.reason}).",
+        f"{axis.name.upper()} points up ({axis.reason}).",
+    ]
+    if source.analog_channels:
+        sentences.append(
+            f"{len(source.analog_channels)} analog channels (forces, muscles) are not read: "
+            f"{listing(source.analog_channels[:8])}{', ...' if len(source.analog_channels) > 8 else ''}."
+        )
+    return sentences
+
+
+def _found(unit: Unit, axis: UpAxis) -> list[str]:
+    return [problem for problem in (unit.problem, axis.problem) if problem]
+
+
+def _still(positions: np.ndarray, labels: Sequence[str]) -> list[str]:
+    """Return a sentence on the markers that never move."""
+    if len(positions) < STILL_FRAMES:
+        return []
+    seen = np.isfinite(positions[..., 0])
+    first = positions[np.argmax(seen, axis=0), np.arange(positions.shape[1])]
+    moved = np.any([(seen & (positions[..., k] != first[:, k])).any(axis=0) for k in range(3)], axis=0)
+    still = [labels[int(i)] for i in np.flatnonzero(~moved & (seen.sum(axis=0) >= STILL_FRAMES))]
+    more = f" and {len(still) - 8} others" if len(still) > 8 else ""
+    return [f"Markers that never move: {listing(still[:8])}{more}."] if still else []

@@ -1,0 +1,124 @@
+"""What every marker reader returns: the markers in our world, and what was recognised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import prefix_of
+from solver_backend.types import MarkerCloud
+
+
+@dataclass(frozen=True)
+class MarkerEvent:
+    """Something that happened during the take, as the recording program noted it."""
+
+    label: str
+    """Such as 'Foot Strike'."""
+    time: float
+    """Seconds on the file's clock, which starts at the trial's first frame even where the file does not."""
+    context: str = ""
+    """Such as 'Left'."""
+    subject: str = ""
+    """Whom it concerns."""
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """What was recognised in a file of markers."""
+
+    format: str
+    """The file's format, with its kind."""
+    frames: int
+    """Number of frames."""
+    first_frame: int
+    """The file's own number of the first frame."""
+    fps: float
+    """Frames per second."""
+    unit: str
+    """The file's length unit."""
+    unit_reason: str
+    """How the unit was found."""
+    up_axis: str
+    """The file's axis that points up."""
+    up_axis_reason: str
+    """How the axis was found."""
+    subjects: tuple[str, ...] = ()
+    """Prefixes of the labels, in the order of the file; empty where labels have none."""
+    unlabelled: tuple[str, ...] = ()
+    """Labels that a program gave to points that nobody named."""
+    gaps: tuple[int, ...] = ()
+    """Number of gaps of each marker."""
+    missing: tuple[int, ...] = ()
+    """Frames in which each marker is not seen."""
+    analog_channels: tuple[str, ...] = ()
+    """Analog channels (forces, muscles) that are in the file and are not read."""
+    events: tuple[MarkerEvent, ...] = ()
+    """Events in the file."""
+    notes: tuple[str, ...] = ()
+    """What was found and assumed; one sentence each."""
+    problems: tuple[str, ...] = ()
+    """What the user should know before solving; one sentence each."""
+
+
+@dataclass(frozen=True)
+class MarkerTake:
+    """Markers of one file, Z up, in metres."""
+
+    cloud: MarkerCloud
+    """The markers; without labels where nobody named any."""
+    report: MarkerReport
+    """What was recognised."""
+
+
+def of_subject(take: MarkerTake, prefix: str | None = None) -> MarkerTake:
+    """Return the markers of one subject.
+
+    Args:
+        take: markers of one or more subjects.
+        prefix: the subject's prefix without its colon; None takes the only subject.
+
+    Raises:
+        JobInvalid: there are several subjects and none is named, or the named one is not among them.
+    """
+    subjects, labels = take.report.subjects, take.cloud.labels
+    if prefix is None and len(subjects) < 2:
+        return take
+    if prefix is None or labels is None or prefix not in subjects:
+        counts = [f"{name} ({sum(prefix_of(label) == name for label in labels or ())} markers)" for name in subjects]
+        what = (
+            f"The file holds {len(subjects)} subjects: {listing(counts)}."
+            if prefix is None
+            else f"The file has no subject '{prefix}'; it holds {listing(counts) or 'labels without prefixes'}."
+        )
+        raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
+    kept = [i for i, label in enumerate(labels) if prefix_of(label) == prefix]
+    cloud, report = take.cloud, take.report
+    residual = cloud.residual[:, kept] if cloud.residual is not None else None
+    return MarkerTake(
+        replace(cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual),
+        replace(
+            report,
+            subjects=(prefix,),
+            unlabelled=tuple(label for label in report.unlabelled if prefix_of(label) == prefix),
+            gaps=tuple(report.gaps[i] for i in kept),
+            missing=tuple(report.missing[i] for i in kept),
+        ),
+    )
+
+
+def gaps_of(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many gaps each marker has and in how many frames it is missing.
+
+    Args:
+        seen: (frames, markers) booleans.
+
+    Returns:
+        (markers,) gaps, those at the ends too, and (markers,) frames.
+    """
+    missing = ~seen
+    starts = missing[:1].sum(axis=0) + (missing[1:] & seen[:-1]).sum(axis=0)
+    return starts, missing.sum(axis=0)

@@ -1,0 +1,123 @@
+"""Tables of numbers in text, as recording programs export them: blanks, words for missing, rows of unequal length."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+
+MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
+"""Cells that stand for no value, beside every spelling of NaN."""
+
+LARGEST = 1e30
+"""Numbers that are larger, or infinite, are missing: nothing in a recording is that large."""
+
+
+def header_cells(line: str, delimiter: str) -> list[str]:
+    """Return a header line's cells without blanks and quotes around them."""
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:
+        cells = line.split(delimiter)
+    return [cell.strip() for cell in cells]
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def number_table(rows: Sequence[Sequence[str]], first_line: int, path: Path, *, comma: bool = False) -> np.ndarray:
+    """Return numbers of shape (rows, columns), NaN for blank and missing cells and for what shorter rows lack.
+
+    Args:
+        rows: the cells of each row.
+        first_line: the line of the first row, from 1, for messages.
+        path: the file, for messages.
+        comma: decimals are written with a comma.
+
+    Raises:
+        FileDamaged: a cell is no number, or rows differ so much in length that this is no table.
+    """
+    lengths = [_used(row) for row in rows]
+    width = max(lengths, default=0)
+    if len(rows) * width > 4 * sum(lengths) + 1_000_000:
+        raise FileDamaged(f"The rows hold between {min(lengths)} and {width} cells: no table.", where=str(path))
+    values = np.full((len(rows), width), np.nan)
+    for i, (row, length) in enumerate(zip(rows, lengths, strict=True)):
+        try:
+            values[i, :length] = [float(cell) if cell else np.nan for cell in row[:length]]
+        except ValueError:
+            values[i, :length] = [_number(cell, first_line + i, path, comma) for cell in row[:length]]
+    values[~(np.abs(values) < LARGEST)] = np.nan
+    return values
+
+
+def _used(row: Sequence[str]) -> int:
+    length = len(row)
+    while length and not row[length - 1].strip():
+        length -= 1
+    return length
+
+
+def _number(cell: str, line: int, path: Path, comma: bool) -> float:
+    text = cell.strip().strip('"').lower()
+    if text in MISSING:
+        return float("nan")
+    try:
+        return float(text.replace(",", ".") if comma else text)
+    except ValueError as error:
+        raise FileDamaged(
+            f"'{text[:40]}' is no number.", where=f"{path}, line {line}", hint="Export the file again."
+        ) from error
+
+
+def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
+    """Return positions (rows, markers, 3) whose x, y and z begin at these columns; columns that lack are NaN."""
+    columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
+    if columns.size and columns.max() >= values.shape[1]:
+        more = columns.max() + 1 - values.shape[1]
+        values = np.concatenate([values, np.full((len(values), more), np.nan)], axis=1)
+    return values[:, columns]
+
+
+def rate_of(times: np.ndarray) -> float | None:
+    """Return the frames per second of a column of seconds, None where it gives none."""
+    steps = np.diff(times[np.isfinite(times)])
+    step = float(np.median(steps)) if len(steps) else 0.0
+    return 1.0 / step if step > 0 else None
+
+
+def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[str, ...]:
+    """Return what is wrong with the frames: their numbers jump, or are others than the file states.
+
+    Args:
+        numbers: (F,) the column of frame numbers.
+        stated: how many frames the file states, None where it does not.
+    """
+    problems: list[str] = []
+    if stated is not None and stated != len(numbers):
+        problems.append(f"The file states {stated:g} frames but holds {len(numbers)}.")
+    jumps = np.flatnonzero(np.diff(numbers) != 1)
+    if len(jumps):
+        at = int(jumps[0])
+        problems.append(
+            f"Frame {numbers[at]:g} is followed by {numbers[at + 1]:g}"
+            + (f" ({len(jumps)} such jumps)" if len(jumps) > 1 else "")
+            + "; frames are read as following each other."
+        )
+    return tuple(problems)
+
+
+def number_in(cell: str | None) -> float | None:
+    """Return the number in a cell, None where it is none."""
+    text = (cell or "").strip().strip('"').replace(",", ".")
+    return float(text) if is_number(text) and np.isfinite(float(text)) else None

@@ -1,0 +1,128 @@
+"""Markers in from TRC files (track row column), of OpenSim, Cortex, Mokka, MotionBuilder and others.
+
+Source: the OpenSim user's guide, "Marker (.trc) files", and files of those programs. Lines of cells between tabs: file
+type, names of the header's values, these values, 'Frame#', 'Time' and the labels (each above the first of its three
+columns, though some programs put less or more tabs between them), X1 Y1 Z1 ..., mostly an empty line, then the frames.
+A marker that is not seen is blank, NaN or 0. Counts in the header are often wrong; the rows count.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.files import read_text
+from solver_backend.io.markers.source import MarkerSource, as_take
+from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.text_table import (
+    frame_problems,
+    is_number,
+    number_in,
+    number_table,
+    rate_of,
+    triples,
+)
+
+
+def read_trc(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the markers of a TRC file.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file says.
+        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
+        up_axis: its axis that points up, which no TRC file states; None infers it from how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is truncated, is not TRC, or states no frame rate.
+        NoDetections: it holds no markers, or none is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    lines = read_text(path).splitlines()
+    at = _line_of("frame#", lines, path)
+    header = _header(lines[:at])
+    labels = _labels(lines[at])
+    first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
+    rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
+    values = number_table(_without_doubled_tabs(rows, len(labels)), first + 1, path)
+    columns = max(values.shape[1] - 2, 0)
+    count = max(len(labels), -(-columns // 3))
+    stated = number_in(header.get("nummarkers"))
+    problems = [f"The file states {stated:g} markers but holds {count}."] if stated not in (None, count) else []
+    rate, rate_problems = _rate(header, values)
+    numbers = values[:, 0] if len(values) else np.zeros(0)
+    source = MarkerSource(
+        path=path,
+        format="TRC",
+        positions=triples(values, range(2, 2 + 3 * count, 3)),
+        labels=(*labels, *[""] * (count - len(labels))),
+        rate=rate,
+        default_unit="mm",
+        default_up_axis="y",
+        unit=header.get("units", ""),
+        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
+        problems=(*problems, *rate_problems, *frame_problems(numbers, number_in(header.get("numframes")))),
+    )
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _line_of(start: str, lines: list[str], path: Path) -> int:
+    found = (i for i, line in enumerate(lines[:20]) if line.strip().lower().startswith(start))
+    at = next(found, None)
+    if at is None:
+        raise FileDamaged(
+            "The file is truncated or is not TRC: a line that begins with 'Frame#' is expected.",
+            where=str(path),
+            hint="Export it again.",
+        )
+    return at
+
+
+def _header(lines: list[str]) -> dict[str, str]:
+    """Return the header's values by their names in small letters."""
+    names = next((i for i, line in enumerate(lines) if line.strip().lower().startswith("datarate")), None)
+    if names is None or names + 1 >= len(lines):
+        return {}
+    pairs = zip(_cells(lines[names]), _cells(lines[names + 1]), strict=False)
+    return {name.lower(): value for name, value in pairs}
+
+
+def _labels(line: str) -> list[str]:
+    """Return the labels, empty ones included where each label that is there stands above its own three columns."""
+    cells = _cells(line)[2:]
+    named = [i for i, cell in enumerate(cells) if cell]
+    if named and all(i % 3 == 0 for i in named):
+        return cells[: named[-1] + 1 : 3]
+    return [cells[i] for i in named]
+
+
+def _cells(line: str) -> list[str]:
+    """Return the cells between tabs, or between blanks where a line has no tabs; at least one."""
+    return [cell.strip() for cell in line.split("\t")] if "\t" in line else line.split() or [""]
+
+
+def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]]:
+    """Return the rows without their odd cells where a second tab follows every number."""
+    sample = rows[:100]
+    too_long = markers and any(len(row) > 3 + 3 * markers for row in sample)
+    if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
+        return [row[::2] for row in rows]
+    return rows
+
+
+def _rate(header: dict[str, str], values: np.ndarray) -> tuple[float | None, list[str]]:
+    """Return the frame rate, and a sentence where the header and the column of times differ."""
+    stated = number_in(header.get("datarate"))
+    timed = rate_of(values[:, 1]) if values.shape[1] > 1 else None
+    if stated is None or stated <= 0:
+        return (timed if timed is not None else stated), []
+    # Times have few decimals: a step of 4 ms may be written as 0.00 or 0.01.
+    if timed is not None and abs(timed - stated) > 0.3 * stated:
+        return stated, [f"The header states {stated:g} Hz, the times {timed:.4g}; {stated:g} is used."]
+    return stated, []

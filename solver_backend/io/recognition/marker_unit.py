@@ -1,0 +1,87 @@
+"""The length unit of a file of markers: stated, or estimated from the size of what was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.io.recognition.length_unit import METRES, metres_in
+from solver_backend.io.recognition.quantile import quantile
+
+SMALLEST_M, LARGEST_M = 0.03, 30.0
+"""Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""
+PERSON_M = (0.25, 4.0)
+"""Spread of the markers of a person, in metres."""
+
+_STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
+"""Units by how their names begin: files say mm, Millimeters, METERS, mete, m, inches, ft."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A length unit and how it was found."""
+
+    name: str
+    """A key of ``METRES``."""
+    reason: str
+    """How it was found, a phrase for messages."""
+    problem: str = ""
+    """What is wrong with the file's own statement, if anything is."""
+
+    @property
+    def metres(self) -> float:
+        """Metres in the unit."""
+        return METRES[self.name]
+
+
+def unit_named(text: str) -> str | None:
+    """Return the key of ``METRES`` that a file's word means, None where it means none."""
+    word = text.strip().lower()
+    if word in METRES:
+        return word
+    starts = [start for start in _STARTS if word.startswith(start)]
+    return _STARTS[max(starts, key=len)] if starts else None
+
+
+def spread(positions: np.ndarray) -> float:
+    """Return the largest side of the box that holds most markers, the median over frames; NaN where none are seen."""
+    frames = positions[:: max(1, len(positions) // 200)]
+    sides = quantile(frames, 0.9, axis=1) - quantile(frames, 0.1, axis=1)
+    return float(quantile(sides.max(axis=-1), 0.5, axis=0))
+
+
+def find_unit(positions: np.ndarray, stated: str, given: str | None, default: str) -> Unit:
+    """Return the unit of positions.
+
+    What is given wins, then what the file states unless markers then spread over less than ``SMALLEST_M`` or more than
+    ``LARGEST_M``, then the unit in which they have a person's size.
+
+    Args:
+        positions: (F, M, 3) in the file's unit.
+        stated: what the file says, empty if nothing.
+        given: what the user says.
+        default: what the format's files are mostly in.
+
+    Raises:
+        JobInvalid: the given unit is unknown.
+    """
+    if given is not None:
+        metres_in(given)
+        return Unit(given, "as given")
+    size = spread(positions)
+    name = unit_named(stated)
+    if name is not None and not (size > 0 and not SMALLEST_M <= size * METRES[name] <= LARGEST_M):
+        return Unit(name, "as the file states")
+    for other in dict.fromkeys((default, "mm", "m", "cm")):
+        if PERSON_M[0] <= size * METRES[other] <= PERSON_M[1]:
+            if name is None:
+                return Unit(other, f"estimated: the markers spread over {size:.4g} units")
+            problem = (
+                f"The file states {name}, in which the markers would spread over {size * METRES[name]:.4g} m; "
+                f"lengths are read as {other}."
+            )
+            return Unit(other, "estimated against the file's statement", problem)
+    if name is not None:
+        return Unit(name, "as the file states", f"The markers spread over {size * METRES[name]:.4g} m: no person.")
+    return Unit(default, f"assumed, as the file states none: files of this kind are mostly in {default}")

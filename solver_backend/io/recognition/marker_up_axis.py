@@ -1,0 +1,131 @@
+"""Which axis of a file of markers points up: given, stated, or inferred from how the body stands in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.io.recognition.quantile import quantile
+from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
+
+UPRIGHT = 2.0
+"""A body stands along an axis if its length along it is this many times that along every other."""
+FLOOR_M = 0.3
+"""Feet of somebody who stands are this near to the level 0."""
+LYING_M = 0.4
+"""Somebody who lies on the floor is lower than this."""
+MARKER_M = (-0.05, 0.12)
+"""Height of the lowest markers of feet on the floor, where somebody may also lie along the axis."""
+
+_HIGH = re.compile(
+    r"[LR]?(F|B|FR|TOP)?(HD|HEAD|HEA|SHO|SHOULD|SHOULDER|ACR|ACROMION|CLAV|STRN|STERN|STERNUM|C7|T8|T10|IJ|PX)"
+)
+_PELVIS = re.compile(r"[LR]?(ASI|ASIS|PSI|PSIS|SACR|SACRUM)")
+_LOW = re.compile(r"[LR]?(TOE|TOES|HEE|HEEL|ANK|ANKLE|CAL|CALC|MT[125]|MT[15]P|MMAL|LMAL|5META|FOOT|HALLUX|HLX)")
+
+
+@dataclass(frozen=True)
+class UpAxis:
+    """An axis and how it was found."""
+
+    name: str
+    """A key of ``UP_AXES``."""
+    reason: str
+    """How it was found, a phrase for messages."""
+    problem: str = ""
+    """What is wrong with the file's own statement, if anything is."""
+
+
+def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str) -> UpAxis:
+    """Return the axis of positions that points up.
+
+    What is given wins. A body that stands along another axis than the file states (or than its format has by default),
+    with its feet at 0 of that axis, is taken at its word, unless it may lie on the floor that the statement means.
+
+    Args:
+        positions: (F, M, 3) metres, NaN where missing.
+        labels: one a marker.
+        stated: the axis the file states, empty if none.
+        given: the axis the user names.
+        default: the axis of most files of the format.
+
+    Raises:
+        JobInvalid: the given axis is unknown.
+    """
+    if given is not None:
+        rotation_to_z_up(given)
+        return UpAxis(given.lower().lstrip("+"), "as given")
+    expected = stated or default
+    body = _standing_along(positions, labels)
+    if body is None or body == expected or _may_lie(positions, expected, body):
+        if stated:
+            return UpAxis(stated, "as the file states")
+        if body == expected:
+            return UpAxis(expected, "as the body stands")
+        floor = _above_floor(positions)
+        if floor is not None:
+            return UpAxis(floor, "as the markers are above a floor at 0")
+        return UpAxis(expected, "assumed, as files of this kind mostly have it")
+    feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
+    if not stated and (feet_at_zero or body.lstrip("-") != expected.lstrip("-")):
+        return UpAxis(body, "as the body stands")
+    states = "The file states that" if stated else "Files of this kind mostly say that"
+    problem = f"{states} {expected.upper()} points up, but the body stands along {body.upper()}"
+    if feet_at_zero:
+        return UpAxis(body, "as the body stands, against the file's statement", f"{problem}, which is used.")
+    reason = "as the file states" if stated else "assumed, as files of this kind mostly have it"
+    return UpAxis(expected, reason, f"{problem}; {expected.upper()} is used. Give the axis if that is wrong.")
+
+
+def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
+    """Return the axis along which the body is longest if it clearly is, with the sign of the end where the head is."""
+    frames = positions[:: max(1, len(positions) // 500)]
+    names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
+    high = [i for i, name in enumerate(names) if _HIGH.fullmatch(name)]
+    low = [i for i, name in enumerate(names) if _LOW.fullmatch(name)]
+    low = low or [i for i, name in enumerate(names) if _PELVIS.fullmatch(name)]
+    if high and low:
+        up = quantile(quantile(frames[:, high], 0.5, axis=1) - quantile(frames[:, low], 0.5, axis=1), 0.5, axis=0)
+        length, sign = np.abs(up), np.nan_to_num(np.sign(up))
+    else:
+        length, sign = _extent(frames)
+    length = np.nan_to_num(length)
+    axis = int(np.argmax(length))
+    if sign[axis] == 0 or not length[axis] > UPRIGHT * np.delete(length, axis).max():
+        return None
+    return ("" if sign[axis] > 0 else "-") + "xyz"[axis]
+
+
+def _extent(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sides of the box around the markers and, by axis, the sign of the end that is not at a floor.
+
+    The sign is 0 where neither end is at the level 0 that a floor has, or both are.
+    """
+    box = quantile(frames, 0.95, axis=1) - quantile(frames, 0.05, axis=1)
+    floor, ceiling = (np.abs(quantile(frames.reshape(-1, 3), share, axis=0)) < FLOOR_M for share in (0.02, 0.98))
+    return quantile(box, 0.5, axis=0), floor.astype(float) - ceiling.astype(float)
+
+
+def _above_floor(positions: np.ndarray) -> str | None:
+    """Return the only axis along which all markers are on one side of 0, from near it on."""
+    candidates = [
+        axis
+        for axis in UP_AXES
+        if MARKER_M[0] < _lowest(positions, axis) < FLOOR_M and _lowest(positions, axis, 0.98) > 2 * FLOOR_M
+    ]
+    return candidates[0] if len(candidates) == 1 else None
+
+
+def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
+    """Return the height below which this share of all markers is, were this axis up; NaN where none are seen."""
+    heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
+    return float(quantile(heights.ravel(), share, axis=0))
+
+
+def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
+    """Return whether somebody who is long along ``body`` may lie on the floor of a world whose ``axis`` is up."""
+    low = MARKER_M[0] < _lowest(positions, axis) and _lowest(positions, axis, 0.75) < LYING_M
+    return low and not MARKER_M[0] < _lowest(positions, body) < MARKER_M[1]

@@ -1,0 +1,84 @@
+"""The examples in the documentation run as they stand, on a short capture."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import solver_backend
+from solver_backend import demo_capture, read_motion, write_capture
+from tests.support.short_solves import cut
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "docs" / "examples"
+FRAMES = 30
+
+
+def run(name: str, *arguments: Path) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("examples") / "capture.npz"
+    write_capture(path, cut(demo_capture(), 0, FRAMES))
+    return path
+
+
+@pytest.fixture(scope="module")
+def solved(capture: Path) -> tuple[Path, str]:
+    path = capture.with_name("motion.npz")
+    return path, run("solve_capture.py", capture, path)
+
+
+def test_a_capture_is_solved_and_its_report_written(solved: tuple[Path, str]) -> None:
+    path, said = solved
+    assert read_motion(path).num_frames == FRAMES
+    assert path.with_suffix(".html").is_file()
+    assert f"{FRAMES} frames, " in said and "linearisations" in said
+
+
+def test_a_range_is_solved_again_through_a_pin(capture: Path, solved: tuple[Path, str]) -> None:
+    again = capture.with_name("again.npz")
+    said = run("solve_range_again.py", capture, solved[0], again)
+    before, after = read_motion(solved[0]), read_motion(again)
+    outside = [*range(8), *range(21, FRAMES)]
+    np.testing.assert_array_equal(after.joints[outside], before.joints[outside])
+    assert after.body_pose[14, 52] == pytest.approx(before.body_pose[14, 52] - np.deg2rad(10), abs=1e-4)
+    assert "moved" in said
+
+
+def test_a_prior_of_ones_own_is_used(capture: Path) -> None:
+    said = run("own_prior.py", capture, capture.with_name("braced.npz"))
+    assert float(said.split(" by ")[1].split()[0]) < 6.0
+    assert read_motion(capture.with_name("braced.npz")).provenance["prior"]["name"] == "sposer_in_braces"
+
+
+def test_a_motion_is_baked_without_a_window(capture: Path, solved: tuple[Path, str]) -> None:
+    pytest.importorskip("bpy")
+    said = run("bake_headless.py", solved[0], capture, capture.with_name("baked"))
+    assert '"result"' in said
+    assert list(capture.with_name("baked").glob("*.blend"))
+
+
+def test_every_example_is_run_here() -> None:
+    own = Path(__file__).read_text(encoding="utf-8")
+    assert all(f'"{path.name}"' in own for path in EXAMPLES.glob("*.py"))
+
+
+def test_public_names_are_there_and_imported_only_when_asked_for() -> None:
+    assert solver_backend.__all__ == sorted(solver_backend.__all__)
+    assert all(getattr(solver_backend, name) is not None for name in solver_backend.__all__)
+    with pytest.raises(AttributeError, match="solver_backend has no nonsense; it has AutoencodingPrior"):
+        _ = solver_backend.nonsense
+    code = "import sys, solver_backend; assert 'numpy' not in sys.modules; solver_backend.Motion; assert 'numpy' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

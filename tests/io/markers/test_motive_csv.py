@@ -1,0 +1,154 @@
+"""CSV files of OptiTrack Motive of several versions, with rigid bodies, bones and what assets expect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.io.markers.motive_csv import read_motive_csv
+
+MARKERS = ("Ann:HeadTop", "Ann:LToe")
+FIRST = np.array([[0.1, 1.6, -0.2], [0.12, 0.03, 0.25]])
+"""Metres, Y up."""
+
+
+def columns(kind: str, name: str, quantity: str, axes: str, number: int = 0) -> list[tuple[str, ...]]:
+    return [(kind, f'"{name}"', f'"{number:X}:00"', "", quantity, axis) for axis in axes]
+
+
+def csv_text(
+    groups: Sequence[tuple[str, ...]],
+    rows: Sequence[str],
+    *,
+    version: str = "1.23",
+    named_rows: bool = False,
+    ids: bool = True,
+    parents: bool = False,
+    time_code: bool = False,
+    rotation: str = "Quaternion",
+    unit: str = "Meters",
+    rates: str = "Capture Frame Rate,240.000000,Export Frame Rate,120.000000",
+) -> str:
+    head = (
+        f'Format Version,{version},Take Name,"A, b",{rates},Capture Start Time,2024-01-01 10.00.00.000 AM,'
+        f"Total Frames in Take,9,Total Exported Frames,{len(rows)},Rotation Type,{rotation},Length Units,{unit},"
+        "Coordinate Space,Global"
+    )
+    before = ",," if time_code else ","
+    kinds = {0: "Type", 1: "Name", 2: "ID", 3: "Parent"}
+    wanted = [0, 1, *([2] if ids else []), *([3] if parents else []), 4]
+    lines = [head, ""]
+    for row in wanted:
+        label = kinds.get(row, "") if named_rows else ""
+        lines.append(f"{before}{label}," + ",".join(group[row] for group in groups))
+    lines.append("Frame,Time (Seconds)," + ("TimeCode," if time_code else "") + ",".join(g[5] for g in groups))
+    return "\n".join([*lines, *rows]) + "\n"
+
+
+def measured() -> list[tuple[str, ...]]:
+    return [column for i, name in enumerate(MARKERS) for column in columns("Marker", name, "Position", "XYZ", i)]
+
+
+def rows(cells: str, frames: int = 3, middle: str = "") -> list[str]:
+    return [f"{i},{i / 120:.6f},{middle}{cells}" for i in range(frames)]
+
+
+def numbers(positions: np.ndarray) -> str:
+    return ",".join(f"{value:.6f}" for value in positions.ravel())
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("version", ["1.2", "1.21", "1.22", "1.23", "1.25"])
+def test_versions(tmp_path: Path, version: str) -> None:
+    new = version == "1.25"
+    text = csv_text(
+        measured(), rows(numbers(FIRST)), version=version, named_rows=new, parents=new, ids=version != "1.2"
+    )
+    found = read_motive_csv(write(tmp_path / "take.csv", text))
+    expected = FIRST[:, [0, 2, 1]] * [1, -1, 1]
+    np.testing.assert_allclose(found.cloud.positions, np.tile(expected, (3, 1, 1)), atol=1e-9)
+    assert (found.cloud.labels, found.cloud.fps, found.report.format) == (MARKERS, 120.0, f"Motive CSV {version}")
+    assert (found.report.up_axis, found.report.unit, found.report.subjects) == ("y", "m", ("Ann",))
+    assert (found.report.first_frame, found.report.problems) == (0, ())
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("Millimeters", 1e-3), ("Centimeters", 1e-2), ("Inches", 0.0254)])
+def test_units(tmp_path: Path, unit: str, metres: float) -> None:
+    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(measured(), rows(numbers(FIRST / metres)), unit=unit)))
+    np.testing.assert_allclose(found.cloud.positions[0], FIRST[:, [0, 2, 1]] * [1, -1, 1], atol=1e-7)
+
+
+@pytest.mark.parametrize(("rotation", "axes"), [("Quaternion", "XYZW"), ("XYZ", "XYZ"), ("ZYX", "XYZ")])
+def test_rigid_bodies_and_bones_are_left_out(tmp_path: Path, rotation: str, axes: str) -> None:
+    body = [
+        *columns("Rigid Body", "Wand", "Rotation", axes), *columns("Rigid Body", "Wand", "Position", "XYZ"),
+        ("Rigid Body", '"Wand"', '"0"', "", "Mean Marker Error", ""),
+        *columns("Rigid Body Marker", "Wand:Marker1", "Position", "XYZ"),
+        ("Rigid Body Marker", '"Wand:Marker1"', '"0"', "", "Marker Quality", ""),
+        *columns("Bone", "Ann:Hip", "Rotation", axes), *columns("Bone", "Ann:Hip", "Position", "XYZ"),
+        *columns("Bone Marker", "Ann:HeadTop", "Position", "XYZ"),
+    ]  # fmt: skip
+    cells = ",".join(["9"] * len(body)) + "," + numbers(FIRST)
+    found = read_motive_csv(write(tmp_path / "t.csv", csv_text([*body, *measured()], rows(cells), rotation=rotation)))
+    assert found.cloud.labels == MARKERS
+    np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, 0.2, 1.6], atol=1e-9)
+    notes = " ".join(found.report.notes)
+    assert "1 rigid bodies (Wand) and 1 bones are left out: they are computed from the markers." in notes
+    assert "2 places where assets expect their markers are left out: measured ones are there." in notes
+
+
+def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
+    group = columns("Rigid Body Marker", "Wand:Marker1", "Position", "XYZ")
+    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"])))
+    assert found.cloud.labels == ("Wand:Marker1",)
+    assert any("not as measured" in note for note in found.report.notes)
+
+
+def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
+    lines = rows(numbers(FIRST), middle="15:26:46:12.02,")
+    lines[1] = "1,0.008333,15:26:46:13.02,,,," + numbers(FIRST[1])
+    lines[2] = "2,0.016667,15:26:46:14.02,0.1,1.6,-0.2"
+    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(measured(), lines, time_code=True, version="1.24")))
+    assert found.report.missing == (1, 1)
+    np.testing.assert_allclose(found.cloud.positions[1, 1], [0.12, -0.25, 0.03], atol=1e-9)
+
+
+def test_unlabelled_markers(tmp_path: Path) -> None:
+    group = [*columns("Marker", "Unlabeled 1189", "Position", "XYZ"), *measured()]
+    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(group, rows("1,1,1," + numbers(FIRST)))))
+    assert (found.report.unlabelled, found.report.subjects) == (("Unlabeled 1189",), ("Ann",))
+
+
+def test_rates(tmp_path: Path) -> None:
+    for rates, fps in (("Capture Frame Rate,240.0", 240.0), ("Other,1", pytest.approx(120.0, rel=1e-3))):
+        text = csv_text(measured(), rows(numbers(FIRST)), rates=rates)
+        assert read_motive_csv(write(tmp_path / "t.csv", text)).cloud.fps == fps
+    path = write(tmp_path / "t.csv", csv_text(measured(), rows(numbers(FIRST)), rates="Capture Frame Rate,0"))
+    with pytest.raises(FileDamaged, match="frame rate of 0"):
+        read_motive_csv(path)
+
+
+def test_no_markers_and_no_header(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    body = columns("Rigid Body", "Wand", "Position", "XYZ")
+    with pytest.raises(NoDetections, match="no markers but 1 rigid bodies and 0 bones.*'Markers' switched on"):
+        read_motive_csv(write(path, csv_text(body, ["0,0,1,2,3"])))
+    with pytest.raises(FileDamaged, match="'Format Version' is expected"):
+        read_motive_csv(write(path, "0,0.0,1,2,3\n"))
+    whole = csv_text(measured(), rows(numbers(FIRST)))
+    with pytest.raises(FileDamaged, match="a row that begins with 'Frame' is expected"):
+        read_motive_csv(write(path, whole.split("Frame,Time")[0]))
+    with pytest.raises(FileDamaged, match="no row of types"):
+        read_motive_csv(write(path, whole.replace("Marker", "Thing")))
+    with pytest.raises(FileDamaged, match="'abc' is no number"):
+        read_motive_csv(write(path, whole.replace("0.120000", "abc")))
+    with pytest.raises(NoDetections, match="holds no frames"):
+        read_motive_csv(write(path, csv_text(measured(), [])))

@@ -1,0 +1,117 @@
+"""CSV and text files of Vicon Nexus and of its forerunners."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.io.markers.nexus_csv import read_nexus_csv
+
+TRAJECTORIES = """Trajectories
+100
+,,Ann:C7,,,Ann:LTOE,,,Ann:LHipAngles,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
+,,mm,mm,mm,mm,mm,mm,mm,mm,mm
+101,0,100,-20,1500,90,15,30,1,2,3
+102,0,101,-20,1500,,,,1,2,3
+103,0,102,-20,1500,92,15,30
+
+"""
+OTHERS = """Devices
+1000
+,,Force,,
+Frame,Sub Frame,Fx,Fy,Fz
+,,N,N,N
+1,0,1,2,3
+1,1,1,2,3
+
+Events
+100
+Subject,Context,Name,Time (s),Description
+Ann,Left,Foot Strike,1.25,The instant
+Ann,Right,Foot Off,broken,
+
+Model Outputs
+100
+,,Ann:LHipAngles,,
+Frame,Sub Frame,X,Y,Z
+,,deg,deg,deg
+1,0,1,2,3
+
+"""
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("text", [TRAJECTORIES, "\n\n" + TRAJECTORIES, OTHERS + TRAJECTORIES, TRAJECTORIES + OTHERS])
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_trajectories(tmp_path: Path, text: str, ending: str) -> None:
+    found = read_nexus_csv(write(tmp_path / "t.csv", text.replace("\n", ending)))
+    np.testing.assert_allclose(found.cloud.positions[0], [[0.1, -0.02, 1.5], [0.09, 0.015, 0.03]])
+    assert (found.cloud.labels, found.cloud.fps) == (("Ann:C7", "Ann:LTOE"), 100.0)
+    report = found.report
+    assert (report.frames, report.first_frame, report.unit, report.up_axis) == (3, 101, "mm", "z")
+    assert (report.missing, report.subjects, report.problems) == ((0, 1), ("Ann",), ())
+    assert any(note.startswith("1 points that are no positions") for note in report.notes)
+    if "Devices" in text:
+        assert report.analog_channels == ("Fx", "Fy", "Fz")
+        assert [(e.label, e.time, e.context, e.subject) for e in report.events] == [
+            ("Foot Strike", 1.25, "Left", "Ann")
+        ]
+
+
+@pytest.mark.parametrize("delimiter", ["\t", ";"])
+def test_other_delimiters_and_decimal_commas(tmp_path: Path, delimiter: str) -> None:
+    text = TRAJECTORIES.replace(",", delimiter).replace("1500", "1500,5")
+    found = read_nexus_csv(write(tmp_path / "t.txt", text))
+    np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, -0.02, 1.5005])
+
+
+def test_workstation_export(tmp_path: Path) -> None:
+    text = (
+        'Title\nDescription:,""\n\nTRAJECTORIES\n120,Hz\n,C7,,,LTOE,,\nField #,X,Y,Z,X,Y,Z\n'
+        "1,100,-20,1500,90,15,30\n2,100,-20,1501,90,15,30\n"
+    )
+    found = read_nexus_csv(write(tmp_path / "t.csv", text))
+    assert (found.cloud.labels, found.cloud.fps, found.report.frames) == (("C7", "LTOE"), 120.0, 2)
+    np.testing.assert_allclose(found.cloud.positions[1, 0], [0.1, -0.02, 1.501])
+
+
+def test_a_label_less_than_columns(tmp_path: Path) -> None:
+    found = read_nexus_csv(
+        write(tmp_path / "t.csv", TRAJECTORIES.replace(",,Ann:C7,,,Ann:LTOE,,,Ann:LHipAngles", ",,C7"))
+    )
+    assert found.cloud.labels == ("C7", "*2", "*3")
+
+
+def test_what_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    with pytest.raises(
+        NoDetections, match=r"no markers but devices, events, model outputs.*'Trajectories' switched on"
+    ):
+        read_nexus_csv(write(path, OTHERS))
+    with pytest.raises(FileDamaged, match="none of Nexus"):
+        read_nexus_csv(write(path, "a,b\n1,2\n"))
+    for text in ("Trajectories\n", "Trajectories\n100\n,,C7,,\n"):
+        with pytest.raises(FileDamaged, match="'Frame,Sub Frame,X,Y,Z' is expected"):
+            read_nexus_csv(write(path, text))
+    with pytest.raises(FileDamaged, match="states a frame rate of 0"):
+        read_nexus_csv(write(path, TRAJECTORIES.replace("100\n", "0\n", 1)))
+    with pytest.raises(FileDamaged, match="'x' is no number.*line 7"):
+        read_nexus_csv(write(path, TRAJECTORIES.replace("102,0,101", "102,0,x")))
+    with pytest.raises(NoDetections, match="holds no frames"):
+        read_nexus_csv(write(path, TRAJECTORIES.split("101,0")[0]))
+
+
+@pytest.mark.shared
+def test_a_real_file(shared_data: Path) -> None:
+    found = read_nexus_csv(shared_data / "markers/pycgm/ROM/Sample_Static.csv")
+    assert (found.report.frames, found.cloud.fps, found.report.up_axis) == (275, 100.0, "z")
+    assert found.cloud.positions.shape == (275, 115, 3)
+    assert found.cloud.labels is not None and found.cloud.labels[:2] == ("LFHD", "RFHD")

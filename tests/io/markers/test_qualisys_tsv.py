@@ -1,0 +1,77 @@
+"""TSV files of Qualisys Track Manager."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, NoDetections
+from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
+
+HEAD = [
+    "NO_OF_FRAMES\t3", "NO_OF_CAMERAS\t20", "NO_OF_MARKERS\t2", "FREQUENCY\t200", "NO_OF_ANALOG\t0",
+    "ANALOG_FREQUENCY\t0", "DESCRIPTION\t--", "TIME_STAMP\t2022-06-03, 10:47:36.627\t94247.45402301",
+    "DATA_INCLUDED\t3D", "EVENT\tclap\t2\t0.005", "MARKER_NAMES\tx_HeadL\tC7\t", "TRAJECTORY_TYPES\tMeasured\tMixed",
+]  # fmt: skip
+CELLS = "100.5\t-20\t1500\t90\t15\t30"
+
+
+def write(path: Path, rows: list[str], head: list[str] = HEAD) -> Path:
+    path.write_text("\r\n".join([*head, *rows]) + "\r\n")
+    return path
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+@pytest.mark.parametrize("names", [None, "x_HeadL X\tx_HeadL Y\tx_HeadL Z\tC7 X\tC7 Y\tC7 Z"])
+def test_frames_with_and_without_numbers(tmp_path: Path, numbered: bool, names: str | None) -> None:
+    rows = [(f"{i}\t{i / 200:.5f}\t" if numbered else "") + CELLS for i in range(1, 4)]
+    columns = [("Frame\tTime\t" if numbered else "") + names] if names else []
+    found = read_qualisys_tsv(write(tmp_path / "t.tsv", rows, HEAD + columns))
+    np.testing.assert_allclose(found.cloud.positions[2], [[0.1005, -0.02, 1.5], [0.09, 0.015, 0.03]])
+    assert (found.cloud.labels, found.cloud.fps) == (("x_HeadL", "C7"), 200.0)
+    assert (found.report.unit, found.report.up_axis, found.report.problems) == ("mm", "z", ())
+    assert [(event.label, event.time) for event in found.report.events] == [("clap", 0.005)]
+
+
+@pytest.mark.parametrize("missing", ["\t\t", "null\tnull\tnull", "0.000\t0.000\t0.000", "NaN\tNaN\tNaN"])
+@pytest.mark.parametrize("numbered", [True, False])
+def test_missing_markers(tmp_path: Path, missing: str, numbered: bool) -> None:
+    rows = [(f"{i}\t{i / 200:.5f}\t" if numbered else "") + CELLS for i in range(1, 4)]
+    rows[1] = ("2\t0.01\t" if numbered else "") + missing + "\t90\t15\t30"
+    found = read_qualisys_tsv(write(tmp_path / "t.tsv", rows))
+    assert found.report.missing == (1, 0)
+    np.testing.assert_allclose(found.cloud.positions[1, 1], [0.09, 0.015, 0.03])
+
+
+def test_a_last_marker_that_is_never_seen(tmp_path: Path) -> None:
+    rows = [f"{i}\t{i / 200:.5f}\t1\t2\t1500\t\t\t" for i in range(1, 4)]
+    found = read_qualisys_tsv(write(tmp_path / "t.tsv", rows), unit="mm")
+    assert found.report.missing == (0, 3)
+
+
+def test_wrong_counts_are_said(tmp_path: Path) -> None:
+    found = read_qualisys_tsv(
+        write(tmp_path / "t.tsv", [CELLS], ["NO_OF_FRAMES\t9", *HEAD[1:2], "NO_OF_MARKERS\t5", *HEAD[3:]])
+    )
+    assert found.report.problems == ("The file states 5 markers but names 2.", "The file states 9 frames but holds 1.")
+
+
+def test_markers_without_names(tmp_path: Path) -> None:
+    head = [line for line in HEAD if not line.startswith("MARKER_NAMES")]
+    assert read_qualisys_tsv(write(tmp_path / "t.tsv", [CELLS], head)).cloud.labels is None
+
+
+def test_what_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "t.tsv"
+    with pytest.raises(FileDamaged, match="'NO_OF_FRAMES' is expected at its start"):
+        read_qualisys_tsv(write(path, [], ["a\tb"]))
+    with pytest.raises(CaptureNotRecognised, match="holds 6D data; markers are 3D"):
+        read_qualisys_tsv(write(path, [CELLS], [*HEAD[:8], "DATA_INCLUDED\t6D"]))
+    with pytest.raises(NoDetections, match="holds no frames"):
+        read_qualisys_tsv(write(path, []))
+    with pytest.raises(FileDamaged, match="states no frame rate"):
+        read_qualisys_tsv(write(path, [CELLS], [HEAD[0], *HEAD[8:]]))
+    with pytest.raises(FileDamaged, match="'a' is no number.*line 14"):
+        read_qualisys_tsv(write(path, [CELLS, CELLS.replace("90", "a")]))

@@ -1,0 +1,116 @@
+"""Markers written as C3D and TRC are read back as they were, by us and by another program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import NonFiniteData, OutputExists, ShapeMismatch
+from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.take import MarkerEvent
+from solver_backend.io.markers.trc import read_trc
+from solver_backend.io.markers.trc_writer import write_trc
+from solver_backend.types import MarkerCloud
+
+
+def cloud(frames: int = 20, markers: int = 5, fps: float = 120.0, *, named: bool = True) -> MarkerCloud:
+    rng = np.random.default_rng(3)
+    positions = rng.uniform(0.05, 1.8, (frames, markers, 3))
+    if frames > 2 and markers > 2:
+        positions[1, 2] = positions[-1, -1] = np.nan
+    labels = tuple(f"Ann:M{i}" for i in range(markers)) if named else None
+    residual = np.where(np.isnan(positions[..., 0]), np.nan, rng.integers(0, 50, (frames, markers)) * 1e-4)
+    return MarkerCloud(positions, fps, labels, residual)
+
+
+@pytest.mark.parametrize("frames", [1, 20])
+@pytest.mark.parametrize("markers", [1, 5, 300])
+def test_c3d_round_trip(tmp_path: Path, frames: int, markers: int) -> None:
+    out = cloud(frames, markers)
+    events = (MarkerEvent("Foot Strike", 61.25, "Left", "Ann"), MarkerEvent("Jump", 0.5))
+    path = write_c3d(tmp_path / "take.c3d", out, events=events, first_frame=51)
+    back = read_c3d(path)
+    np.testing.assert_allclose(back.cloud.positions, out.positions, rtol=1e-6)
+    assert back.cloud.residual is not None
+    np.testing.assert_allclose(back.cloud.residual, out.residual, atol=1e-9)
+    assert (back.cloud.labels, back.cloud.fps) == (out.labels, out.fps)
+    assert (back.report.events, back.report.first_frame) == (events, 51)
+    assert (back.report.up_axis_reason, back.report.unit_reason) == ("as the file states",) * 2
+    assert back.report.subjects == ("Ann",)
+
+
+@pytest.mark.parametrize("frames", [1, 20])
+@pytest.mark.parametrize("markers", [1, 300])
+def test_another_program_reads_our_c3d(tmp_path: Path, frames: int, markers: int) -> None:
+    out = cloud(frames, markers)
+    path = write_c3d(tmp_path / "take.c3d", out, events=(MarkerEvent("Foot Off", 2.5, "Right"),))
+    oracle = ezc3d.c3d(str(path))
+    points = oracle["data"]["points"]
+    assert points.shape == (4, markers, frames)
+    np.testing.assert_allclose(points[:3].T / 1000, out.positions, rtol=1e-6)
+    point = oracle["parameters"]["POINT"]
+    labels = [label for name in ("LABELS", "LABELS2") if name in point for label in point[name]["value"]]
+    assert tuple(labels) == out.labels
+    assert (oracle["header"]["points"]["frame_rate"], point["UNITS"]["value"]) == (120.0, ["mm"])
+    assert (point["X_SCREEN"]["value"], point["Y_SCREEN"]["value"]) == (["+X"], ["+Z"])
+    assert oracle["parameters"]["EVENT"]["LABELS"]["value"] == ["Foot Off"]
+    np.testing.assert_allclose(oracle["parameters"]["EVENT"]["TIMES"]["value"].ravel(), [0.0, 2.5])
+
+
+def test_c3d_of_more_frames_than_a_word_counts(tmp_path: Path) -> None:
+    out = MarkerCloud(np.random.default_rng(0).uniform(0.1, 1.0, (70_000, 2, 3)), 200.0, ("A", "B"))
+    path = write_c3d(tmp_path / "take.c3d", out)
+    np.testing.assert_allclose(read_c3d(path).cloud.positions, out.positions, rtol=1e-6)
+    np.testing.assert_allclose(ezc3d.c3d(str(path))["data"]["points"][:3].T / 1000, out.positions, rtol=1e-6)
+
+
+def test_c3d_without_labels(tmp_path: Path) -> None:
+    back = read_c3d(write_c3d(tmp_path / "take.c3d", cloud(named=False)))
+    assert back.cloud.labels is None
+    assert back.report.unlabelled == ("*1", "*2", "*3", "*4", "*5")
+
+
+@pytest.mark.parametrize(("unit", "up_axis"), [("mm", "y"), ("m", "z"), ("cm", "-z"), ("mm", "-x")])
+@pytest.mark.parametrize("frames", [1, 20])
+def test_trc_round_trip(tmp_path: Path, unit: str, up_axis: str, frames: int) -> None:
+    out = cloud(frames, fps=119.88012)
+    path = write_trc(tmp_path / "take.trc", out, unit=unit, up_axis=up_axis)
+    back = read_trc(path, up_axis=up_axis)
+    np.testing.assert_allclose(back.cloud.positions, out.positions, atol=1e-6)
+    assert (back.cloud.labels, back.cloud.fps) == (out.labels, out.fps)
+    assert back.report.problems == ()
+    assert (back.report.unit, back.report.unit_reason) == (unit, "as the file states")
+
+
+def test_trc_as_text(tmp_path: Path) -> None:
+    positions = np.array([[[0.1, -0.2, 1.5], [np.nan, np.nan, np.nan]]])
+    path = write_trc(tmp_path / "take.trc", MarkerCloud(positions, 100.0, ("C7", "LTOE")))
+    assert path.read_text().splitlines() == [
+        "PathFileType\t4\t(X/Y/Z)\ttake.trc",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        "100\t100\t1\t2\tmm\t100\t1\t1",
+        "Frame#\tTime\tC7\t\t\tLTOE\t\t",
+        "\t\tX1\tY1\tZ1\tX2\tY2\tZ2",
+        "",
+        "1\t0.000000\t100.000000\t1500.000000\t200.000000\tNaN\tNaN\tNaN",
+    ]
+
+
+def test_what_cannot_be_written(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "take.c3d", cloud())
+    with pytest.raises(OutputExists):
+        write_c3d(path, cloud())
+    write_c3d(path, cloud(), overwrite=True)
+    for write in (write_c3d, write_trc):
+        with pytest.raises(NonFiniteData, match="positive number, not 0"):
+            write(tmp_path / "none", cloud(fps=0.0))
+    with pytest.raises(ShapeMismatch, match="2 labels do not fit 5 markers"):
+        write_c3d(tmp_path / "none", MarkerCloud(cloud().positions, 100.0, ("A", "B")))
+    long = tuple(f"{i:03d}{'x' * 250}" for i in range(900))
+    with pytest.raises(ShapeMismatch, match="too long for the head of a C3D file"):
+        write_c3d(tmp_path / "none", MarkerCloud(np.ones((1, 900, 3)), 100.0, long))
+    assert [path.name for path in tmp_path.iterdir()] == ["take.c3d"]

@@ -1,0 +1,99 @@
+"""What a file of markers says without saying it: names, unit, up-axis."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.io.recognition.marker_labels import (
+    is_model_output,
+    is_unnamed,
+    prefix_of,
+    subjects_of,
+    unique_labels,
+)
+from solver_backend.io.recognition.marker_unit import find_unit, unit_named
+from solver_backend.io.recognition.marker_up_axis import find_up_axis
+from solver_backend.io.recognition.quantile import quantile
+from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
+
+BODY = {"LFHD": 1.7, "RSHO": 1.4, "C7": 1.5, "LASI": 1.0, "LKNE": 0.5, "LANK": 0.08, "RTOE": 0.03}
+"""Heights of markers in metres."""
+
+
+def standing(frames: int = 30) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    walk = np.linspace(-1.5, 1.5, frames)[:, None]
+    points = np.zeros((frames, len(BODY), 3))
+    points[..., 0] = walk + rng.normal(0, 0.1, len(BODY))
+    points[..., 1] = rng.normal(0, 0.1, len(BODY))
+    points[..., 2] = list(BODY.values())
+    return points
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_quantile(share: float, axis: int) -> None:
+    values = np.random.default_rng(0).normal(size=(31, 17, 3))
+    values[values > 1.2] = np.nan
+    expected = np.nanquantile(values, share, axis=axis, method="nearest")
+    np.testing.assert_array_equal(quantile(values, share, axis=axis), expected)
+    values[:, :, 1] = np.nan
+    assert np.isnan(quantile(values, share, axis=axis)[..., 1]).all()
+
+
+def test_labels() -> None:
+    assert prefix_of("Ann:Left:LASI") == "Ann:Left"
+    assert prefix_of("LASI") == ""
+    assert subjects_of(("Bob:A", "Ann:B", "Bob:C", "D", "Cy:*3", "Di:Unlabeled 7")) == ("Bob", "Ann")
+    assert all(map(is_unnamed, ("", "*", "*12", "A:*1", "Unlabeled 1189", "unlabelled_3", "U_12", "u7", "New 0012")))
+    assert not any(map(is_unnamed, ("LASI", "T10", "U", "New", "A:M1", "*a", "1")))
+    assert all(map(is_model_output, ("LHipAngles", "Ann:RKneeMoment", "LGroundReactionForce", "LAnklePower")))
+    assert not any(map(is_model_output, ("LASI", "Angles", "LANG", "POWER", "R_angle_1")))
+    assert unique_labels(("A", "", "A", "A (2)", "A", "*2")) == (
+        ("A", "*2 (2)", "A (3)", "A (2)", "A (4)", "*2"),
+        ("A",),
+    )
+
+
+def test_many_equal_labels_are_no_long_work() -> None:
+    labels, doubled = unique_labels(("A",) * 65535)
+    assert (labels[-1], doubled) == ("A (65535)", ("A",))
+
+
+def test_units() -> None:
+    names = {"mm": "mm", "Millimeters": "mm", " MM ": "mm", "cm": "cm", "Centimeters": "cm", "m": "m", "Meters": "m"}
+    names |= {"mete": "m", "Inches": "inch", "feet": "foot", "ft": "foot"}
+    assert {text: unit_named(text) for text in names} == names
+    assert [unit_named(text) for text in ("", "deg", "N.mm", "?")] == [None] * 4
+    body = standing()
+    for unit, metres in (("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)):
+        for default in ("mm", "m"):
+            assert find_unit(body / metres, "", None, default).name == unit
+            wrong = {"mm": "m", "m": "mm"}.get(unit)
+            if wrong:
+                found = find_unit(body / metres, wrong, None, default)
+                assert found.name == unit
+                assert found.problem.startswith(f"The file states {wrong}")
+    lost = find_unit(body * 1e9, "m", None, "mm")
+    assert (lost.name, lost.problem.endswith("no person.")) == ("m", True)
+    assert find_unit(body * 1e9, "", None, "mm").reason.startswith("assumed")
+
+
+@pytest.mark.parametrize("axis", UP_AXES)
+@pytest.mark.parametrize("default", ["z", "y"])
+@pytest.mark.parametrize("named", [True, False])
+def test_up_axis_by_how_the_body_stands(axis: str, default: str, named: bool) -> None:
+    rotated = standing() @ rotation_to_z_up(axis)
+    labels = tuple(BODY) if named else tuple(f"M{i}" for i in range(len(BODY)))
+    found = find_up_axis(rotated, labels, "", None, default)
+    assert (found.name, found.reason, found.problem) == (axis, "as the body stands", "")
+
+
+def test_up_axis_of_what_says_none() -> None:
+    ball = np.random.default_rng(1).uniform(-1, 1, (20, 9, 3))
+    for default in ("z", "y"):
+        found = find_up_axis(ball, ("A",) * 9, "", None, default)
+        assert (found.name, found.reason[:7]) == (default, "assumed")
+    above = np.abs(ball) + [-3, -3, 0.02]
+    assert find_up_axis(above, ("A",) * 9, "", None, "y").name == "z"
