@@ -147,7 +147,11 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
     motion = _typed(values, "motion", str)
     if motion is None:
         raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
-    return Resolve(folder / motion, FrameRange.from_dict({k: v for k, v in values.items() if k != "motion"}))
+    _typed(values, "pins", list)
+    try:
+        return Resolve(folder / motion, FrameRange.from_dict({k: v for k, v in values.items() if k != "motion"}))
+    except OverflowError as error:
+        raise JobInvalid("A pinned pose holds a number that no float can hold.", where="resolve") from error
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type | tuple[type, ...]) -> Any:

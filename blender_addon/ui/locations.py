@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from .._exchange.errors import OutputNotWritable
-from .._exchange.outputs import probe
+from .._exchange.unfinished import probe
 from . import ADDON
 
 _BESIDE = "mocap"
