@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -122,7 +123,7 @@ def positive_fps(value: float) -> float:
     Raises:
         JobInvalid: it is not a positive, finite number.
     """
-    if not 0 < value < float("inf"):
+    if not 0 < value <= sys.float_info.max:
         raise JobInvalid(f"The frame rate must be a positive number, not {value}.", where="fps")
     return float(value)
 

@@ -181,13 +181,14 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def _rotations(fields: Fields) -> np.ndarray:
-    poses = np.asarray(fields.arrays["poses"], np.float64)
+    poses = fields.floats("poses", MotionInvalid)
     if poses.ndim != 2 or poses.shape[1] < _BODY:
         message = f"poses has shape {poses.shape}; (frames, {_BODY} or more) is expected."
         raise MotionInvalid(message, where=str(fields.path))
     rotvec = np.zeros((len(poses), 3 * NUM_JOINTS))
     rotvec[:, :_BODY] = poses[:, :_BODY]
-    hands = poses[:, _BODY:] if poses.shape[1] == 3 * NUM_JOINTS else fields.arrays.get("hand_pose")
+    hands = fields.floats("hand_pose", MotionInvalid) if "hand_pose" in fields else None
+    hands = poses[:, _BODY:] if poses.shape[1] == 3 * NUM_JOINTS else hands
     if hands is not None and np.shape(hands) == (len(poses), 6):
         rotvec[:, _BODY:] = hands
     return rotvec.reshape(-1, NUM_JOINTS, 3)
@@ -195,14 +196,14 @@ def _rotations(fields: Fields) -> np.ndarray:
 
 def _betas(fields: Fields) -> np.ndarray:
     """Return the first ten numbers of the shape, zeros where the file has fewer."""
-    given = np.ravel(fields.arrays.get("betas", ())).astype(np.float64)[:NUM_BETAS]
+    given = np.ravel(fields.floats("betas", MotionInvalid) if "betas" in fields else ())[:NUM_BETAS]
     return np.pad(given, (0, NUM_BETAS - len(given)))
 
 
 def _frame_rate(fields: Fields) -> float:
     key = "mocap_framerate" if "mocap_framerate" in fields else "mocap_frame_rate"
     _require(key in fields, "The motion does not say its frame rate (mocap_framerate).", fields)
-    return float(np.ravel(fields.arrays[key])[0])
+    return fields.first_number(key, MotionInvalid)
 
 
 def _require(good: bool, message: str, fields: Fields) -> None:

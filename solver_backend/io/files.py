@@ -81,7 +81,7 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         if any(len(_KEY_PART.findall(line)) > _MOST_KEY_PARTS for line in text.splitlines()):
             raise tomllib.TOMLDecodeError(f"a key has more than {_MOST_KEY_PARTS} parts")
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not TOML ({error}).", where=str(path), hint="Check the line that is named."
         ) from error

@@ -17,6 +17,7 @@ SUBPIXELS = 64.0
 TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 """Qualisys' camera looks along -Z with Y up; OpenCV's along +Z with Y down."""
 
+_LARGEST_NUMBER = 1e12
 _TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
 
 
@@ -106,6 +107,9 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
     if text is None and default is not None:
         return default
     try:
-        return float(text or "")
+        value = float(text or "")
+        if not abs(value) < _LARGEST_NUMBER:
+            raise ValueError(text)
+        return value
     except ValueError as error:
         raise CalibrationInvalid(f"'{key}' of <{node.tag}> is {text!r}, not a number.", where=place) from error
