@@ -56,7 +56,7 @@ class Target:
     """One reader."""
 
     name: str
-    write: Callable[[Path], None]
+    write: Callable[[Path], object]
     """Writes the sound files into an empty folder."""
     read: Callable[[Path], object]
     """Reads what lies in the folder."""
@@ -66,9 +66,9 @@ class Target:
     """How often it is tried, against the others."""
 
 
-def _file(name: str, content: bytes | str) -> Callable[[Path], None]:
+def _file(name: str, content: bytes | str) -> Callable[[Path], object]:
     data = content.encode() if isinstance(content, str) else content
-    return lambda folder: (folder / name).write_bytes(data) and None
+    return lambda folder: (folder / name).write_bytes(data)
 
 
 def _trial(folder: Path) -> None:
