@@ -13,6 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -232,12 +233,11 @@ def demo_folder(args: argparse.Namespace) -> Path:
     name = "embedded" if args.capture is None else args.capture.resolve().stem
     names = (Path.cwd() / (f"demo_{name}" + (f"_{n}" if n > 1 else "")) for n in range(1, 10_000))
     out = (args.out or next(path for path in names if not path.exists())).resolve()
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if out.exists() and (not out.is_dir() or any(not p.name.startswith((".probe", ".part-")) for p in out.iterdir())):
         raise Failed(f"{out} is already there and is not empty.", "Choose another --out, or empty it.", 2)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / ".probe").touch()
-        (out / ".probe").unlink()
+        tempfile.TemporaryFile(dir=out).close()
     except OSError as error:
         raise Failed(f"{out} cannot be written to: {error.strerror}.", "Choose another --out.", 2) from error
     return out

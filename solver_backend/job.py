@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -122,7 +123,7 @@ def positive_fps(value: float) -> float:
     Raises:
         JobInvalid: it is not a positive, finite number.
     """
-    if not 0 < value < float("inf"):
+    if not 0 < value <= sys.float_info.max:
         raise JobInvalid(f"The frame rate must be a positive number, not {value}.", where="fps")
     return float(value)
 
@@ -147,7 +148,11 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
     motion = _typed(values, "motion", str)
     if motion is None:
         raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
-    return Resolve(folder / motion, FrameRange.from_dict({k: v for k, v in values.items() if k != "motion"}))
+    _typed(values, "pins", list)
+    try:
+        return Resolve(folder / motion, FrameRange.from_dict({k: v for k, v in values.items() if k != "motion"}))
+    except OverflowError as error:
+        raise JobInvalid("A pinned pose holds a number that no float can hold.", where="resolve") from error
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type | tuple[type, ...]) -> Any:

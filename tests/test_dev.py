@@ -73,6 +73,14 @@ def test_a_folder_that_is_not_empty_is_left_alone(dev, tmp_path, capsys):
     assert dev.commands == []
 
 
+def test_what_a_killed_run_left_does_not_make_a_folder_taken(dev, tmp_path):
+    (tmp_path / "mine").mkdir()
+    for name in (".probe", ".part-0123456789abcdef"):
+        (tmp_path / "mine" / name).write_text("")
+    assert dev.main(["demo", "--out", "mine"]) == 0
+    assert verbs(dev)[-1] == "bake"
+
+
 def test_a_capture_that_is_not_there_is_refused_before_anything_is_made(dev, tmp_path, capsys):
     assert dev.main(["demo", "absent"]) == 2
     assert "There is no capture at absent." in capsys.readouterr().err

@@ -81,7 +81,8 @@ def read_capture(path: Path) -> CaptureFile:
     fields = Fields(path, read_arrays(path, required=("format",), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
     cameras = _cameras(fields)
-    fps = float(fields.arrays.get("fps", fields.arrays.get("marker_fps", 0.0)))
+    rates = [fields.first_number(key, CaptureInvalid) for key in ("fps", "marker_fps") if key in fields]
+    fps = rates[0] if rates else 0.0
     if not (np.isfinite(fps) and fps > 0):
         raise CaptureInvalid(f"The frame rate must be positive, not {fps}.", where=str(path))
     xy, confidence = _detections(fields, len(cameras)) if "xy" in fields else (None, None)
@@ -92,7 +93,9 @@ def read_capture(path: Path) -> CaptureFile:
         xy=xy,
         confidence=confidence,
         joint_set=fields.text("joint_set", ""),
-        markers=np.asarray(fields.arrays["marker_positions"], np.float64) if "marker_positions" in fields else None,
+        markers=fields.shaped("marker_positions", ("frames", "markers", 3), CaptureInvalid)
+        if "marker_positions" in fields
+        else None,
     )
 
 
@@ -122,8 +125,9 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
             hint="One entry a camera ('' for none) and the model 'opencv' or 'fisheye' are expected.",
         )
     distortion = np.zeros((len(names), 8))
-    given = np.asarray(fields.arrays.get("distortion", distortion), np.float64).reshape(len(names), -1)[:, :8]
-    distortion[:, : given.shape[1]] = given
+    if "distortion" in fields:
+        given = fields.shaped("distortion", (len(names), "coefficients"), CaptureInvalid)[:, :8]
+        distortion[:, : given.shape[1]] = given
     return tuple(
         CameraFile(
             name=name,
@@ -140,7 +144,7 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
 
 
 def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndarray:
-    value = np.asarray(fields.arrays.get(key, np.zeros((0, *shape[1:]))), np.float64)
+    value = fields.floats(key, CaptureInvalid) if key in fields else np.zeros((0, *shape[1:]))
     if value.shape != shape:
         raise CaptureInvalid(f"{key} has shape {value.shape}; {shape} is expected.", where=str(fields.path))
     if not np.isfinite(value).all():

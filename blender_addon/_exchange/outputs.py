@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import OutputExists, OutputNotWritable
-
-_PROBE = bytes(4096)
+from .unfinished import is_leftover, probe, unfinished_names
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
@@ -19,17 +19,12 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
 
     Raises:
         OutputExists: the file or folder is there and ``overwrite`` is off.
-        OutputNotWritable: the folder cannot be made or written to.
+        OutputNotWritable: the folder cannot be made or written to, or the output is a link, a device or a folder.
     """
     path = Path(path)
-    if path.exists() and not overwrite:
-        raise OutputExists(
-            "The output is already there and is not overwritten.",
-            where=str(path),
-            hint="Choose another name, delete it, or ask for overwriting.",
-        )
-    if path.is_dir():
-        raise OutputNotWritable("The output is a folder; a file name is expected.", where=str(path))
+    if os.path.lexists(path) and not overwrite:
+        raise _exists(path)
+    _require_plain(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         probe(path.parent)
@@ -47,7 +42,7 @@ def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
         OutputNotWritable: the folder cannot be written to, or the disk is full.
     """
     path = check_output(path, overwrite=overwrite)
-    with _renamed_at_the_end([path], path) as [temporary]:
+    with _named_at_the_end([path], path, overwrite) as [temporary]:
         yield temporary
 
 
@@ -62,13 +57,15 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
         OutputExists: one of the files is there, and ``overwrite`` is off.
         OutputNotWritable: the folder cannot be made or written to.
     """
-    existing = [name for name in names if (folder / name).exists()]
+    existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
         raise OutputExists(
             f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten.",
             where=str(folder),
             hint="Choose another folder or delete the files.",
         )
+    for name in existing:
+        _require_plain(folder / name)
     new_folders = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +74,7 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
         _remove_empty(new_folders)
         raise _not_writable(folder, error) from error
     try:
-        with _renamed_at_the_end([folder / name for name in names], folder) as temporary:
+        with _named_at_the_end([folder / name for name in names], folder, overwrite) as temporary:
             yield dict(zip(names, temporary, strict=True))
     finally:
         _remove_empty(new_folders)
@@ -90,37 +87,80 @@ def write_text(path: Path | str, text: str, *, overwrite: bool = False) -> Path:
     return Path(path)
 
 
-def probe(folder: Path) -> None:
-    """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins.
-
-    Raises:
-        OSError: the system says why it cannot be written.
-    """
-    path = folder / f".probe{os.getpid()}"
-    try:
-        path.touch()
-        path.write_bytes(_PROBE)
-    finally:
-        path.unlink(missing_ok=True)
+def is_free(folder: Path) -> bool:
+    """Return whether a folder is not there, or holds nothing but what an interrupted run has left."""
+    return not folder.exists() or (folder.is_dir() and all(is_leftover(path.name) for path in folder.iterdir()))
 
 
 @contextmanager
-def _renamed_at_the_end(paths: Sequence[Path], where: Path) -> Iterator[list[Path]]:
-    """Yield a temporary path beside each path; those that were written take the paths' names."""
-    temporary = [path.with_name(f".part{os.getpid()}_{path.name}") for path in paths]
+def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> Iterator[list[Path]]:
+    """Yield a temporary path for each path of one folder; those that were written take the paths' names."""
     try:
-        yield temporary
-        written = [(part, path) for part, path in zip(temporary, paths, strict=True) if part.exists()]
-        for part, _ in written:
-            with part.open("rb+") as stream:
-                os.fsync(stream.fileno())
-        for part, path in written:
-            os.replace(part, path)
+        with unfinished_names(paths[0].parent) as beginning:
+            temporary = [path.with_name(beginning + path.name) for path in paths]
+            yield temporary
+            written = [(part, path) for part, path in zip(temporary, paths, strict=True) if part.exists()]
+            for part, _ in written:
+                with part.open("rb+") as stream:
+                    os.fsync(stream.fileno())
+            _publish(written, overwrite)
+            _flush_folder(paths[0].parent)
     except OSError as error:
         raise _not_writable(where, error) from error
-    finally:
-        for part in temporary:
-            part.unlink(missing_ok=True)
+
+
+def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
+    """Give the files their names, all or none; without ``overwrite`` a name that somebody took meanwhile is kept."""
+    if overwrite:
+        for part, path in written:
+            _require_plain(path)
+            os.replace(part, path)
+        return
+    done: list[Path] = []
+    try:
+        for part, path in written:
+            _take_name(part, path)
+            done.append(path)
+    except FileExistsError as error:
+        for path in done:
+            path.unlink(missing_ok=True)
+        raise _exists(written[len(done)][1]) from error
+
+
+def _take_name(part: Path, path: Path) -> None:
+    """Rename a file to a name that must be free; a second link fails where it is not, which a rename does not."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links: the name is taken by an empty file first
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+        os.replace(part, path)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Bring the new names to the disk, where the system lets folders be flushed."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _require_plain(path: Path) -> None:
+    """Make sure that what would be replaced is an ordinary file, or nothing."""
+    try:
+        mode = path.lstat().st_mode
+    except OSError:
+        return
+    if stat.S_ISDIR(mode):
+        raise OutputNotWritable("The output is a folder; a file name is expected.", where=str(path))
+    if not stat.S_ISREG(mode):
+        what = "a link" if stat.S_ISLNK(mode) else "a device or a pipe"
+        raise OutputNotWritable(
+            f"The output is {what}, which is not replaced.", where=str(path), hint="Choose another name."
+        )
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
@@ -128,6 +168,14 @@ def _remove_empty(folders: Sequence[Path]) -> None:
     for folder in folders:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
+
+
+def _exists(path: Path) -> OutputExists:
+    return OutputExists(
+        "The output is already there and is not overwritten.",
+        where=str(path),
+        hint="Choose another name, delete it, or ask for overwriting.",
+    )
 
 
 def _not_writable(where: Path, error: OSError) -> OutputNotWritable:

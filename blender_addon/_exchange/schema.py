@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,13 +55,35 @@ class Fields:
             )
         return value.astype(np.float64)
 
+    def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
+        """Return an array as float64.
+
+        Raises:
+            MocapError: it does not hold numbers; of the class ``invalid``.
+        """
+        value = self.arrays[key]
+        if value.dtype.kind not in "fiub":
+            raise invalid(f"{key} is {value.dtype}; numbers are expected.", where=str(self.path))
+        return np.asarray(value, np.float64)
+
+    def first_number(self, key: str, invalid: type[MocapError]) -> float:
+        """Return the first number of an array, which may be a scalar.
+
+        Raises:
+            MocapError: it holds no number; of the class ``invalid``.
+        """
+        values = self.floats(key, invalid).ravel()
+        if not values.size:
+            raise invalid(f"{key} is empty; a number is expected.", where=str(self.path))
+        return float(values[0])
+
     def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
         """Return an array as float64 whose shape matches.
 
         Raises:
             MocapError: it is of another shape; of the class ``invalid``.
         """
-        value = np.asarray(self.arrays[key], np.float64)
+        value = self.floats(key, invalid)
         if not _fits(value, shape):
             wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
             raise invalid(f"{key} has shape {value.shape}; {wanted} is expected.", where=str(self.path))
@@ -118,10 +141,11 @@ class Fields:
         found = self.text("format", name)
         if found != name:
             raise FileDamaged(f"The file is a '{found}'; a '{name}' is expected.", where=str(self.path))
-        self._require_version(float(self.arrays.get("version", version)), version, "add-on")
+        if "version" in self:
+            self._require_version(self.first_number("version", FileDamaged), version, "add-on")
 
     def _require_version(self, found: float, version: int, reader: str) -> None:
-        if found > version:
+        if not found <= version:
             raise FileDamaged(
                 f"The file is of version {found:g}; this {reader} reads up to {version}.",
                 where=str(self.path),
@@ -129,13 +153,21 @@ class Fields:
             )
 
 
-def read_fields(path: Path | str) -> Fields:
-    """Read the arrays of an npz file.
+def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:
+    """Read the arrays of an npz file that a reader knows.
+
+    Args:
+        path: the file.
+        names: of the arrays.
+        prefix: also those whose names begin with it.
 
     Raises:
         FileMissing, FileDamaged: see ``read_npz``.
     """
-    return Fields(Path(path), read_npz(path))
+    known = frozenset(names)
+    return Fields(
+        Path(path), read_npz(path, lambda name: name in known or (prefix is not None and name.startswith(prefix)))
+    )
 
 
 def _fits(value: np.ndarray, shape: Shape) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -10,6 +9,7 @@ import bpy
 import numpy as np
 
 from .._exchange.errors import OutputNotWritable
+from .._exchange.outputs import write_text
 from ..body.body_file import BodyFile
 from ..body.rig import Rig
 from ..render.picture import layer_from_render
@@ -75,14 +75,10 @@ def add_catalog(folder: Path) -> None:
         OutputNotWritable: the file cannot be read or written.
     """
     path = folder / CATALOG_FILE
-    partial = path.with_suffix(f".part{os.getpid()}")
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else _CATALOG_HEADER
         if CATALOG_ID in text:
             return
-        partial.write_text(text.rstrip("\n") + f"\n{_CATALOG}\n", encoding="utf-8")
-        os.replace(partial, path)
-    except (OSError, UnicodeDecodeError) as error:
+        write_text(path, text.rstrip("\n") + f"\n{_CATALOG}\n", overwrite=True)
+    except (OSError, UnicodeDecodeError, OutputNotWritable) as error:
         raise OutputNotWritable(f"The asset catalogs cannot be written: {error}.", where=str(path)) from error
-    finally:
-        partial.unlink(missing_ok=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from .._exchange.errors import OutputNotWritable
-from .._exchange.outputs import probe
+from .._exchange.unfinished import probe
 from ..conventions.file_paths import BESIDE, absolute, sessions_folder
 
 RELATIVE = (

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
-from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid, FileDamaged, FileMissing
+from solver_backend.exchange.npz import read_npz
 from solver_backend.types import NUM_BETAS
 from solver_backend.types.shapes import Float, Int
 
@@ -91,10 +91,9 @@ def load_body(path: Path | None = None) -> Body:
 @lru_cache(maxsize=4)
 def _load_body(path: Path) -> Body:
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files if key in _READ_KEYS}
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise BodyInvalid(f"The body file cannot be read: {error}", where=str(path)) from error
+        arrays = read_npz(path, _READ_KEYS.__contains__)
+    except (FileMissing, FileDamaged) as error:
+        raise BodyInvalid(f"The body file cannot be read: {error.message}", where=str(path)) from error
     missing = [key for key in REQUIRED_KEYS if key not in arrays]
     if missing:
         raise BodyInvalid(

@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS
-from .npz import read_arrays, write_npz
+from .npz import array_names, read_arrays, write_npz
 from .schema import Fields, Shape
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
@@ -26,6 +26,12 @@ _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
     "joint_set", "keyframes", "joint_sigma", "flags", "provenance",
 )  # fmt: skip
+STORED = (
+    "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
+    "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
+    "reprojection_px", "provenance",
+)  # fmt: skip
+"""Every array of a motion file that is read back."""
 _DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8}
 
 
@@ -87,8 +93,10 @@ def is_motion(path: Path) -> bool:
     if path.suffix.lower() != ".npz":
         return False
     try:
-        fields = Fields(path, read_arrays(path, required=(), optional=("format", "poses")))
-        return fields.text("format", "") == FORMAT or ("poses" in fields and "format" not in fields)
+        names = array_names(path)
+        if "format" not in names:
+            return "poses" in names
+        return Fields(path, read_arrays(path, required=("format",))).text("format") == FORMAT
     except MocapError:
         return False
 
@@ -173,13 +181,14 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def _rotations(fields: Fields) -> np.ndarray:
-    poses = np.asarray(fields.arrays["poses"], np.float64)
+    poses = fields.floats("poses", MotionInvalid)
     if poses.ndim != 2 or poses.shape[1] < _BODY:
         message = f"poses has shape {poses.shape}; (frames, {_BODY} or more) is expected."
         raise MotionInvalid(message, where=str(fields.path))
     rotvec = np.zeros((len(poses), 3 * NUM_JOINTS))
     rotvec[:, :_BODY] = poses[:, :_BODY]
-    hands = poses[:, _BODY:] if poses.shape[1] == 3 * NUM_JOINTS else fields.arrays.get("hand_pose")
+    hands = fields.floats("hand_pose", MotionInvalid) if "hand_pose" in fields else None
+    hands = poses[:, _BODY:] if poses.shape[1] == 3 * NUM_JOINTS else hands
     if hands is not None and np.shape(hands) == (len(poses), 6):
         rotvec[:, _BODY:] = hands
     return rotvec.reshape(-1, NUM_JOINTS, 3)
@@ -187,14 +196,14 @@ def _rotations(fields: Fields) -> np.ndarray:
 
 def _betas(fields: Fields) -> np.ndarray:
     """Return the first ten numbers of the shape, zeros where the file has fewer."""
-    given = np.ravel(fields.arrays.get("betas", ())).astype(np.float64)[:NUM_BETAS]
+    given = np.ravel(fields.floats("betas", MotionInvalid) if "betas" in fields else ())[:NUM_BETAS]
     return np.pad(given, (0, NUM_BETAS - len(given)))
 
 
 def _frame_rate(fields: Fields) -> float:
     key = "mocap_framerate" if "mocap_framerate" in fields else "mocap_frame_rate"
     _require(key in fields, "The motion does not say its frame rate (mocap_framerate).", fields)
-    return float(np.ravel(fields.arrays[key])[0])
+    return fields.first_number(key, MotionInvalid)
 
 
 def _require(good: bool, message: str, fields: Fields) -> None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import struct
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
 from .errors import FileDamaged, FileMissing
+from .npz_members import Members, NeedsPickle
 from .outputs import atomic_output
 
-_DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+_DAMAGE = (
+    OSError, ValueError, EOFError, KeyError, IndexError, NotImplementedError, RuntimeError, OverflowError, MemoryError,
+    struct.error, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What Python's zip reader raises for bytes that are no sound archive."""
 _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
@@ -29,21 +35,33 @@ def require_file(path: Path | str) -> Path:
     return path
 
 
-def read_npz(path: Path | str) -> dict[str, np.ndarray]:
-    """Read every array of an ``.npz`` that needs no pickle; arrays that would need it are left out.
+def array_names(path: Path | str) -> frozenset[str]:
+    """Return the names of the arrays of an ``.npz``; none of them is read.
 
     Raises:
         FileMissing: there is no such file.
         FileDamaged: the file is truncated or no npz.
     """
+    with _opened(path) as members:
+        return frozenset(members.names)
+
+
+def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
+    """Read the wanted arrays of an ``.npz`` that need no pickle; arrays that would need it are left out.
+
+    Args:
+        path: the file.
+        wanted: whether an array of this name is read; by default all are.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: the file is truncated or no npz, or an array is forged.
+    """
     arrays: dict[str, np.ndarray] = {}
-    with _opened(path) as archive:
-        for key in archive:
-            try:
-                arrays[key] = archive[key]
-            except ValueError as error:
-                if "pickle" not in str(error).lower():
-                    raise
+    with _opened(path) as members:
+        for name in filter(wanted, members.names):
+            with suppress(NeedsPickle):
+                arrays[name] = members.read(name)
     return arrays
 
 
@@ -55,9 +73,9 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
         FileDamaged: the file is truncated, is no ``.npz``, or lacks required arrays; or one would need pickle.
     """
     required = tuple(required)
-    with _opened(path) as archive:
-        found = set(archive)
-        arrays = {key: archive[key] for key in (*required, *optional) if key in found}
+    with _opened(path) as members:
+        found = set(members.names)
+        arrays = {key: members.read(key) for key in (*required, *optional) if key in found}
     missing = [key for key in required if key not in arrays]
     if missing:
         raise FileDamaged(
@@ -89,18 +107,16 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 
 @contextmanager
-def _opened(path: Path | str) -> Iterator[Mapping[str, np.ndarray]]:
-    """Yield the archive; whatever is wrong with its bytes, here or in the block, becomes a named error."""
+def _opened(path: Path | str) -> Iterator[Members]:
+    """Yield the archive's arrays; whatever is wrong with its bytes, here or in the block, becomes a named error."""
     path = require_file(path)
     try:
-        # np.load leaves a broken archive's file open; a stream of our own is always closed.
         with path.open("rb") as stream:
             bare = stream.read(len(_START_OF_A_BARE_ARRAY)) == _START_OF_A_BARE_ARRAY
             if bare or not zipfile.is_zipfile(stream):
                 raise zipfile.BadZipFile("no zip archive" + (" but one bare array" if bare else ""))
-            stream.seek(0)
-            with np.load(stream, allow_pickle=False) as archive:
-                yield archive
+            with zipfile.ZipFile(stream) as archive:
+                yield Members(archive, path.stat().st_size)
     except _DAMAGE as error:
         raise FileDamaged(
             f"The file is truncated or is not an .npz of plain arrays ({error}).",

@@ -1,8 +1,9 @@
-"""Text files as UTF-8, JSON and TOML, with errors that name the file."""
+"""Text files as UTF-8, JSON and TOML of bounded size and depth, with errors that name the file."""
 
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,29 +11,43 @@ from typing import Any
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import require_file
 
+LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
+"""Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
+_LARGEST_TOML = 2_000_000
+_MOST_KEY_PARTS = 32
+_KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
-def read_bytes(path: Path | str) -> bytes:
-    """Read a whole file.
+
+def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
+    """Read a file that is not larger than files of its kind are.
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: the file cannot be read.
+        FileDamaged: it is larger, or cannot be read.
     """
     path = require_file(path)
     try:
-        return path.read_bytes()
+        with path.open("rb") as stream:
+            size = path.stat().st_size
+            data = stream.read(largest + 1) if size <= largest else b""
     except OSError as error:
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
+    if max(size, len(data)) > largest:
+        raise FileDamaged(
+            f"The file has {max(size, len(data)) / 1e6:,.1f} MB; one of this kind has at most {largest / 1e6:g} MB.",
+            where=str(path),
+            hint="Check that it is the right file, or move it away.",
+        )
+    return data
 
 
-def read_text(path: Path | str) -> str:
+def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
     """Read a text file as UTF-8 (with or without mark), or as Latin-1 where it is not UTF-8.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: the file cannot be read.
+        FileMissing, FileDamaged: see ``read_bytes``.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, largest)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -45,7 +60,7 @@ def read_json(path: Path | str) -> Any:
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or not JSON.
     """
-    text = read_text(path)
+    text = read_text(path, LARGEST_TEXT)
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -60,10 +75,13 @@ def read_toml(path: Path | str) -> dict[str, Any]:
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or not TOML.
     """
-    text = read_text(path)
+    text = read_text(path, _LARGEST_TOML)
     try:
+        # Python's parser takes quadratic time for keys of many parts.
+        if any(len(_KEY_PART.findall(line)) > _MOST_KEY_PARTS for line in text.splitlines()):
+            raise tomllib.TOMLDecodeError(f"a key has more than {_MOST_KEY_PARTS} parts")
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not TOML ({error}).", where=str(path), hint="Check the line that is named."
         ) from error

@@ -14,6 +14,7 @@ from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.range_checks import checked
 from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.types import Capture, Motion
 
@@ -34,6 +35,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     Raises:
         CaptureNotRecognised: no reader knows the path.
         JobInvalid: the frame rate is not positive.
+        CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
         MocapError: whatever else the reader raises.
     """
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
@@ -43,6 +45,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     capture = reader.read(path, chosen)
     if capture.keypoints is not None:
         capture.require_multiview()
+    capture = checked(capture)
     if capture.num_frames == 1:
         capture = replace(capture, problems=(*capture.problems, "The take is a single frame: a pose, not a motion."))
     return capture

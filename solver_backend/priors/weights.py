@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.errors import FileMissing, WeightsInvalid
+from solver_backend.exchange.errors import FileDamaged, FileMissing, WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
+from solver_backend.exchange.npz import read_npz
+from solver_backend.exchange.outputs import atomic_output
 from solver_backend.priors.networks.dense import DenseStack
 
 FORMAT = "manifold_mocap_prior"
@@ -52,16 +53,14 @@ class PriorWeights:
 
 
 def write_weights(path: Path, weights: PriorWeights) -> str:
-    """Write a weight file under a temporary name, rename it, and return the hash of its arrays."""
+    """Write a weight file, whole or not at all, and return the hash of its arrays."""
     digest = arrays_hash(weights.arrays)
     header = {
         "format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS, "sha256": digest,
         **weights.metadata,
     }  # fmt: skip
-    temporary = path.with_name(path.name + ".part")
-    with temporary.open("wb") as stream:
+    with atomic_output(path, overwrite=True) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, header=np.array(json.dumps(header)), **weights.arrays)
-    os.replace(temporary, path)
     return digest
 
 
@@ -79,10 +78,9 @@ def read_weights(path: Path, prior: str) -> PriorWeights:
     if not path.is_file():
         raise FileMissing(f"The weights of {prior} are missing.", where=path.name, hint="Train them, or reinstall.")
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files if key != "header"}
-            header = json.loads(str(data["header"]))
-    except Exception as error:
+        arrays = read_npz(path)
+        header = json.loads(str(arrays.pop("header")))
+    except (FileDamaged, KeyError, ValueError, RecursionError) as error:
         raise WeightsInvalid("The file is no weight file of a prior.", where=path.name, hint=str(error)) from error
     _check_header(header, prior, path.name)
     if arrays_hash(arrays) != header.get("sha256"):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
-from ..._exchange.outputs import atomic_outputs
+from ..._exchange.outputs import atomic_outputs, is_free
 from ..._exchange.progress import Progress
 from ..bake import BakeRequest, run_bake
 from ..exit_codes import BROKEN, exit_code
@@ -61,7 +61,7 @@ def _known(folder: Path) -> dict[str, Any]:
         OutputExists: the folder holds files that are not ours.
     """
     known = read_record(folder)
-    if known is None and folder.is_dir() and any(folder.iterdir()):
+    if known is None and not is_free(folder):
         raise OutputExists(
             "The take's folder holds files that no batch has written.", where=str(folder), hint="Choose another --out."
         )

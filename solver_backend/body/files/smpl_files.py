@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from solver_backend.body.body import REQUIRED_KEYS, Body, body_from_arrays
 from solver_backend.body.files.restricted_pickle import read_pickle
-from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid, FileDamaged, FileMissing
+from solver_backend.exchange.npz import read_npz
 
 _HANDS = ("hands_meanl", "hands_meanr")
 
@@ -66,11 +66,10 @@ def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | 
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
+    wanted = {*REQUIRED_KEYS, "posedirs", *_HANDS}
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            wanted = {*REQUIRED_KEYS, "posedirs", *_HANDS}
-            return {key: data[key] for key in data.files if key in wanted}
-    except (OSError, ValueError, EOFError, KeyError, BadZipFile) as error:
+        return dict(read_npz(path, wanted.__contains__))
+    except (FileMissing, FileDamaged) as error:
         raise BodyInvalid(
-            f"The file cannot be read: {error}", where=str(path), hint="The file may be truncated."
+            f"The file cannot be read: {error.message}", where=str(path), hint="The file may be truncated."
         ) from error

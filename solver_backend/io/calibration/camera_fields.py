@@ -83,7 +83,7 @@ def numbers(value: Any, place: str) -> np.ndarray:
     try:
         array = np.array(value, dtype=np.float64)
         return array if shape is None else array.reshape(shape)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationInvalid("Numbers are expected where the file holds something else.", where=place) from error
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types import Cameras
 
+LARGEST_PICTURE = 1_000_000
+"""Pixels a side."""
 ROUNDING = 1e-3
 """A rotation matrix off by less is taken as rounded and made exact."""
 
@@ -65,7 +67,7 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
             hint="Calibrate all with one model.",
         )
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
-    sizes = [e.image_size or _guessed_size(e.K) for e in finished]
+    sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)
     coefficients = np.stack([np.pad(e.distortion, (0, width - len(e.distortion))) for e in finished])
     return Cameras(
@@ -99,7 +101,17 @@ def _trimmed(entry: CameraEntry, where: str) -> np.ndarray:
     return coefficients[:most]
 
 
+def _possible_size(size: tuple[int, int], place: str) -> tuple[int, int]:
+    if max(abs(length) for length in size) > LARGEST_PICTURE:
+        raise CalibrationInvalid(
+            f"The image would be {size[0]:.4g} x {size[1]:.4g} pixels; at most {LARGEST_PICTURE:,} are possible.",
+            where=place,
+            hint="Check the image size, or the principal point where no size is stated.",
+        )
+    return size
+
+
 def _guessed_size(K: np.ndarray) -> tuple[int, int]:
     # A NaN here is reported by Cameras, which looks at K itself.
-    centre = np.nan_to_num(K[:2, 2], nan=0.0, posinf=0.0, neginf=0.0)
+    centre = np.clip(np.nan_to_num(K[:2, 2], nan=0.0, posinf=0.0, neginf=0.0), -1.0, float(LARGEST_PICTURE))
     return max(1, round(2 * float(centre[0]) + 1)), max(1, round(2 * float(centre[1]) + 1))

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
-from solver_backend.exchange.npz import require_file
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.files import LARGEST_TEXT, read_bytes
 
 SUBPIXELS = 64.0
 """Focal lengths and centres are in 1/64 pixel."""
@@ -17,6 +17,7 @@ SUBPIXELS = 64.0
 TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 """Qualisys' camera looks along -Z with Y up; OpenCV's along +Z with Y down."""
 
+_LARGEST_NUMBER = 1e12
 _TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
 
 
@@ -34,8 +35,8 @@ def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:
         CalibrationInvalid: a camera lacks a value.
     """
     try:
-        root = ElementTree.fromstring(require_file(path).read_bytes())
-    except (ElementTree.ParseError, OSError, ValueError) as error:
+        root = ElementTree.fromstring(read_bytes(path, LARGEST_TEXT))
+    except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not Qualisys' XML ({error}).",
             where=str(path),
@@ -106,6 +107,9 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
     if text is None and default is not None:
         return default
     try:
-        return float(text or "")
+        value = float(text or "")
+        if not abs(value) < _LARGEST_NUMBER:
+            raise ValueError(text)
+        return value
     except ValueError as error:
         raise CalibrationInvalid(f"'{key}' of <{node.tag}> is {text!r}, not a number.", where=place) from error

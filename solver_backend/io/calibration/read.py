@@ -11,13 +11,12 @@ from solver_backend.io.calibration.opencv_cameras import count_cameras, read_ope
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
 from solver_backend.io.calibration.units import in_metres, with_up_axis
+from solver_backend.io.files import LARGEST_TEXT
 
 FORMATS = "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json"
 """What is read, for messages."""
 
 _OPENCV = (".yml", ".yaml", ".json")
-_LARGEST = 20_000_000
-"""Bytes; no calibration is larger."""
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
@@ -60,7 +59,7 @@ def calibrations_in(
     sources: list[list[Path]] = [[p] for p in files if p.suffix.lower() == ".toml"]
     sources += [[p] for p in files if is_qualisys(p)]
     single: list[Path] = []
-    for path in (p for p in files if p.suffix.lower() in _OPENCV and p.stat().st_size < _LARGEST):
+    for path in (p for p in files if p.suffix.lower() in _OPENCV and p.stat().st_size <= LARGEST_TEXT):
         try:
             several = count_cameras(path) > 1
         except FileDamaged as error:

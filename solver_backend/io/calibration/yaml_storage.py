@@ -1,4 +1,8 @@
-"""The part of YAML that OpenCV's FileStorage writes: blocks by indentation, flow lists and maps, plain scalars."""
+"""The part of YAML that OpenCV's FileStorage writes: blocks by indentation, flow lists and maps, plain scalars.
+
+Every character is looked at a fixed number of times; anchors, aliases and block texts, which FileStorage never writes,
+are refused by name.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.files import read_text
+from solver_backend.io.files import LARGEST_TEXT, read_text
 
-_KEY = re.compile(r"""^("[^"]*"|'[^']*'|[^\s\-:"'\[{][^:]*?)\s*:(?:\s+(.*))?$""")
+_NO_KEY_BEGINS_WITH = frozenset("-:\"'[{")
+_UNWRITTEN = {"&": "an anchor", "*": "an alias", "|": "a block text", ">": "a folded text"}
 _TAG = re.compile(r"^!![\w\-]+\s*")
 _SPECIAL = {
     ".nan": float("nan"), ".inf": float("inf"), "-.inf": float("-inf"), "+.inf": float("inf"),
@@ -33,7 +38,7 @@ def read_yaml(path: Path) -> Any:
         FileDamaged: it is truncated or uses YAML that FileStorage never writes.
     """
     try:
-        return parse_yaml(read_text(path))
+        return parse_yaml(read_text(path, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not OpenCV's YAML ({error}).",
@@ -60,20 +65,37 @@ def parse_yaml(text: str) -> Any:
 def _logical_lines(text: str) -> list[_Line]:
     """Return the lines without comments and directives; a bracket that spans lines is joined into one."""
     lines: list[_Line] = []
-    depth = 0
+    parts: list[str] = []
+    first, indent, depth = 0, 0, 0
     for number, raw in enumerate(text.splitlines(), 1):
         bare = _without_comment(raw.expandtabs(8)).rstrip()
-        if not bare.strip() or (depth == 0 and (bare.startswith(("%", "---", "...")))):
+        if not bare or (depth == 0 and (bare.startswith(("%", "---", "...")))):
             continue
-        if depth:
-            last = lines[-1]
-            lines[-1] = _Line(last.number, last.indent, f"{last.text} {bare.strip()}")
-        else:
-            lines.append(_Line(number, len(bare) - len(bare.lstrip()), bare.strip()))
+        if not depth:
+            first, indent = number, len(bare) - len(bare.lstrip())
+        parts.append(bare.lstrip())
         depth = max(0, depth + _balance(bare))
+        if not depth:
+            lines.append(_Line(first, indent, " ".join(parts)))
+            parts = []
     if depth:
-        raise ValueError(f"line {lines[-1].number}: a bracket is not closed")
+        raise ValueError(f"line {first}: a bracket is not closed")
     return lines
+
+
+def _key_and_rest(text: str) -> tuple[str, str] | None:
+    """Return the key of a line and what follows its colon; None where the line is no ``key: value``."""
+    if text[0] in "\"'":
+        key, quote, rest = text[1:].partition(text[0])
+        rest = rest.lstrip() if quote else ""
+        if not rest.startswith(":"):
+            return None
+        rest = rest[1:]
+    elif text[0] in _NO_KEY_BEGINS_WITH or ":" not in text:
+        return None
+    else:
+        key, _, rest = text.partition(":")
+    return (key.rstrip(), rest.strip()) if not rest or rest[0].isspace() else None
 
 
 def _without_comment(line: str) -> str:
@@ -103,7 +125,7 @@ def _sequence(lines: list[_Line], i: int, indent: int) -> tuple[list[Any], int]:
     items: list[Any] = []
     while i < len(lines) and lines[i].indent == indent and (lines[i].text == "-" or lines[i].text.startswith("- ")):
         rest = lines[i].text[1:].lstrip()
-        if rest and _KEY.match(rest):
+        if rest and _key_and_rest(rest):
             inner = indent + len(lines[i].text) - len(rest)
             lines[i] = _Line(lines[i].number, inner, rest)
             value, i = _mapping(lines, i, inner)
@@ -116,11 +138,10 @@ def _sequence(lines: list[_Line], i: int, indent: int) -> tuple[list[Any], int]:
 def _mapping(lines: list[_Line], i: int, indent: int) -> tuple[dict[str, Any], int]:
     items: dict[str, Any] = {}
     while i < len(lines) and lines[i].indent == indent:
-        match = _KEY.match(lines[i].text)
-        if match is None:
+        found = _key_and_rest(lines[i].text)
+        if found is None:
             raise ValueError(f"line {lines[i].number}: 'key: value' is expected, not '{lines[i].text[:40]}'")
-        key = match.group(1).strip("\"'")
-        items[key], i = _value(match.group(2) or "", lines, i, indent)
+        items[found[0]], i = _value(found[1], lines, i, indent)
     return items, i
 
 
@@ -140,52 +161,75 @@ def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int
 
 
 def _flow(text: str, number: int) -> Any:
+    if text[0] in _UNWRITTEN:
+        raise ValueError(f"line {number}: '{text[:40]}' is {_UNWRITTEN[text[0]]}, which FileStorage never writes")
     try:
         value, end = _flow_value(text, 0)
     except IndexError as error:
         raise ValueError(f"line {number}: a bracket is not closed") from error
+    except ValueError as error:
+        raise ValueError(f"line {number}: {error}") from error
     if text[end:].strip():
         raise ValueError(f"line {number}: '{text[end:].strip()[:40]}' is not expected")
     return value
 
 
 def _flow_value(text: str, i: int) -> tuple[Any, int]:
-    while text[i].isspace():
-        i += 1
+    i = _after_blanks(text, i)
     if text[i] == "[":
         return _flow_list(text, i + 1)
     if text[i] == "{":
         return _flow_map(text, i + 1)
     if text[i] in "\"'":
-        end = text.index(text[i], i + 1)
+        end = text.find(text[i], i + 1)
+        if end < 0:
+            raise ValueError("a quote is not closed")
         return text[i + 1 : end], end + 1
     end = i
     while end < len(text) and text[end] not in ",]}":
         end += 1
+    if end == i:
+        raise ValueError(f"a value is missing before '{text[i : i + 40]}'")
     return _scalar(text[i:end].strip()), end
 
 
 def _flow_list(text: str, i: int) -> tuple[list[Any], int]:
     items: list[Any] = []
-    while True:
-        while text[i].isspace() or text[i] == ",":
-            i += 1
-        if text[i] == "]":
-            return items, i + 1
+    i = _after_blanks(text, i)
+    while text[i] != "]":
         value, i = _flow_value(text, i)
         items.append(value)
+        i = _next_item(text, i, "]")
+    return items, i + 1
 
 
 def _flow_map(text: str, i: int) -> tuple[dict[str, Any], int]:
     items: dict[str, Any] = {}
-    while True:
-        while text[i].isspace() or text[i] == ",":
-            i += 1
-        if text[i] == "}":
-            return items, i + 1
-        colon = text.index(":", i)
+    i = _after_blanks(text, i)
+    while text[i] != "}":
+        colon = text.find(":", i)
+        if colon < 0:
+            raise ValueError("a ':' is missing in a map")
         key = text[i:colon].strip().strip("\"'")
         items[key], i = _flow_value(text, colon + 1)
+        i = _next_item(text, i, "}")
+    return items, i + 1
+
+
+def _after_blanks(text: str, i: int) -> int:
+    while text[i].isspace():
+        i += 1
+    return i
+
+
+def _next_item(text: str, i: int, closing: str) -> int:
+    """Return where the next item of a list or map begins, or its closing bracket."""
+    i = _after_blanks(text, i)
+    if text[i] == ",":
+        return _after_blanks(text, i + 1)
+    if text[i] != closing:
+        raise ValueError(f"'{text[i : i + 40]}' stands where ',' or '{closing}' is expected")
+    return i
 
 
 def _scalar(text: str) -> Any:

@@ -13,8 +13,10 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.files import LARGEST_TEXT, read_bytes
+from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import frame_numbers, shared_range
-from solver_backend.io.recognition.joint_sets import choose_joint_set
+from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
 from solver_backend.people.detections import Detections
 from solver_backend.types import JointSet
 
@@ -61,9 +63,10 @@ def read_people(path: Path) -> list[np.ndarray]:
         FileDamaged: the file is truncated, is not JSON or is not OpenPose's.
         KeypointCountMismatch: the list is not made of triples.
     """
+    data = read_bytes(path, LARGEST_TEXT)
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not JSON ({error}).",
             where=str(path),
@@ -86,7 +89,7 @@ def _person(entry: Any, path: Path) -> np.ndarray:
         )
     try:
         return np.array(values, dtype=np.float64).reshape(-1, 3)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise FileDamaged("'pose_keypoints_2d' holds values that are not numbers.", where=str(path)) from error
 
 
@@ -134,6 +137,7 @@ def read_detections(
         raise NoDetections(
             "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
         )
+    require_known_count(count, joint_set, where=where)
     xy, confidence, notes, problems = _arrays(len(folders), people, (last - first + 1, count))
     chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
     columns = slice(0, chosen.num_keypoints)
@@ -202,11 +206,8 @@ def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...
     contradictory = np.isnan(xy).any(-1) & (confidence > 0)
     missing = np.isnan(values).any(-1) | ~(confidence > 0) | (xy == 0).all(-1)
     xy[missing], confidence[missing] = np.nan, 0.0
-    notes: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
+    confidence, notes, problems = on_unit_scale(confidence)
     if contradictory.any():
-        problems += (f"{int(contradictory.sum())} keypoints are NaN with a confidence; they are taken as not seen.",)
-    if (confidence > 1).any():
-        notes += (f"Confidences reach {float(confidence.max()):.3g}; those above 1 are taken as 1.",)
-        np.minimum(confidence, 1.0, out=confidence)
+        count = int(contradictory.sum())
+        problems = (f"{count} keypoints are NaN with a confidence; they are taken as not seen.", *problems)
     return xy, confidence, notes, problems

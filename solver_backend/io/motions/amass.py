@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import FileDamaged, NonFiniteData
+from solver_backend.exchange.errors import FileDamaged, MocapError, NonFiniteData
+from solver_backend.exchange.npz import array_names
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.io.reader import Reader
 from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
 
 _RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
+_STORED = (
+    *_RATES, "poses", "trans", "betas", "root_orient", "pose_body", "pose_hand", "surface_model_type", "gender",
+)  # fmt: skip
 _WIDTHS = {72: "smpl", 156: "smplh", 165: "smplx"}
 _BODY = 3 * NUM_BODY_JOINTS
 
@@ -55,7 +58,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
         NonFiniteData: a value is NaN or infinite.
     """
-    fields = read_fields(path)
+    fields = read_fields(path, _STORED)
     transl = fields.numbers("trans", (None, 3))
     root, body, hands, model = _poses(fields, len(transl))
     betas = fields.numbers("betas", (None,)) if "betas" in fields else np.zeros(NUM_BETAS)
@@ -136,10 +139,10 @@ def _gender(fields: Fields) -> str:
 def _recognises(path: Path) -> bool:
     """Whether an .npz holds poses and does not name a format, as our own files do."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return "format" not in archive and ("poses" in archive or "pose_body" in archive)
-    except (OSError, ValueError, AttributeError, zipfile.BadZipFile):
+        names = array_names(path)
+    except MocapError:
         return False
+    return "format" not in names and ("poses" in names or "pose_body" in names)
 
 
 READER = Reader("AMASS .npz", _recognises, lambda path, options: read_amass(path, fps=options.fps))

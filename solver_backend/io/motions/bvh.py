@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +17,11 @@ from solver_backend.io.recognition.up_axis import rotation_to_z_up
 METRES_PER_UNIT = 0.01
 """BVH states no unit; centimetres are the most common."""
 
+_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000
+"""Bytes of the file and letters of its HIERARCHY."""
+_MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
+"""Of a skeleton, of a take, and of both multiplied: what is made of them takes 100 bytes a joint and frame."""
+_BLOCK = 1 << 20
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
@@ -85,11 +91,13 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
         JobInvalid: the axis is unknown.
     """
     to_z_up = rotation_to_z_up(up_axis)
-    head, found, motion = read_text(path).partition("MOTION")
+    head, found, motion = read_text(path, _LARGEST).partition("MOTION")
     if not found or "HIERARCHY" not in head:
         raise FileDamaged("The file is truncated or is not BVH: HIERARCHY and MOTION are expected.", where=str(path))
+    if len(head) > _LARGEST_HIERARCHY:
+        raise FileDamaged(f"HIERARCHY has {len(head):,} letters, which no skeleton has.", where=str(path))
     skeleton = _read_skeleton(head, path)
-    values, fps = _read_motion(motion, sum(len(c) for c in skeleton.channels), path)
+    values, fps = _read_motion(motion, skeleton, path)
     rotations, translations = _apply_channels(skeleton, values)
     moving = any("position" in name for channels in skeleton.channels[1:] for name in channels)
     rotations[:, 0] = to_z_up @ rotations[:, 0]
@@ -139,31 +147,42 @@ def _read_skeleton(text: str, path: Path | str) -> _Skeleton:
             ) from error
     if stack or not skeleton.names or skeleton.parents.count(-1) != 1:
         raise FileDamaged("HIERARCHY is not one tree of joints with closed brackets.", where=str(path))
+    if len(skeleton.names) > _MOST_JOINTS:
+        raise FileDamaged(f"HIERARCHY has {len(skeleton.names):,} joints; {_MOST_JOINTS} are read.", where=str(path))
     return skeleton
 
 
 def _channels(words: list[str]) -> list[str]:
     names = [word[0].upper() + word[1:].lower() for word in words[2:]]
     known = {f"{axis}{kind}" for axis in _AXES for kind in ("position", "rotation")}
-    if len(names) != int(words[1]) or not set(names) <= known:
+    if len(names) != int(words[1]) or not set(names) <= known or len(names) > len(known):
         raise ValueError(f"channels are {', '.join(sorted(known))}")
     return names
 
 
-def _read_motion(text: str, channels: int, path: Path | str) -> tuple[np.ndarray, float]:
+def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.ndarray, float]:
     """Return values (F, channels) and frames per second."""
-    words = text.split()
+    channels = sum(len(names) for names in skeleton.channels)
+    head, _, rest = text.partition("Time:")
+    words = head.split()
     try:
         frames = int(words[words.index("Frames:") + 1])
-        at = words.index("Time:") + 1
-        frame_time = float(words[at])
-        values = np.array(words[at + 1 :], dtype=np.float64)
+        time, *numbers = rest.split(maxsplit=1)
+        frame_time = float(time)
+        values = np.concatenate([np.array(words, np.float64) for words in _blocks(numbers[0] if numbers else "")])
     except (ValueError, IndexError) as error:
         raise FileDamaged(
             f"MOTION is truncated or holds something else than numbers ({error}).", where=str(path)
         ) from error
-    if not frame_time > 0 or frames < 1:
-        raise FileDamaged(f"MOTION states {frames} frames of {frame_time:g} s.", where=str(path))
+    if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
+        raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))
+    if not channels or frames * len(skeleton.names) > _MOST_POSES:
+        raise FileDamaged(
+            f"{frames} frames of {len(skeleton.names)} joints with {channels} channels are none, or more than can be "
+            "read at once.",
+            where=str(path),
+            hint="Cut the take.",
+        )
     if values.size != frames * channels:
         raise FileDamaged(
             f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}.",
@@ -173,6 +192,17 @@ def _read_motion(text: str, channels: int, path: Path | str) -> tuple[np.ndarray
     if not np.isfinite(values).all():
         raise NonFiniteData("MOTION holds NaN or infinite values.", where=str(path))
     return values.reshape(frames, channels), 1.0 / frame_time
+
+
+def _blocks(text: str) -> Iterator[list[str]]:
+    """Yield the words of a long text, a part at a time."""
+    at = 0
+    while at < len(text) or not at:
+        end = at + _BLOCK
+        while end < len(text) and not text[end].isspace():
+            end += 1
+        yield text[at:end].split()
+        at = end
 
 
 def _apply_channels(skeleton: _Skeleton, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,11 @@ from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud
 
 _TRUTH = "truth_"
+_STORED = (
+    "format", "version", "name", "notes", "problems", "sources", "footage", "camera_names", "K", "distortion",
+    "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set", "marker_positions",
+    "marker_fps", "marker_labels", "marker_residual",
+)  # fmt: skip
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
@@ -61,7 +66,7 @@ def read_capture(path: Path | str) -> Capture:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
         CalibrationInvalid, CalibrationMismatch, KeypointCountMismatch, NonFiniteData: its values are impossible.
     """
-    fields = read_fields(path)
+    fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
     cameras = _cameras(fields) if "K" in fields else None
     keypoints = _keypoints(fields) if "xy" in fields else None

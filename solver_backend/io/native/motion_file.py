@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.motion_file import AMASS_POSE_WIDTH, FORMAT, VERSION, MotionFile, motion_of
+from solver_backend.exchange.motion_file import AMASS_POSE_WIDTH, FORMAT, STORED, VERSION, MotionFile, motion_of
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.types import NUM_BETAS, NUM_JOINTS, Motion
 
@@ -46,7 +46,7 @@ def read_motion(path: Path | str) -> Motion:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
         MotionInvalid: its values are not finite.
     """
-    fields = read_fields(path)
+    fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
         raise FileDamaged(
             "The file is AMASS, not one of our motion files: it has no joint positions.",
@@ -96,7 +96,7 @@ def _plain(value: Any) -> Any:
 def _provenance(fields: Fields) -> dict[str, Any]:
     try:
         value = json.loads(fields.text("provenance", "{}"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileDamaged(f"The provenance is not JSON ({error}).", where=str(fields.path)) from error
     if not isinstance(value, dict):
         raise FileDamaged("The provenance is not a JSON object.", where=str(fields.path))

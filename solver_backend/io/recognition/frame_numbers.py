@@ -10,6 +10,12 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, FrameCountMismatch
 
 _DIGITS = re.compile(r"\d+")
+_MOST_DIGITS = 18
+"""A longer number is a hash or a serial number, and more than an integer of the machine holds."""
+_STEP_OF_TIMES = 10
+"""Numbers that typically lie so far apart, or further, count something else than frames."""
+_SPARSEST, _FREE = 100, 1000
+"""Frames that may lie between the first and the last file: so many a file, and so many at least."""
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
@@ -23,13 +29,13 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
         where: the folder, for errors.
 
     Raises:
-        FileDamaged: a name has no number, or two files have the same one.
+        FileDamaged: a name has no number, two files have the same one, or the numbers are times.
     """
-    groups = [_DIGITS.findall(stem) for stem in stems]
+    groups = [[digits for digits in _DIGITS.findall(stem) if len(digits) <= _MOST_DIGITS] for stem in stems]
     for stem, found in zip(stems, groups, strict=True):
         if not found:
             raise FileDamaged(
-                f"'{stem}' holds no frame number.",
+                f"'{stem}' holds no frame number of up to {_MOST_DIGITS} digits.",
                 where=where,
                 hint="Name the files like camera_000012_keypoints.json.",
             )
@@ -37,13 +43,33 @@ def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
     for group in range(1, width + 1):
         numbers = np.array([int(found[-group]) for found in groups], dtype=np.int64)
         if len(np.unique(numbers)) == len(numbers):
-            return numbers
+            return _counted(numbers, where)
     numbers = np.array([int(found[-1]) for found in groups])
     values, counts = np.unique(numbers, return_counts=True)
     raise FileDamaged(
         f"{counts.max()} files have the frame number {values[counts.argmax()]}.",
         where=where,
         hint="Keep one camera and one take in each folder.",
+    )
+
+
+def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
+    """Return numbers that can count frames.
+
+    Raises:
+        FileDamaged: they lie so far apart that they are times, or some of them other numbers.
+    """
+    ordered = np.sort(numbers)
+    step = float(np.median(np.diff(ordered))) if len(ordered) > 2 else 1.0
+    span = int(ordered[-1]) - int(ordered[0])
+    if step < _STEP_OF_TIMES and span < _SPARSEST * len(ordered) + _FREE:
+        return numbers
+    what = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span + 1:,} frames"
+    raise FileDamaged(
+        f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {what}; "
+        "numbers that count the frames are expected.",
+        where=where,
+        hint="Number the files 0, 1, 2 ... in each camera's folder.",
     )
 
 

@@ -42,6 +42,20 @@ def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> 
     return joint_set
 
 
+def require_known_count(num_keypoints: int, given: JointSet | None, *, where: str = "") -> None:
+    """Check that the given set, or any, has so many keypoints; meant to be called before they are stored.
+
+    Raises:
+        KeypointCountMismatch: none does.
+    """
+    if given is not None:
+        require_fit(given, num_keypoints, where=where)
+    elif not JointSet.fitting(num_keypoints):
+        raise KeypointCountMismatch(
+            f"No joint set we know has {num_keypoints} keypoints.", where=where, hint=_fitting_hint(num_keypoints)
+        )
+
+
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[str, ...], tuple[str, ...]]:
@@ -89,11 +103,8 @@ def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = 
     Raises:
         KeypointCountMismatch: no known set has K keypoints.
     """
+    require_known_count(xy.shape[1], None, where=where)
     fitting = JointSet.fitting(xy.shape[1])
-    if not fitting:
-        raise KeypointCountMismatch(
-            f"No joint set we know has {xy.shape[1]} keypoints.", where=where, hint=_fitting_hint(xy.shape[1])
-        )
     if len(fitting) == 1:
         return fitting[0], f"Joint set {fitting[0].value}: the only one with {xy.shape[1]} keypoints.", True
     (shortest, best), (longer, second), *_ = sorted(

@@ -19,6 +19,8 @@ FLOOR_TOLERANCE_M = 0.25
 LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
 BIAS_FRAMES = 40
+FIGURES = "Triangulated,"
+"""How the note with the figures begins."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
 
 
@@ -44,7 +46,7 @@ class WorldCheck:
         if not np.isfinite(self.stature_m):
             return ()
         return (
-            f"Triangulated, the person is about {self.stature_m:.2f} m tall by the legs; keypoints span "
+            f"{FIGURES} the person is about {self.stature_m:.2f} m tall by the legs; keypoints span "
             f"{self.height_m:.2f} m upwards from z = {self.lowest_m:.2f} m; median residual {self.residual_px:.1f} px.",
         )
 
@@ -60,11 +62,7 @@ class WorldCheck:
             found.append(f"The person would be {self.stature_m:.3g} m tall: {reason}.")
         else:
             found += self._placement()
-        if self.residual_px > LARGEST_RESIDUAL_PX:
-            found.append(
-                f"The views disagree by {self.residual_px:.0f} px (median): is this the recording's calibration, "
-                "are the cameras synchronised?"
-            )
+        found += disagreement(self.residual_px)
         wrong = [f"{name} by {off:.0f} px" for name, off in self.off_px.items() if off > LARGEST_BIAS_PX]
         if wrong and self.residual_px <= LARGEST_RESIDUAL_PX:
             found.append(
@@ -82,6 +80,16 @@ class WorldCheck:
         if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and value > 0.9 and axis == 2:
             return [f"The lowest foot is at z = {self.lowest_m:.2f} m: the calibration's floor is not at z = 0."]
         return []
+
+
+def disagreement(residual_px: float) -> tuple[str, ...]:
+    """Return a sentence where the median residual is that of views that do not belong together."""
+    if not residual_px > LARGEST_RESIDUAL_PX:
+        return ()
+    return (
+        f"The views disagree by {residual_px:.0f} px (median): is this the recording's calibration, "
+        "are the cameras synchronised?",
+    )
 
 
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:

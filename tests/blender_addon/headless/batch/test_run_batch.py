@@ -131,6 +131,17 @@ def test_files_that_are_not_ours_are_left_alone(captures: Path, solver: Solver, 
     assert mine.read_text() == "mine" and [p.name for p in mine.parent.iterdir()] == ["good.npz"]
 
 
+def test_what_a_killed_batch_left_blocks_no_take(captures: Path, solver: Solver, tmp_path: Path) -> None:
+    folder = tmp_path / "out" / "good"
+    folder.mkdir(parents=True)
+    for name in (".probe4711", ".probe", ".part-0123456789abcdef", ".part-0123456789abcdef_take.json"):
+        (folder / name).touch()
+        os.utime(folder / name, ns=(1, 1))
+    result = run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    assert {t["take"]: t["status"] for t in result["takes"]}["good"] == "done"
+    assert not [path.name for path in folder.iterdir() if path.name.startswith(".")]
+
+
 def test_cancelling_keeps_what_is_done(captures: Path, solver: Solver, tmp_path: Path) -> None:
     def interrupted(verb: str, given: list[str], progress: Any, **more: Any) -> dict[str, Any]:
         if verb == "solve" and "good" in given[1]:

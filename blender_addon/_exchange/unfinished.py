@@ -1,0 +1,112 @@
+"""What is not finished: names for half-written files that no other process touches, and the sweeping of old ones."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import stat
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_PART, _PROBE = ".part", ".probe"
+_PROBE_BYTES = bytes(4096)
+_LOCK = re.compile(r"\.part-[0-9a-f]{16}")
+_LEFTOVER = re.compile(r"\.part(-[0-9a-f]{16}|\d+)(_.*)?|\.probe(-[0-9a-f]{16}|\d*)", re.DOTALL)
+"""Those with a number are named as earlier versions did."""
+_YOUNG_S, _OLD_S = 60.0, 86400.0
+"""A leftover is swept after the first if nobody holds its lock, after the second where locks cannot be asked."""
+
+
+def is_leftover(name: str) -> bool:
+    """Return whether a file or folder is named as our unfinished ones are."""
+    return _LEFTOVER.fullmatch(name) is not None
+
+
+def probe(folder: Path) -> None:
+    """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins.
+
+    Raises:
+        OSError: the system says why it cannot be written.
+    """
+    path = folder / f"{_PROBE}-{secrets.token_hex(8)}"
+    path.touch(exist_ok=False)
+    try:
+        path.write_bytes(_PROBE_BYTES)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def unfinished_names(folder: Path) -> Iterator[str]:
+    """Yield a beginning of file names in a folder that nobody can guess, and remove those files at the end.
+
+    The lock of a file without more to its name is held meanwhile, which the system releases however this process ends;
+    what processes that ended without tidying have left is removed first.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    sweep(folder)
+    lock, handle = _new_lock(folder)
+    try:
+        yield f"{lock.name}_"
+    finally:
+        _remove(lock)
+        os.close(handle)
+
+
+def sweep(folder: Path) -> None:
+    """Remove what processes that are gone have left in a folder."""
+    with suppress(OSError):
+        for path in [path for path in folder.iterdir() if is_leftover(path.name)]:
+            with suppress(OSError):
+                _sweep_one(path)
+
+
+def _sweep_one(path: Path) -> None:
+    age = time.time() - path.lstat().st_mtime
+    if age < _YOUNG_S or not stat.S_ISREG(path.lstat().st_mode):
+        return
+    if _LOCK.fullmatch(path.name) is None:
+        if age > _OLD_S or path.name.startswith(_PROBE):
+            path.unlink()
+        return
+    handle = os.open(path, os.O_RDWR)
+    try:
+        if _is_locked_by_us(handle) or age > _OLD_S:
+            _remove(path)
+    finally:
+        os.close(handle)
+
+
+def _remove(lock: Path) -> None:
+    """Remove the files whose names begin with the lock's, then the lock."""
+    for path in [path for path in lock.parent.iterdir() if path.name.startswith(f"{lock.name}_")]:
+        path.unlink(missing_ok=True)
+    lock.unlink(missing_ok=True)
+
+
+def _new_lock(folder: Path) -> tuple[Path, int]:
+    path = folder / f"{_PART}-{secrets.token_hex(8)}"
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+    _is_locked_by_us(handle)
+    return path, handle
+
+
+def _is_locked_by_us(handle: int) -> bool:
+    """Lock an open file if nobody holds it; False where another does, or the system has no such locks."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

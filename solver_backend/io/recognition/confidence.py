@@ -1,0 +1,28 @@
+"""Confidences on the scale 0..1, whatever scale a detector wrote them on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+PER_CENT = 100.0
+_TYPICAL_PER_CENT = 10.0
+"""Scores of a detector that are not on 0..1 reach a few units; per cent are typically above this."""
+
+
+def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
+    """Return confidences in 0..1, notes and problems: per cent are divided by 100, other values above 1 taken as 1.
+
+    Args:
+        confidence: of any shape, 0 where unseen.
+    """
+    largest = float(confidence.max(initial=0.0))
+    if largest <= 1:
+        return confidence, (), ()
+    if largest <= PER_CENT and float(np.median(confidence[confidence > 0])) > _TYPICAL_PER_CENT:
+        sentence = f"The confidences are per cent (up to {largest:.3g}); they are divided by 100."
+        return confidence / PER_CENT, (), (sentence,)
+    clipped = np.minimum(confidence, 1.0)
+    if largest > PER_CENT:
+        sentence = f"The confidences reach {largest:.3g}, neither 0..1 nor per cent; those above 1 are taken as 1."
+        return clipped, (), (sentence,)
+    return clipped, (f"Confidences reach {largest:.3g}; those above 1 are taken as 1.",), ()

@@ -1,0 +1,176 @@
+"""Several processes write into one folder, some are killed: every file is whole, one writer wins, nothing is left."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from solver_backend.exchange import outputs, unfinished
+from solver_backend.exchange.errors import OutputExists, OutputNotWritable
+from solver_backend.exchange.outputs import atomic_output, atomic_outputs, check_output, is_free, write_text
+
+ROUNDS = 25
+RACER = """
+import sys, time
+from pathlib import Path
+from solver_backend.exchange.errors import OutputExists
+from solver_backend.exchange.outputs import write_text
+folder, name, start, overwrite = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), sys.argv[4] == "True"
+won = []
+for number in range(int(sys.argv[5])):
+    time.sleep(max(0.0, start + 0.02 * number - time.time()))
+    try:
+        write_text(folder / f"{number}.txt", name * 50_000, overwrite=overwrite)
+        won.append(str(number))
+    except OutputExists:
+        pass
+print(" ".join(won))
+"""
+WRITER = """
+import os, sys
+from pathlib import Path
+from solver_backend.exchange.outputs import write_text
+while True:
+    write_text(Path(sys.argv[1]) / "x.txt", "a" * 300_000, overwrite=True)
+"""
+
+
+def python(code: str, *arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen([sys.executable, "-c", code, *map(str, arguments)], stdout=subprocess.PIPE, text=True)
+
+
+def aged(path: Path, seconds: float) -> Path:
+    path.touch()
+    os.utime(path, (time.time() - seconds,) * 2)
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def write_while_b_is_taken(folder: Path, files: tuple[str, ...]) -> None:
+    with atomic_outputs(folder, files) as temporary:
+        for part in temporary.values():
+            part.write_text("mine")
+        (folder / "b.txt").write_text("theirs")
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_of_two_racing_writers_one_wins_and_files_are_whole(tmp_path: Path, overwrite: bool) -> None:
+    start = time.time() + 1.5
+    racers = {name: python(RACER, tmp_path, name, start, overwrite, ROUNDS) for name in "ab"}
+    won = {name: set(racer.communicate(timeout=60)[0].split()) for name, racer in racers.items()}
+    every = {str(number) for number in range(ROUNDS)}
+    if overwrite:
+        assert won == {"a": every, "b": every}
+    else:
+        assert not won["a"] & won["b"]
+        assert won["a"] | won["b"] == every
+    assert set(names(tmp_path)) == {f"{number}.txt" for number in every}
+    for number in every:
+        text = (tmp_path / f"{number}.txt").read_text()
+        assert len(text) == 50_000
+        assert set(text) <= ({"a", "b"} if overwrite else {name for name in "ab" if number in won[name]})
+        assert len(set(text)) == 1
+
+
+def test_killed_writers_leave_the_file_whole_and_the_next_one_tidies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_text(tmp_path / "x.txt", "a" * 300_000)
+    for wait in (0.0, 0.003, 0.007, 0.011, 0.017):
+        writer = python(WRITER, tmp_path)
+        deadline = time.monotonic() + 20
+        while not any(name.startswith(".part") for name in names(tmp_path)) and time.monotonic() < deadline:
+            time.sleep(0.001)
+        time.sleep(wait)
+        writer.kill()
+        writer.communicate()
+        assert set((tmp_path / "x.txt").read_text()) == {"a"}
+        assert len((tmp_path / "x.txt").read_text()) == 300_000
+    monkeypatch.setattr(unfinished, "_YOUNG_S", 0.0)
+    write_text(tmp_path / "x.txt", "b", overwrite=True)
+    assert names(tmp_path) == ["x.txt"]
+
+
+def test_files_of_a_writer_at_work_are_not_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unfinished, "_YOUNG_S", -1.0)
+    with atomic_output(tmp_path / "a.txt") as temporary:
+        temporary.write_text("a")
+        write_text(tmp_path / "b.txt", "b")
+    assert (tmp_path / "a.txt").read_text() == "a"
+    assert names(tmp_path) == ["a.txt", "b.txt"]
+
+
+def test_leftovers_are_swept_when_old_and_block_nothing(tmp_path: Path) -> None:
+    token = "0123456789abcdef"
+    old = [aged(tmp_path / f".part-{token}", 100), aged(tmp_path / f".part-{token}_x.txt", 5),
+           aged(tmp_path / ".probe123", 100), aged(tmp_path / ".part77_x.txt", 90_000)]  # fmt: skip
+    young = aged(tmp_path / ".part-fedcba9876543210", 5)
+    mine = aged(tmp_path / ".partition", 100)
+    assert not is_free(tmp_path)
+    mine.rename(tmp_path.parent / "mine")
+    assert is_free(tmp_path)
+    mine.touch()
+    write_text(tmp_path / "x.txt", "x")
+    assert not any(path.exists() for path in old)
+    assert young.exists()
+    assert mine.exists()
+    assert not is_free(tmp_path)
+    assert is_free(tmp_path / "nowhere")
+
+
+def test_a_name_that_is_taken_meanwhile_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(OutputExists, match=r"already there.*b\.txt"):
+        write_while_b_is_taken(tmp_path, ("a.txt", "b.txt"))
+    assert names(tmp_path) == ["b.txt"]
+    assert (tmp_path / "b.txt").read_text() == "theirs"
+
+
+def test_without_links_a_free_name_is_taken_and_a_taken_one_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_links(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(outputs.os, "link", no_links)
+    write_text(tmp_path / "a.txt", "a")
+    assert (tmp_path / "a.txt").read_text() == "a"
+    with pytest.raises(OutputExists):
+        write_while_b_is_taken(tmp_path, ("b.txt",))
+    assert (tmp_path / "b.txt").read_text() == "theirs"
+    assert names(tmp_path) == ["a.txt", "b.txt"]
+
+
+def test_links_and_pipes_are_not_replaced(tmp_path: Path) -> None:
+    target = write_text(tmp_path / "target.txt", "kept")
+    (tmp_path / "link.txt").symlink_to(target)
+    (tmp_path / "dangling.txt").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "pipe")
+    for name, what in (("link.txt", "a link"), ("dangling.txt", "a link"), ("pipe", "a device or a pipe")):
+        with pytest.raises(OutputNotWritable, match=f"is {what}, which is not replaced"):
+            write_text(tmp_path / name, "new", overwrite=True)
+        with pytest.raises(OutputExists):
+            check_output(tmp_path / name)
+    with pytest.raises(OutputNotWritable, match="is a link"), atomic_outputs(tmp_path, ("link.txt",), overwrite=True):
+        pass
+    assert target.read_text() == "kept"
+    assert (tmp_path / "link.txt").is_symlink()
+
+
+def test_temporary_names_cannot_be_guessed_and_are_made_exclusively(tmp_path: Path) -> None:
+    seen = set()
+    for _ in range(3):
+        with atomic_output(tmp_path / "x.txt") as temporary:
+            lock = next(path for path in tmp_path.iterdir())
+            assert lock.stat().st_mode & 0o077 == 0
+            assert temporary.parent == tmp_path
+            assert str(os.getpid()) != temporary.name.partition("_")[0].removeprefix(".part")
+            seen.add(temporary.name)
+    assert len(seen) == 3

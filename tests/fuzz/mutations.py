@@ -1,0 +1,170 @@
+"""Changes of files that keep so much of their structure that readers go on into their depths."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import zipfile
+from typing import Any
+
+import numpy as np
+
+_TOKEN = re.compile(r"[\w.+\-]+|\s+|.", re.DOTALL)
+_WORDS = (
+    "0", "-1", "1", "1e400", "-1e308", "nan", "inf", "9" * 23, "9" * 400, "0.1", "''", '""', "[", "]", "{", "}", ",",
+    ":", "=", "\n", " " * 200, "\t", "null", "true", "${PORT}", "&a", "*a", "|", "<", ">", "\0", "\u0661", "a.b.c",
+)  # fmt: skip
+_VALUES: tuple[Any, ...] = (
+    None, True, 0, -1, 1, 1e308, 10**23, 10**400, float("nan"), float("inf"), "", "1", "x" * 100, [], {}, [[]],
+    [1, [2]], {"a": None}, 100, 0.5,
+)  # fmt: skip
+_KINDS = ("<f8", "<f4", "<i4", "<u8", "|b1", "<U3", "|S2", "<c16", "<f2", ">f8", "|O", "<M8[s]", "|V4", "f8,f8")
+
+
+def mutated(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
+    """Return changed bytes of a file of this kind: 'text', 'json', 'npz' or 'bytes'."""
+    for _ in range(int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))):
+        structured = rng.random() < 0.8
+        data = _BY_KIND[kind](data, rng) if structured else change_bytes(data, rng)
+    return data
+
+
+def change_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+    """Cut, flip, insert, repeat or remove bytes."""
+    at, length = (int(rng.integers(0, len(data) + 1)) for _ in range(2))
+    what = int(rng.integers(5))
+    if what == 0:
+        return data[:at]
+    if what == 1:
+        changed = bytearray(data)
+        for i in rng.integers(0, max(1, len(data)), int(rng.integers(1, 9))):
+            if len(data):
+                changed[int(i)] = int(rng.integers(256))
+        return bytes(changed)
+    if what == 2:
+        return data[:at] + rng.bytes(int(rng.integers(1, 20))) + data[at:]
+    if what == 3:
+        return data[:at] + data[at : at + length % 200] * int(rng.integers(2, 50)) + data[at:]
+    return data[:at] + data[at + length % 300 :]
+
+
+def change_text(data: bytes, rng: np.random.Generator) -> bytes:
+    """Replace, remove, repeat or exchange words of a text."""
+    tokens = _TOKEN.findall(data.decode("latin-1"))
+    if not tokens:
+        return data
+    i, j = (int(rng.integers(len(tokens))) for _ in range(2))
+    what = int(rng.integers(6))
+    if what <= 1:
+        tokens[i] = _WORDS[int(rng.integers(len(_WORDS)))]
+    elif what == 2:
+        del tokens[i : i + int(rng.integers(1, 30))]
+    elif what == 3:
+        tokens[i:i] = tokens[i : i + 30] * int(rng.integers(1, 40))
+    elif what == 4:
+        tokens[i], tokens[j] = tokens[j], tokens[i]
+    else:
+        tokens[i:i] = [_WORDS[int(rng.integers(len(_WORDS)))]] * int(rng.integers(1, 300))
+    return "".join(tokens).encode("utf-8", "replace")
+
+
+def change_json(data: bytes, rng: np.random.Generator) -> bytes:
+    """Change one node of a tree; what is no JSON is changed as a text."""
+    try:
+        tree = json.loads(data)
+    except (ValueError, RecursionError):
+        return change_text(data, rng)
+    places = list(_places(tree))
+    if not places or rng.random() < 0.05:
+        return json.dumps(_VALUES[int(rng.integers(len(_VALUES)))]).encode()
+    holder, key = places[int(rng.integers(len(places)))]
+    what = int(rng.integers(4))
+    if what == 0:
+        del holder[key]
+    elif what == 1 and isinstance(holder, list):
+        holder.extend(holder[:20] * int(rng.integers(1, 20)))
+    elif what == 2 and isinstance(holder, dict):
+        holder[str(key) + "x"] = holder.pop(key)
+    else:
+        holder[key] = _VALUES[int(rng.integers(len(_VALUES)))]
+    return json.dumps(tree).encode()
+
+
+def _places(tree: Any) -> Any:
+    """Yield container and key of every node."""
+    for key in range(len(tree)) if isinstance(tree, list) else list(tree) if isinstance(tree, dict) else ():
+        yield tree, key
+        yield from _places(tree[key])
+
+
+def change_npz(data: bytes, rng: np.random.Generator) -> bytes:
+    """Change one array of an archive, its header, or how it is packed."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        names = list(members)
+        name = names[int(rng.integers(len(names)))]
+        members |= _changed_member(name, members, rng)
+        method = int(rng.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA], p=[0.6, 0.35, 0.05]))
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w", method) as archive:
+            for key, content in members.items():
+                if content is not None:
+                    archive.writestr(key, content)
+        return out.getvalue()
+    except Exception:  # an archive that earlier changes have broken
+        return change_bytes(data, rng)
+
+
+def _changed_member(name: str, members: dict[str, bytes], rng: np.random.Generator) -> dict[str, Any]:
+    what = int(rng.integers(6))
+    if what == 0:
+        return {name: None}
+    if what == 1:
+        return {name: None, f"x{name}": members[name]}
+    if what == 2:
+        return {name: change_bytes(members[name], rng)}
+    if what == 3:
+        return {name: _with_header(members[name], rng)}
+    out = io.BytesIO()
+    np.save(out, _changed_array(np.load(io.BytesIO(members[name]), allow_pickle=False), rng))
+    return {name: out.getvalue()}
+
+
+def _with_header(member: bytes, rng: np.random.Generator) -> bytes:
+    """Return the member with another type or shape in its header."""
+    lengths = [0, 1, 3, -1, 2**31, 2**62, 10**30, 7]
+    shape = tuple(lengths[int(i)] for i in rng.integers(0, len(lengths), int(rng.integers(0, 5))))
+    header = {"descr": _KINDS[int(rng.integers(len(_KINDS)))], "fortran_order": bool(rng.integers(2)), "shape": shape}
+    text = (repr(header) + "\n").encode()
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + member[128:]
+
+
+def _changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    what = int(rng.integers(8))
+    if what == 0:
+        return value[..., :-1] if value.ndim else np.repeat(value, 2)
+    if what == 1:
+        return value[:1] if value.ndim else value.reshape(1, 1)
+    if what == 2:
+        return value[None]
+    if what == 3:
+        return value[:0] if value.ndim else np.zeros((0, 3))
+    if value.dtype.kind not in "fiub" or what == 4:
+        odd = (np.array("x" * 50), np.array(["a", "a"]), np.array(-1.0), np.array(b"\xff"), np.array(2**63, np.uint64))
+        return odd[int(rng.integers(len(odd)))]
+    if what == 5:
+        with np.errstate(all="ignore"):
+            return value.astype(_KINDS[int(rng.integers(9))])
+    changed = np.array(value, dtype=np.float64)
+    odd_values = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e12, 0.0, -1.0, 1e-320, 85.0)
+    with np.errstate(all="ignore"):
+        if what == 6:
+            return changed * odd_values[int(rng.integers(len(odd_values)))]
+        if changed.size:
+            changed.reshape(-1)[rng.integers(0, changed.size, 3)] = odd_values[int(rng.integers(len(odd_values)))]
+    return changed
+
+
+_BY_KIND = {"text": change_text, "json": change_json, "npz": change_npz, "bytes": change_bytes}
