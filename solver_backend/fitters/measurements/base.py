@@ -38,6 +38,8 @@ class Measurements:
     """The same for people to read."""
     joint_set: JointSet | None = None
     """Names of the points, where they are a detector's keypoints."""
+    marker_labels: tuple[str, ...] | None = None
+    """Names of the points, where they are optical markers."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 
