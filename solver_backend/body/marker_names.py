@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from solver_backend.body.marker_layouts import load_layouts
 
+LEAST_MARKERS = 8
+"""Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
+
 
 @dataclass(frozen=True)
 class MarkerNames:

@@ -118,9 +118,7 @@ def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> Pr
     return Problem.of(body, load_sposer(), _measure(capture, body, like, settings, progress))
 
 
-def _measure(
-    capture: Capture, body: Body, like: Array, settings: SolveSettings, progress: Progress
-) -> Measurements:
+def _measure(capture: Capture, body: Body, like: Array, settings: SolveSettings, progress: Progress) -> Measurements:
     """Return what the capture measures: its views, or its markers where it has no keypoints."""
     if capture.keypoints is None and capture.markers is not None:
         return measure_markers(known_markers_of(capture.markers), body, like)

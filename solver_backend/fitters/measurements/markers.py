@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.body.marker_names import name_markers
+from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MarkersUnknown, NoDetections
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
@@ -18,8 +18,6 @@ from solver_backend.types import MarkerCloud
 
 SIGMA_M = 0.01
 """Standard deviation of a marker against the body, per axis: skin that slides, and placement while it is learned."""
-LEAST_MARKERS = 8
-"""Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
 
 
 def known_markers_of(cloud: MarkerCloud) -> MarkerCloud:
@@ -40,9 +38,7 @@ def known_markers_of(cloud: MarkerCloud) -> MarkerCloud:
         )
     kept = [i for i, label in enumerate(labels) if label in names.known]
     residual = None if cloud.residual is None else cloud.residual[:, kept]
-    return replace(
-        cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual
-    )
+    return replace(cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual)
 
 
 def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M) -> Measurements:
