@@ -1,7 +1,7 @@
 """Manifold MoCap's solver: captures in, motions of an SMPL-type body out (never imports bpy).
 
-The names below are the public interface; everything else may move. Each is imported when it is first asked for, so that a
-command line that only prints its help starts at once.
+The names below are the public interface; everything else may move. Each is imported when it is first asked for, so that
+a command line that only prints its help starts at once.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _HOMES = {
 """Module -> public names that live there."""
 
 __all__ = [
-    "AutoencodingPrior", "Body", "Cameras", "Capture", "FrameRange", "Keypoints2D", "MarkerCloud", "MocapError", "Motion",
-    "Pin", "Solution", "SolveSettings", "demo_capture", "load_body", "load_capture", "load_motion", "load_sposer",
-    "read_motion", "resolve_range", "solve", "write_capture", "write_motion", "write_report",
+    "AutoencodingPrior", "Body", "Cameras", "Capture", "FrameRange", "Keypoints2D", "MarkerCloud", "MocapError",
+    "Motion", "Pin", "Solution", "SolveSettings", "demo_capture", "load_body", "load_capture", "load_motion",
+    "load_sposer", "read_motion", "resolve_range", "solve", "write_capture", "write_motion", "write_report",
 ]  # fmt: skip
 
 

@@ -1,6 +1,9 @@
-"""Bake a motion into a .blend without a window: ``python docs/examples/bake_headless.py MOTION.npz CAPTURE.npz FOLDER``.
+"""Bake a motion into a .blend without a window.
 
-Needs Blender's Python module (``bpy``). The add-on is a program of its own that says how far it is, one JSON object a line.
+    python docs/examples/bake_headless.py MOTION.npz CAPTURE.npz FOLDER
+
+Needs Blender's Python module (``bpy``). The add-on is a program of its own that tells how far it is, one JSON object a
+line.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Bring your own pose prior: ``python docs/examples/own_prior.py CAPTURE MOTION.npz``.
 
-Anything with codes on SPoser's sphere will do: weights that you trained (``load_sposer(path)``), or, as here, a prior that
-knows more than SPoser does: a person in wrist braces.
+Anything with codes on SPoser's sphere will do: weights that you trained (``load_sposer(path)``), or, as here, a prior
+that knows more than SPoser does: a person in wrist braces.
 """
 
 import sys

@@ -1,4 +1,6 @@
-"""Solve a few frames again through a pose that a person set: ``python docs/examples/solve_range_again.py CAPTURE MOTION.npz OUT.npz``.
+"""Solve a few frames again through a pose that a person set.
+
+    python docs/examples/solve_range_again.py CAPTURE MOTION.npz OUT.npz
 
 The frames outside the range stay as they are; the pinned pose is met exactly.
 """

@@ -54,7 +54,7 @@ def rmse_mm(found: np.ndarray, truth: np.ndarray) -> float:
     Raises:
         ShapeMismatch: the shapes differ.
 
-    Reference: thesis 6.3.4.
+    Reference: thesis 6.3.4, eq. 4.28.
     """
     return 1000.0 * float(np.sqrt(mean_or_nan(distances_m(found, truth) ** 2)))
 
@@ -99,7 +99,8 @@ def pck_percent(found: np.ndarray, truth: np.ndarray, threshold_m: float) -> flo
     Raises:
         ShapeMismatch: the shapes differ.
 
-    Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts"; thesis 6.3.4.
+    Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts"; thesis
+        6.3.4, eq. 4.29.
     """
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)

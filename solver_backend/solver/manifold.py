@@ -135,7 +135,7 @@ class Sphere(_UnitVectors):
 
 @dataclass(frozen=True)
 class ZeroMeanSphere(_UnitVectors):
-    """Unit vectors (..., d) whose entries sum to zero, where the spherical normalisation leads to (thesis 6.2.2)."""
+    """Unit vectors (..., d) whose entries sum to zero, where spherical normalisation leads to (thesis eq. 6.2)."""
 
     def project(self, x: Array, v: Array) -> Array:
         """Return ``v`` less its mean and less its part along ``x``."""

@@ -80,5 +80,5 @@ def test_public_names_are_there_and_imported_only_when_asked_for() -> None:
     assert all(getattr(solver_backend, name) is not None for name in solver_backend.__all__)
     with pytest.raises(AttributeError, match="solver_backend has no nonsense; it has AutoencodingPrior"):
         _ = solver_backend.nonsense
-    code = "import sys, solver_backend; assert 'numpy' not in sys.modules; solver_backend.Motion; assert 'numpy' in sys.modules"
+    code = "import sys, solver_backend as s; assert 'numpy' not in sys.modules; s.Motion; assert 'numpy' in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

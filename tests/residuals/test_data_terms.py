@@ -9,7 +9,7 @@ from solver_backend.cameras.projection import project, project_with_jacobian
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from tests.residuals.test_terms import POINTS, reprojection
+from tests.support.filmed_points import POINTS, reprojection
 
 PLAIN = 1e6
 """A robust scale so large that every residual counts fully."""

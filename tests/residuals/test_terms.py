@@ -6,23 +6,8 @@ import pytest
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import geman_mcclure, graduated_scales
-from solver_backend.synthetic.demo import tripods
-from solver_backend.types import JointSet, Keypoints2D
-
-FRAMES, POINTS = 3, 17
-
-
-def reprojection(seed=0):
-    rng = np.random.default_rng(seed)
-    cameras = tripods(np.array([0.0, 0.0, 1.0]))
-    points = rng.uniform([-0.5, -0.5, 0.2], [0.5, 0.5, 1.8], (FRAMES, POINTS, 3))
-    from solver_backend.cameras.projection import project
-
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
-    confidence = rng.uniform(0.2, 1.0, px.shape[:-1])
-    confidence[0, 1, 4] = confidence[2, 2, 5] = 0
-    keypoints = Keypoints2D(px + rng.normal(size=px.shape) * 6, confidence, JointSet.COCO_17, 60.0)
-    return cameras, keypoints, points + 0.01 * rng.normal(size=points.shape)
+from solver_backend.types import Keypoints2D
+from tests.support.filmed_points import POINTS, reprojection
 
 
 def check_gradient(term, points, scale):

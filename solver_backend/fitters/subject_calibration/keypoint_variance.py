@@ -30,10 +30,11 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     """Return the term with the variance of every view's keypoints learned from the residuals of a solution.
 
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
-    restricted maximum of the log-variance's likelihood (thesis ch. 5) under an inverse-gamma prior. h is the share of a
-    view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are relative to
-    the median keypoint's: how much all err together is known from what the views disagree on, and residuals of a body
-    that does not follow a fast limb yet would pass for more of it. Points that are measured once teach nothing.
+    restricted maximum of the log-variance's likelihood (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is the
+    share of a view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are
+    relative to the median keypoint's: how much all err together is known from what the views disagree on, and
+    residuals of a body that does not follow a fast limb yet would pass for more of it. Points that are measured once
+    teach nothing.
 
     Args:
         subject: the person.

@@ -34,14 +34,17 @@ def features(rotations: np.ndarray) -> np.ndarray:
 
 
 def frechet_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Return ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)`` of two sets of features (Heusel et al. 2017)."""
+    """Return ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)`` of two sets of features: FID.
+
+    Reference: Heusel et al. 2017; thesis eqs. 4.30, 6.11.
+    """
     cov_a, cov_b = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
     root = np.real(np.asarray(sqrtm(cov_a @ cov_b + 1e-9 * np.eye(len(cov_a)))))
     return float(((a.mean(0) - b.mean(0)) ** 2).sum() + np.trace(cov_a + cov_b - 2.0 * root))
 
 
 def diversity(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
-    """Return the mean distance of features of random pairs."""
+    """Return the mean distance of features of random pairs: DIV (thesis eqs. 4.31, 6.12, there of 526 pairs)."""
     rng = np.random.default_rng(seed)
     return float(
         np.linalg.norm(f[rng.integers(len(f), size=pairs)] - f[rng.integers(len(f), size=pairs)], axis=1).mean()

@@ -83,7 +83,7 @@ def test_a_real_walk_is_solved(shared_data: Path):
     """CMU 02_01, 41 markers, every eighth frame; the skeleton beside it has other joint centres (34 mm by plain
     least squares on all frames, see ``bench_markers_cmu``)."""
     pytest.importorskip("ezc3d")
-    from tests.benchmarks.bench_markers_cmu import read_take
+    from tests.support.cmu_marker_take import read_take
 
     if not (shared_data / "bvh_samples" / "cmu_mb2_02_01.bvh").is_file():
         pytest.skip("the walk's skeleton is not among the recordings")
