@@ -20,9 +20,10 @@ def marker_readers() -> tuple[Reader[Capture], ...]:
 
 
 def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
-    return Reader(
-        reader.kind, reader.recognises, lambda path, options: _capture(path, reader.read(path, options), options)
-    )
+    def read(path: Path, options: ReadOptions) -> Capture:
+        return _capture(path, reader.read(path, options), options)
+
+    return Reader(reader.kind, reader.recognises, read)
 
 
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
@@ -34,9 +35,8 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
-        raise JobInvalid(
-            error.message, where=str(path), hint="Name the one to solve: --subject-prefix NAME."
-        ) from error
+        hint = "Name the one to solve: --subject-prefix NAME."
+        raise JobInvalid(error.message, where=str(path), hint=hint) from error
     labels, report = take.cloud.labels, take.report
     names = None if labels is None else name_markers([label for label in labels if not is_unnamed(label)])
     return Capture(
