@@ -69,6 +69,7 @@ def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float 
         fps=cloud.fps,
         report=MarkerReport(points),
         marker_labels=cloud.labels,
+        places_first=True,
         provenance={"markers": list(places), "sigma_mm": round(1000 * sigma_m, 3)},
     )
 

@@ -30,7 +30,7 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress("Learning the body", 2, 3)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
-    shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=False)
+    shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=problem.measurements.places_first)
     subject, _ = fit_shape(subject, problem.prior, objective, states, scales, steps, shape_prior)
     progress("Learning the body", 3, 3)
     return subject
