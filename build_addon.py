@@ -31,9 +31,11 @@ WHEEL_SHA256 = {
 }
 """The wheels a manifest may list. They are pure Python: Blender brings NumPy itself."""
 _LEFT_OUT = frozenset({"__pycache__", "baselines", "simulation", "training"})
+_COMPARED = frozenset({"catalogue", "gaussian_vae", "lie_vae", "rvposer", "svae", "vposer"})
+"""Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_LIMIT_MIB = 25
+_LIMIT_MIB = 6
 
 
 class WheelMissing(Exception):
@@ -150,7 +152,9 @@ def _files(folder: Path) -> list[Path]:
     return [
         path
         for path in folder.rglob("*")
-        if path.suffix in _SUFFIXES and not _LEFT_OUT.intersection(path.relative_to(folder).parts)
+        if path.suffix in _SUFFIXES
+        and path.stem not in _COMPARED
+        and not _LEFT_OUT.intersection(path.relative_to(folder).parts)
     ]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from assets_procedural.anny_rig import TOPOLOGIES, Rig, read_rig
 from assets_procedural.build import write_body
@@ -103,7 +103,7 @@ def _owners(rig: Rig) -> np.ndarray:
 
 def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
     """Return (V, 24) weights with at most six influences."""
-    joined = (weights @ csr_matrix((np.ones(len(owner)), (np.arange(len(owner)), owner)))).toarray()
+    joined = csr_matrix(weights @ csr_matrix((np.ones(len(owner)), (np.arange(len(owner)), owner)))).toarray()
     np.put_along_axis(joined, np.argsort(joined, axis=1, kind="stable")[:, :-MAX_INFLUENCES], 0.0, axis=1)
     joined[joined < 1e-4] = 0.0
     return joined / joined.sum(axis=1, keepdims=True)

@@ -52,7 +52,7 @@ def read_rig(topology: str, num_samples: int, seed: int) -> Rig:
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
     try:
-        import anny
+        import anny  # pyright: ignore[reportMissingImports]
         import torch
     except ImportError as error:
         raise BackendMissing(f"Baking this body needs the package anny: {error}.", hint="pip install anny") from error

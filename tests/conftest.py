@@ -8,10 +8,19 @@ import os
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from importlib.util import find_spec  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 import hypothesis  # noqa: E402
 import pytest  # noqa: E402
+
+CHECKED = [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", "metrics", "priors")]
+"""Packages whose annotated shapes are checked in every call; the types check their own fields."""
+if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
+    import jaxtyping
+
+    # Before anything imports the solver. An int is a number wherever a float is asked for.
+    jaxtyping.install_import_hook(CHECKED, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 from tests.support.recordings import recordings_folder  # noqa: E402
 
@@ -30,6 +39,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register the markers."""
     config.addinivalue_line("markers", "slow: takes more than a few seconds")
     config.addinivalue_line("markers", "shared: needs the recordings kept beside the repository")
+    config.addinivalue_line("markers", "misshapen: passes what the annotations forbid, to see the library refuse it")
+
+
+@pytest.fixture(autouse=True)
+def _annotations_are_checked(request: pytest.FixtureRequest) -> None:
+    """Check shapes and types, but where a test is about the library's own checks."""
+    if HAS_JAXTYPING:
+        jaxtyping.config.update("jaxtyping_disable", request.node.get_closest_marker("misshapen") is not None)
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,7 +19,7 @@ def dev(monkeypatch, tmp_path):
     """Return the tool with every command recorded instead of run, called from an empty folder."""
     spec = importlib.util.spec_from_file_location("dev", ROOT / "dev.py")
     assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     module.commands = []
     module.codes = {}
@@ -127,7 +128,7 @@ def tool(dev, monkeypatch, tmp_path):
     """Return the tool with an environment of its own in an empty folder, and its real ``set_up``."""
     spec = importlib.util.spec_from_file_location("dev", ROOT / "dev.py")
     assert spec is not None and spec.loader is not None
-    fresh = importlib.util.module_from_spec(spec)
+    fresh: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fresh)
     (tmp_path / "pyproject.toml").write_text("[project]\n")
     for name, value in {"ROOT": tmp_path, "VENV": tmp_path / ".venv", "STAMP": tmp_path / "stamp"}.items():

@@ -9,7 +9,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
-Array = np.ndarray
+from assets_procedural.arrays import Array
+
 _MARGIN = 0.006
 _GRID_M = 1e-6
 """Lengths that decide are seen on this grid: mirror images tie exactly, whatever the last bits of BLAS."""

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-Array = np.ndarray
+from assets_procedural.arrays import Array
+
 Point = tuple[float, float, float]
 Face = tuple[int, int, int]
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from assets_procedural.arrays import Array
 from assets_procedural.mesh.half_mesh import HalfMesh, middle
 
-Array = np.ndarray
 SizeAt = Callable[[Array], Array]
 Project = Callable[[Array, Array], Array]
 _TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from assets_procedural.arrays import Array
 from assets_procedural.layout import JOINT
 from assets_procedural.population.statistics import MEASURES
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

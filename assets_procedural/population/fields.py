@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from assets_procedural.arrays import Array
 from assets_procedural.layout import JOINT
 
-Array = np.ndarray
 Field = Callable[[Array], Array]
 Profile = Callable[[Array], Array]
 

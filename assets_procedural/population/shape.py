@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from assets_procedural.arrays import Array
 from assets_procedural.population.anthropometry import Measures, place_measures
 from assets_procedural.population.fields import Frame, build_fields, displace
 from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, Statistics
 from assets_procedural.skeleton.skinning import cotangent_laplacian
 
-Array = np.ndarray
 NUM_BETAS = 10
 NEUTRAL_STATURE_M = 1.70
 _MARGIN_M = 0.001

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE
 from assets_procedural.quality.poses import EXTREMES, rotations
 from assets_procedural.quality.raster import View, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton
 
-Array = np.ndarray
 _MATERIAL_COLOURS = np.array([[0.80, 0.62, 0.50], [0.42, 0.47, 0.54]])
 
 

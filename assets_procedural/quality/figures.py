@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, build_body
 from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import euler_number
@@ -21,7 +22,6 @@ from assets_procedural.quality.poses import BENDS, rotations
 from assets_procedural.skeleton.correctives import joint_masks, pose_features, rest_differences, sample_poses
 from assets_procedural.skeleton.skinning import volume
 
-Array = np.ndarray
 _SHOULDER_LIMIT = 16.0
 """Percent: more would need a swelling that makes pads of the shoulders when the arms hang."""
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from assets_procedural.arrays import Array
 from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.quality.raster import vertex_normals
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, volume
 from solver_backend.types import SMPL_JOINTS
 
-Array = np.ndarray
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
 _BULGING_JOINTS, _BULGE = ("shoulder",), 0.3  # dual quaternions round shoulders too much: take back this share

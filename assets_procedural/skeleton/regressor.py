@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
+from assets_procedural.arrays import Array
 from assets_procedural.layout import MIRROR_JOINT
 
-Array = np.ndarray
 _NEIGHBOURS, _REACH_M, _TOLERANCE_M = 500, 0.06, 1e-5
 
 

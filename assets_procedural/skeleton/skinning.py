@@ -6,10 +6,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from assets_procedural.arrays import Array
 from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.joints import Segment, bone_segments
 
-Array = np.ndarray
 MAX_INFLUENCES = 6
 _SMALLEST = 0.005
 _FLOW = 3.0

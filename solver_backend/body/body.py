@@ -12,6 +12,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.types import NUM_BETAS
+from solver_backend.types.shapes import Float, Int
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"
 REQUIRED_KEYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -32,25 +33,25 @@ class Body:
 
     id: str
     """Name written to Motion files."""
-    v_template: np.ndarray
+    v_template: Float[np.ndarray, "vertices 3"]
     """(V, 3) metres."""
-    shapedirs: np.ndarray
+    shapedirs: Float[np.ndarray, "vertices 3 10"]
     """(V, 3, 10) metres per unit of shape."""
-    posedirs: np.ndarray
+    posedirs: Float[np.ndarray, "vertices 3 features"]
     """(V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1; J = 24 here."""
-    J_regressor: np.ndarray
+    J_regressor: Float[np.ndarray, "joints vertices"]
     """(J, V), rows sum to 1."""
-    weights: np.ndarray
+    weights: Float[np.ndarray, "vertices joints"]
     """(V, J), rows sum to 1."""
     parents: tuple[int, ...]
     """Parent of each joint; -1 at the root."""
-    faces: np.ndarray
+    faces: Int[np.ndarray, "triangles 3"]
     """(T, 3) vertex indices."""
-    hands_mean: np.ndarray | None = None
+    hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
     """(J - 22, 3) axis-angles that SMPL-H and SMPL-X add to those of the joints after the 22nd; None = flat hands."""
-    joints_template: np.ndarray = field(init=False)
+    joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape."""
-    joints_shapedirs: np.ndarray = field(init=False)
+    joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
     """(J, 3, 10) metres per unit of shape."""
 
     def __post_init__(self) -> None:
@@ -58,7 +59,7 @@ class Body:
         directions = np.tensordot(self.J_regressor, self.shapedirs, axes=(1, 0))
         object.__setattr__(self, "joints_shapedirs", directions)
 
-    def rest_joints(self, betas: np.ndarray) -> np.ndarray:
+    def rest_joints(self, betas: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "joints 3"]:
         """Return the (J, 3) rest joints of a shape."""
         return self.joints_template + self.joints_shapedirs @ np.asarray(betas, dtype=np.float64)
 

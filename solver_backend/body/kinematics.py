@@ -10,19 +10,26 @@ from array_api_compat import array_namespace
 from solver_backend.body.body import Body
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types.shapes import Float
 
 
 @dataclass(frozen=True)
 class PosedSkeleton:
     """A posed tree; F frames, J joints (24; 52 for SMPL-H, 55 for SMPL-X), world frame, metres."""
 
-    G: Array
+    G: Float[Array, "frames joints 3 3"]
     """(F, J, 3, 3) global rotation of each joint."""
-    joints: Array
+    joints: Float[Array, "frames joints 3"]
     """(F, J, 3) positions."""
 
 
-def forward_kinematics(body: Body, betas: Array, global_orient: Array, local: Array, transl: Array) -> PosedSkeleton:
+def forward_kinematics(
+    body: Body,
+    betas: Float[Array, " 10"],
+    global_orient: Float[Array, "frames 3 3"],
+    local: Float[Array, "frames n 3 3"],
+    transl: Float[Array, "frames 3"],
+) -> PosedSkeleton:
     """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
 
     Derivatives of joints are those of the landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)``.
@@ -46,7 +53,7 @@ def forward_kinematics(body: Body, betas: Array, global_orient: Array, local: Ar
     return PosedSkeleton(xp.stack(G, axis=1), xp.stack(joints, axis=1))
 
 
-def with_resting_hands(body: Body, local: Array) -> Array:
+def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames m 3 3"]:
     """Return local rotations with the body's own relaxed fingers appended, where it has any and none are given."""
     if body.hands_mean is None or local.shape[1] > 21:
         return local
@@ -55,7 +62,7 @@ def with_resting_hands(body: Body, local: Array) -> Array:
     return xp.concat([local[:, :21], xp.broadcast_to(hands, (local.shape[0], *hands.shape))], axis=1)
 
 
-def local_rotations(body: Body, rotvec: Array) -> Array:
+def local_rotations(body: Body, rotvec: Float[Array, "frames n 3"]) -> Float[Array, "frames n 3 3"]:
     """Return the (F, J - 1, 3, 3) rotations of a file's (F, J - 1, 3) axis-angles, relaxed hands added to the fingers.
 
     SMPL-H and SMPL-X add the mean to the axis-angle vector, before it becomes a rotation (Romero et al. 2017).
@@ -66,13 +73,13 @@ def local_rotations(body: Body, rotvec: Array) -> Array:
     return exp_so3(rotvec + constant(mean, rotvec))
 
 
-def pose_feature(local: Array) -> Array:
+def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames features"]:
     """Return ``flatten(R_j - I)``: (F, 9 n) from (F, n, 3, 3) local rotations (Loper et al. 2015, eq. 9)."""
     xp = array_namespace(local)
     return xp.reshape(local - constant(np.eye(3), local), (local.shape[0], -1))
 
 
-def subtree_matrix(parents: tuple[int, ...]) -> np.ndarray:
+def subtree_matrix(parents: tuple[int, ...]) -> Float[np.ndarray, "joints joints"]:
     """Return the (J, J) matrix S with S[k, b] = 1 where joint b is k or below k."""
     below = np.eye(len(parents))
     for j in range(len(parents) - 1, 0, -1):

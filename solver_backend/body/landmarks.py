@@ -17,6 +17,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics, pose_feature, with_resting_hands
 from solver_backend.body.tangents import rotation_jacobian
 from solver_backend.geometry.arrays import Array, constant, unset
+from solver_backend.types.shapes import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +26,13 @@ class Landmarks:
 
     names: tuple[str, ...]
     """One name a landmark."""
-    weights: np.ndarray
+    weights: Float[np.ndarray, "landmarks joints"]
     """(L, J) share of each bone, rows sum to 1."""
-    anchors: np.ndarray
+    anchors: Float[np.ndarray, "landmarks joints 3"]
     """(L, J, 3) rest position of the mean shape times the bone's share, metres."""
-    shapedirs: np.ndarray
+    shapedirs: Float[np.ndarray, "landmarks joints 3 10"]
     """(L, J, 3, 10) derivative of the anchors by the shape."""
-    posedirs: np.ndarray | None = None
+    posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None
     """(L, 3, 9 (J - 1)) pose correctives of points on the skin; None where landmarks are rigid."""
 
     def __len__(self) -> int:
@@ -68,13 +69,13 @@ class Landmarks:
 class PosedLandmarks:
     """Posed landmarks and their derivatives; F frames, L landmarks, world metres."""
 
-    points: Array
+    points: Float[Array, "frames landmarks 3"]
     """(F, L, 3)."""
-    by_rotations: Array | None
+    by_rotations: Float[Array, "frames landmarks 3 tangents"] | None
     """(F, L, 3, 66) by left tangents of the root (world frame) and of joints 1..21 (each in its parent's frame)."""
-    by_betas: Array | None
+    by_betas: Float[Array, "frames landmarks 3 10"] | None
     """(F, L, 3, 10)."""
-    by_offsets: Array | None
+    by_offsets: Float[Array, "frames landmarks 3 3"] | None
     """(F, L, 3, 3) by an offset of each landmark in its rest frame."""
     skeleton: PosedSkeleton
     """The posed tree."""
@@ -83,12 +84,12 @@ class PosedLandmarks:
 def pose_landmarks(
     body: Body,
     landmarks: Landmarks,
-    betas: Array,
-    global_orient: Array,
-    local: Array,
-    transl: Array,
+    betas: Float[Array, " 10"],
+    global_orient: Float[Array, "frames 3 3"],
+    local: Float[Array, "frames n 3 3"],
+    transl: Float[Array, "frames 3"],
     *,
-    offsets: Array | None = None,
+    offsets: Float[Array, "landmarks 3"] | None = None,
     jacobian: bool = False,
     num_rotations: int = 22,
 ) -> PosedLandmarks:

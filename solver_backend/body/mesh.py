@@ -9,14 +9,21 @@ from array_api_compat import array_namespace
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics, pose_feature, with_resting_hands
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.types.shapes import Float
 
 _CHUNK = 16
 """Frames at a time: a blended transform per vertex and frame is large."""
 
 
 def pose_mesh(
-    body: Body, betas: Array, root: Array, local: Array, transl: Array, *, correctives: bool = True
-) -> Array:  # fmt: skip
+    body: Body,
+    betas: Float[Array, " 10"],
+    root: Float[Array, "frames 3 3"],
+    local: Float[Array, "frames n 3 3"],
+    transl: Float[Array, "frames 3"],
+    *,
+    correctives: bool = True,
+) -> Float[Array, "frames vertices 3"]:
     """Return the (F, V, 3) vertices: ``v = sum_b w_b (G_b (x - J_b) + p_b)`` with correctives in x.
 
     ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).

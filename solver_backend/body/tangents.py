@@ -12,6 +12,7 @@ from array_api_compat import array_namespace
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, subtree_matrix
 from solver_backend.geometry.arrays import Array, constant, index, unset
+from solver_backend.types.shapes import Float
 
 if TYPE_CHECKING:
     from solver_backend.body.landmarks import Landmarks
@@ -54,12 +55,12 @@ def rotation_jacobian(
     body: Body,
     landmarks: Landmarks,
     skeleton: PosedSkeleton,
-    points: Array,
-    local: Array,
-    levers: Array,
-    correction: Array | None,
+    points: Float[Array, "frames landmarks 3"],
+    local: Float[Array, "frames n 3 3"],
+    levers: Float[Array, "landmarks joints 3"],
+    correction: Float[Array, "frames landmarks 3"] | None,
     count: int,
-) -> Array:
+) -> Float[Array, "frames landmarks 3 tangents"]:
     """Return (F, L, 3, 3·count): the landmarks by left tangents of the root and of joints 1..count-1.
 
     A left tangent d of joint k turns everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with

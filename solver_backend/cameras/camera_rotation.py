@@ -7,6 +7,7 @@ import numpy as np
 from solver_backend.cameras.projection import project, project_with_jacobian, undistort
 from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras
+from solver_backend.types.shapes import Float
 
 SCALES = (300.0, 100.0, 30.0, 10.0, 3.0, 3.0)
 """Scales of Geman and McClure's weights, in standard deviations: from plain least squares to robust."""
@@ -14,7 +15,12 @@ STEPS = 3
 """Gauss-Newton steps at each scale."""
 
 
-def estimated_rotation(camera: Cameras, points: np.ndarray, px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+def estimated_rotation(
+    camera: Cameras,
+    points: Float[np.ndarray, "points 3"],
+    px: Float[np.ndarray, "points 2"],
+    sigma_px: Float[np.ndarray, " points"],
+) -> Float[np.ndarray, " 3"]:
     """Return the rotation vector (3,) ω in radians, camera axes, whose ``R_now = exp(ω) R`` brings points to pixels.
 
     Gauss-Newton on ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)``, with graduated non-convexity.
@@ -46,7 +52,9 @@ def estimated_rotation(camera: Cameras, points: np.ndarray, px: np.ndarray, sigm
     return log_so3(R @ camera.R[0].T)
 
 
-def rotated_back(camera: Cameras, px: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def rotated_back(
+    camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "*batch 2"]:
     """Return pixels (..., 2) as the camera would have seen them before it was rotated by ``exp(rotation)``.
 
     The centre stays, so that every ray is only rotated: ``d = exp(ω)ᵀ d_now``.

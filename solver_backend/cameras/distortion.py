@@ -17,6 +17,12 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.types.shapes import Float
+
+ImagePoints = Float[Array, "cameras *batch 2"]
+"""Pixels, or normalised coordinates."""
+Coordinate = Float[Array, "cameras *batch"]
+Distortion = Float[Array, "cameras 8"]
 
 NEWTON_STEPS = 20
 _RADII = np.tan(np.linspace(0.0, 1.56, 768))
@@ -24,7 +30,7 @@ _RADII = np.tan(np.linspace(0.0, 1.56, 768))
 _SMALL_SQUARE = 1e-8
 
 
-def distort(xy: Array, distortion: Array, model: str) -> Array:
+def distort(xy: ImagePoints, distortion: Distortion, model: str) -> ImagePoints:
     """Return distorted normalised coordinates.
 
     Args:
@@ -41,13 +47,17 @@ def distort(xy: Array, distortion: Array, model: str) -> Array:
     return distort_with_jacobian(xy, distortion, model)[0]
 
 
-def distort_with_jacobian(xy: Array, distortion: Array, model: str) -> tuple[Array, tuple[Array, Array, Array]]:
+def distort_with_jacobian(
+    xy: ImagePoints, distortion: Distortion, model: str
+) -> tuple[ImagePoints, tuple[Coordinate, Coordinate, Coordinate]]:
     """Return distorted coordinates and the symmetric 2x2 Jacobian as its entries xx, xy and yy, each (C, ...)."""
     x, y, jacobian = distorted(xy[..., 0], xy[..., 1], distortion, model)
     return array_namespace(xy).stack((x, y), axis=-1), jacobian
 
 
-def distorted(x: Array, y: Array, distortion: Array, model: str) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+def distorted(
+    x: Coordinate, y: Coordinate, distortion: Distortion, model: str
+) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
     """Return ``distort_with_jacobian`` of (C, ...) coordinates that lie apart, as fast loops want them."""
     k = _coefficients(distortion, x)
     u = x * x + y * y
@@ -63,7 +73,7 @@ def distorted(x: Array, y: Array, distortion: Array, model: str) -> tuple[Array,
     return dx, dy, (xx, cross, yy)
 
 
-def largest_radius(distortion: Array, model: str) -> Array:
+def largest_radius(distortion: Distortion, model: str) -> Float[Array, " cameras"]:
     """Return the radius sqrt(x² + y²) up to which the radial part grows, so that it has an inverse.
 
     Beyond it the polynomial folds back and far points would appear in the middle of the image. Found on a grid of
@@ -95,7 +105,7 @@ def largest_radius(distortion: Array, model: str) -> Array:
     return xp.where(folds, r[before] + share * (r[first] - r[before]), xp.full_like(inner, math.inf))
 
 
-def undistort_normalised(xy: Array, distortion: Array, model: str) -> Array:
+def undistort_normalised(xy: ImagePoints, distortion: Distortion, model: str) -> ImagePoints:
     """Return the coordinates that ``distort`` maps to ``xy``: Newton's method with the analytic Jacobian.
 
     Args:

@@ -10,17 +10,31 @@ import math
 
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.distortion import distorted, largest_radius, undistort_normalised
+from solver_backend.cameras.distortion import (
+    Coordinate,
+    Distortion,
+    ImagePoints,
+    distorted,
+    largest_radius,
+    undistort_normalised,
+)
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.types import Cameras
 from solver_backend.types.cameras import DISTORTION_MODELS
+from solver_backend.types.shapes import Float
+
+Matrices = Float[Array, "cameras 3 3"]
+Translations = Float[Array, "cameras 3"]
+Points = Float[Array, "*batch 3"]
 
 NEAR_M = 0.01
 """Depth below which a point is not projected."""
 
 
-def project(K: Array, distortion: Array, R: Array, t: Array, points: Array, model: str = "opencv") -> Array:
+def project(
+    K: Matrices, distortion: Distortion, R: Matrices, t: Translations, points: Points, model: str = "opencv"
+) -> ImagePoints:
     """Return the pixels of world points in every camera: ``K distort((R x + t)/z)``.
 
     Args:
@@ -48,8 +62,8 @@ def project(K: Array, distortion: Array, R: Array, t: Array, points: Array, mode
 
 
 def project_with_jacobian(
-    K: Array, distortion: Array, R: Array, t: Array, points: Array, model: str = "opencv"
-) -> tuple[Array, Array, Array]:
+    K: Matrices, distortion: Distortion, R: Matrices, t: Translations, points: Points, model: str = "opencv"
+) -> tuple[ImagePoints, Float[Array, "cameras *batch 2 3"], Coordinate]:
     """Return pixels as ``project``, their derivative by the world points, and the depths.
 
     Returns:
@@ -77,7 +91,7 @@ def project_with_jacobian(
     return xp.reshape(px, (*shape, 2)), xp.reshape(J, (*shape, 2, 3)), xp.reshape(z, shape)
 
 
-def undistort(K: Array, distortion: Array, xy: Array, model: str = "opencv") -> Array:
+def undistort(K: Matrices, distortion: Distortion, xy: ImagePoints, model: str = "opencv") -> ImagePoints:
     """Return the undistorted normalised coordinates of pixels, the inverse of the lens and of ``K``.
 
     Args:
@@ -100,7 +114,7 @@ def undistort(K: Array, distortion: Array, xy: Array, model: str = "opencv") -> 
     return xp.reshape(undistort_normalised(xp.stack((x, y), axis=-1), distortion, model), tuple(xy.shape))
 
 
-def rays(cameras: Cameras, xy: Array) -> tuple[Array, Array]:
+def rays(cameras: Cameras, xy: ImagePoints) -> tuple[Translations, Float[Array, "cameras *batch 3"]]:
     """Return the rays in the world that pixels see along.
 
     Args:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.types.shapes import Float
 
 
-def nearest_rotation(M: Array) -> Array:
+def nearest_rotation(M: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotation that maximises ``tr(Rᵀ M)``: ``U diag(1, 1, det U Vᵀ) Vᵀ`` of ``M = U S Vᵀ``.
 
     Args:
@@ -22,8 +23,11 @@ def nearest_rotation(M: Array) -> Array:
 
 
 def umeyama(
-    source: Array, target: Array, weights: Array | None = None, with_scale: bool = False
-) -> tuple[Array, Array, Array]:
+    source: Float[Array, "*batch points 3"],
+    target: Float[Array, "*batch points 3"],
+    weights: Float[Array, "*#batch points"] | None = None,
+    with_scale: bool = False,
+) -> tuple[Float[Array, " *batch"], Float[Array, "*batch 3 3"], Float[Array, "*batch 3"]]:
     """Return the similarity that minimises ``Σ w |s R source + t - target|²``.
 
     Args:

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-Array = Any
-"""A NumPy array or a torch tensor."""
+from solver_backend.types.shapes import Array as Array
 
 
 def device_of(like: Array) -> Any:

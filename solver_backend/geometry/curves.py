@@ -8,17 +8,17 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.interpolation import slerp, slerp_with_jacobian
-from solver_backend.geometry.sphere import sphere_exp, sphere_log
+from solver_backend.geometry.interpolation import Jacobian, Jacobians, Keys, Times, slerp, slerp_with_jacobian
+from solver_backend.geometry.sphere import Vectors, sphere_exp, sphere_log
 
 
-def lerp(a: Array, b: Array, t: Array | float) -> Array:
+def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     """Return ``(1 - t) a + t b``; a, b (..., d), t scalar or (...). Reference: thesis eq. 4.8."""
     t = constant(t, a)[..., None]
     return (1.0 - t) * a + t * b
 
 
-def squad(a: Array, b: Array, control_a: Array, control_b: Array, t: Array | float) -> Array:
+def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Times) -> Vectors:
     """Return the spherical quadrangle ``SLERP(SLERP(a, b, t), SLERP(control_a, control_b, t), 2t(1 - t))``.
 
     Segments whose controls come from ``squad_controls`` join with continuous velocity (C1).
@@ -40,8 +40,8 @@ def squad(a: Array, b: Array, control_a: Array, control_b: Array, t: Array | flo
 
 
 def squad_with_jacobian(
-    a: Array, b: Array, control_a: Array, control_b: Array, t: Array | float
-) -> tuple[Array, tuple[Array, Array, Array, Array]]:
+    a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Times
+) -> tuple[Vectors, tuple[Jacobian, Jacobian, Jacobian, Jacobian]]:
     """Return ``squad(a, b, control_a, control_b, t)`` and its derivatives by the four points, (..., d, d) each.
 
     The product of SLERP's own derivatives. Those of ``lerp``, ``bezier`` and ``bspline`` are their weights times the
@@ -59,7 +59,7 @@ def squad_with_jacobian(
     )
 
 
-def squad_controls(keys: Array) -> Array:
+def squad_controls(keys: Keys) -> Keys:
     """Return the inner control of every key: ``exp(-(log to the next + log to the previous)/4)`` at the key.
 
     Args:
@@ -76,7 +76,7 @@ def squad_controls(keys: Array) -> Array:
     return xp.concat((keys[..., :1, :], sphere_exp(inner, -0.25 * bend), keys[..., -1:, :]), axis=-2)
 
 
-def bezier(a: Array, b: Array, c: Array, d: Array, t: Array | float) -> Array:
+def bezier(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
     """Return the cubic Bézier curve ``(1-t)³ a + 3(1-t)² t b + 3(1-t) t² c + t³ d``.
 
     Args:
@@ -93,7 +93,7 @@ def bezier(a: Array, b: Array, c: Array, d: Array, t: Array | float) -> Array:
     return s**3 * a + 3.0 * s**2 * t * b + 3.0 * s * t**2 * c + t**3 * d
 
 
-def bspline(a: Array, b: Array, c: Array, d: Array, t: Array | float) -> Array:
+def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors:
     """Return one span of the uniform cubic B-spline; consecutive spans join C2.
 
     ``((1-t)³ a + (3t³ - 6t² + 4) b + (-3t³ + 3t² + 3t + 1) c + t³ d)/6``.
@@ -112,7 +112,7 @@ def bspline(a: Array, b: Array, c: Array, d: Array, t: Array | float) -> Array:
     return ((1.0 - t) ** 3 * a + of_b * b + of_c * c + t**3 * d) / 6.0
 
 
-def spherical_bezier(controls: Array, t: Array | float) -> Array:
+def spherical_bezier(controls: Keys, t: Times) -> Vectors:
     """Return the Bézier curve on the sphere: de Casteljau's recursion with SLERP.
 
     Args:
@@ -127,12 +127,12 @@ def spherical_bezier(controls: Array, t: Array | float) -> Array:
     return _pyramid(controls, _bezier_times(controls, t))
 
 
-def spherical_bezier_with_jacobian(controls: Array, t: Array | float) -> tuple[Array, Array]:
+def spherical_bezier_with_jacobian(controls: Keys, t: Times) -> tuple[Vectors, Jacobians]:
     """Return ``spherical_bezier(controls, t)`` and its derivatives by every control, (..., n + 1, d, d)."""
     return _pyramid_with_jacobian(controls, _bezier_times(controls, t))
 
 
-def spherical_bspline(controls: Array, t: Array | float) -> Array:
+def spherical_bspline(controls: Keys, t: Times) -> Vectors:
     """Return one span of the uniform B-spline on the sphere: de Boor's recursion with SLERP; spans join C1.
 
     Args:
@@ -147,7 +147,7 @@ def spherical_bspline(controls: Array, t: Array | float) -> Array:
     return _pyramid(controls, _bspline_times(controls, t))
 
 
-def spherical_bspline_with_jacobian(controls: Array, t: Array | float) -> tuple[Array, Array]:
+def spherical_bspline_with_jacobian(controls: Keys, t: Times) -> tuple[Vectors, Jacobians]:
     """Return ``spherical_bspline(controls, t)`` and its derivatives by every control, (..., n + 1, d, d)."""
     return _pyramid_with_jacobian(controls, _bspline_times(controls, t))
 

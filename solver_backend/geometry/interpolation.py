@@ -16,37 +16,46 @@ from typing import Any
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant, identity
-from solver_backend.geometry.sphere import geodesic_weights, is_antipodal, orthogonal_axis
+from solver_backend.geometry.sphere import Vectors, geodesic_weights, is_antipodal, orthogonal_axis
+from solver_backend.types.shapes import Float
+
+Keys = Float[Array, "*#batch n d"]
+"""Several vectors each."""
+Times = Float[Array, "*#batch"] | float
+"""Where on a curve."""
+Jacobian = Float[Array, "*#batch d d"]
+Jacobians = Float[Array, "*#batch n d d"]
+"""By one vector, or by each of the keys."""
 
 
 @dataclass(frozen=True)
 class KeyWeights:
     """A point that depends on n unit keys ``p_i``, to first order."""
 
-    keys: Array
+    keys: Float[Array, "*#batch n d"]
     """(..., n, d) ``p_i``."""
-    value: Array
+    value: Float[Array, "*#batch d"]
     """(..., d) the point, unit."""
-    weights: Array
+    weights: Float[Array, "*#batch n"]
     """(..., n): ``value = Σ w_i p_i`` (but for antipodal neighbours)."""
-    mixing: Array
+    mixing: Float[Array, "*#batch n n n"]
     """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
-    def vjp(self, cotangent: Array) -> Array:
+    def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
         """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = xp.sum(self.mixing * along[..., None, :, None], axis=-2)
         return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, self.keys)
 
-    def jacobian(self, key: int) -> Array:
+    def jacobian(self, key: int) -> Float[Array, "... d d"]:
         """Return (..., d, d), the derivative of the value by one of the keys."""
         xp = array_namespace(self.keys)
         mixed = xp.matmul(xp.matrix_transpose(self.keys), xp.matmul(self.mixing[..., key, :, :], self.keys))
         return self.weights[..., key, None, None] * identity(self.keys.shape[-1], self.keys) + mixed
 
 
-def slerp(a: Array, b: Array, t: Array | float) -> Array:
+def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
     """Return the point at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), which is followed beyond its ends.
 
     ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``; series at ``ψ = 0``; from ``a`` to ``-a`` through a fixed direction.
@@ -65,7 +74,7 @@ def slerp(a: Array, b: Array, t: Array | float) -> Array:
     return value
 
 
-def sider2(a: Array, b: Array, c: Array, t: Array | float) -> Array:
+def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
     """Return the point at ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (t = ½) and ``c`` (t = 1).
 
     ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` as long as the way
@@ -85,7 +94,7 @@ def sider2(a: Array, b: Array, c: Array, t: Array | float) -> Array:
     return _sider([a, b, c], constant(t, a), slerp, _reflect)
 
 
-def sider_n(keys: Array, t: Array | float) -> Array:
+def sider_n(keys: Keys, t: Times) -> Vectors:
     """Return the point at ``t`` of the curve through n + 1 keys at ``t = 0, 1/n, ..., 1``.
 
     Two keys: SLERP; three: SIDER2; more: the Aitken-Neville recursion with geodesics for straight lines, so that in
@@ -104,25 +113,27 @@ def sider_n(keys: Array, t: Array | float) -> Array:
     return _sider(points, constant(t, keys), slerp, _reflect)
 
 
-def slerp_with_jacobian(a: Array, b: Array, t: Array | float) -> tuple[Array, tuple[Array, Array]]:
+def slerp_with_jacobian(a: Vectors, b: Vectors, t: Times) -> tuple[Vectors, tuple[Jacobian, Jacobian]]:
     """Return ``slerp(a, b, t)`` and its derivatives by ``a`` and ``b``, (..., d, d) each."""
     x, (by_a, by_b) = _with_jacobian([a, b], t)
     return x, (by_a, by_b)
 
 
-def sider2_with_jacobian(a: Array, b: Array, c: Array, t: Array | float) -> tuple[Array, tuple[Array, Array, Array]]:
+def sider2_with_jacobian(
+    a: Vectors, b: Vectors, c: Vectors, t: Times
+) -> tuple[Vectors, tuple[Jacobian, Jacobian, Jacobian]]:
     """Return ``sider2(a, b, c, t)`` and its derivatives by ``a``, ``b`` and ``c``, (..., d, d) each."""
     x, (by_a, by_b, by_c) = _with_jacobian([a, b, c], t)
     return x, (by_a, by_b, by_c)
 
 
-def sider_n_with_jacobian(keys: Array, t: Array | float) -> tuple[Array, Array]:
+def sider_n_with_jacobian(keys: Keys, t: Times) -> tuple[Vectors, Jacobians]:
     """Return ``sider_n(keys, t)`` and its derivatives by every key, (..., n + 1, d, d)."""
     x, jacobians = _with_jacobian([keys[..., i, :] for i in range(keys.shape[-2])], t)
     return x, array_namespace(keys).stack(jacobians, axis=-3)
 
 
-def sider_weights(keys: Array, t: Array | float) -> KeyWeights:
+def sider_weights(keys: Keys, t: Times) -> KeyWeights:
     """Return ``sider_n(keys, t)`` with its derivative in factored form, for callers that multiply by it.
 
     Args:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.types.shapes import Float
 
 _SMALL_SQUARE = 1e-8
 """Squared angle below which two terms of a series are exact in float64 (the third is below 1e-19)."""
 
 
-def quat_multiply(a: Array, b: Array) -> Array:
+def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "... 4"]:
     """Return the Hamilton product ``a b`` (rotate by ``b`` first, then by ``a``).
 
     Args:
@@ -33,17 +34,17 @@ def quat_multiply(a: Array, b: Array) -> Array:
     )
 
 
-def quat_conjugate(q: Array) -> Array:
+def quat_conjugate(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """Return ``(w, -x, -y, -z)``, the inverse of a unit quaternion; (..., 4) wxyz."""
     return q * constant((1.0, -1.0, -1.0, -1.0), q)
 
 
-def upper_hemisphere(q: Array) -> Array:
+def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """Return the same rotations as quaternions wxyz with ``w >= 0``; (..., 4) -> (..., 4)."""
     return array_namespace(q).where(q[..., :1] < 0, -q, q)
 
 
-def matrix_from_quat(q: Array) -> Array:
+def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotation matrices of quaternions of any length but zero.
 
     ``R = I + 2 (w [u]x + [u]x²) / |q|²`` with ``q = (w, u)``.
@@ -67,7 +68,7 @@ def matrix_from_quat(q: Array) -> Array:
     return xp.reshape(xp.stack(rows, axis=-1), (*q.shape[:-1], 3, 3))
 
 
-def quat_from_matrix(R: Array) -> Array:
+def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """Return the unit quaternion with ``w >= 0`` of rotation matrices, accurate at every angle.
 
     The row of ``4 q qᵀ`` with the largest diagonal is normalised, so nothing is divided by a small number.
@@ -97,7 +98,7 @@ def quat_from_matrix(R: Array) -> Array:
     return xp.where(q[..., :1] < 0, -q, q)
 
 
-def quat_from_rotvec(v: Array) -> Array:
+def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
     """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
     xp = array_namespace(v)
     square = xp.sum(v * v, axis=-1)
@@ -108,7 +109,7 @@ def quat_from_rotvec(v: Array) -> Array:
     return xp.concat((w[..., None], scale[..., None] * v), axis=-1)
 
 
-def rotvec_from_quat(q: Array) -> Array:
+def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     """Return the rotation vector, of length 0..π, of quaternions of any length but zero.
 
     ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π (Grassia 1998).
@@ -130,7 +131,7 @@ def rotvec_from_quat(q: Array) -> Array:
     return scale[..., None] * u
 
 
-def quat_left_tangent(q: Array) -> Array:
+def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
     """Return ``G`` with ``quat(exp(ω)) q ≈ q + G ω``, the derivative by a left rotation.
 
     ``G ω = ½ (0, ω) q``; for unit ``q`` it satisfies ``Gᵀ G = I/4``, so ``ω = 4 Gᵀ dq`` turns a change of the

@@ -17,6 +17,7 @@ from solver_backend.geometry.quaternions import (
     quat_multiply,
     rotvec_from_quat,
 )
+from solver_backend.types.shapes import Float
 
 __all__ = [
     "cross", "exp_so3", "left_jacobian_inverse_so3", "left_jacobian_so3", "log_so3", "matrix_from_6d",
@@ -30,7 +31,7 @@ _TINY = 1e-12
 """Shortest column a 6D representation is divided by."""
 
 
-def skew(v: Array) -> Array:
+def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return ``[v]x`` with ``[v]x w = v × w``; (..., 3) -> (..., 3, 3)."""
     xp = array_namespace(v)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
@@ -38,7 +39,7 @@ def skew(v: Array) -> Array:
     return xp.reshape(xp.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=-1), (*v.shape[:-1], 3, 3))
 
 
-def cross(a: Array, b: Array) -> Array:
+def cross(a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]) -> Float[Array, "... 3"]:
     """Return ``a × b``; (..., 3) each, broadcast."""
     xp = array_namespace(a, b)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
@@ -46,7 +47,7 @@ def cross(a: Array, b: Array) -> Array:
     return xp.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-1)
 
 
-def exp_so3(v: Array) -> Array:
+def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotation about ``v`` by ``|v|``: ``R = I + sinθ/θ [v]x + (1 - cosθ)/θ² [v]x²``.
 
     Args:
@@ -61,7 +62,7 @@ def exp_so3(v: Array) -> Array:
     return _polynomial(v, sinc, versine)
 
 
-def log_so3(R: Array) -> Array:
+def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
     """Return the rotation vector, of length 0..π, with ``exp_so3(v) = R``; accurate at 0 and at π.
 
     Args:
@@ -73,7 +74,7 @@ def log_so3(R: Array) -> Array:
     return rotvec_from_quat(quat_from_matrix(R))
 
 
-def left_jacobian_so3(v: Array) -> Array:
+def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return ``J`` with ``exp(v + dv) ≈ exp(J dv) exp(v)``: ``I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
 
     Args:
@@ -88,7 +89,7 @@ def left_jacobian_so3(v: Array) -> Array:
     return _polynomial(v, versine, third)
 
 
-def left_jacobian_inverse_so3(v: Array) -> Array:
+def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the inverse of ``left_jacobian_so3``: ``I - ½ [v]x + (1 - θ/2 cot θ/2)/θ² [v]x²``.
 
     Args:
@@ -103,7 +104,7 @@ def left_jacobian_inverse_so3(v: Array) -> Array:
     return _polynomial(v, array_namespace(v).full_like(inverse, -0.5), inverse)
 
 
-def matrix_from_6d(x: Array) -> Array:
+def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotations of the continuous 6D representation by Gram-Schmidt.
 
     ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than 1e-12 are not scaled up to
@@ -121,12 +122,14 @@ def matrix_from_6d(x: Array) -> Array:
     return array_namespace(x).stack((b1, b2, b3), axis=-1)
 
 
-def matrix_to_6d(R: Array) -> Array:
+def matrix_to_6d(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
     """Return the first two columns, one after the other; (..., 3, 3) -> (..., 6)."""
     return array_namespace(R).concat((R[..., :, 0], R[..., :, 1]), axis=-1)
 
 
-def matrix_from_6d_with_jacobian(x: Array) -> tuple[Array, Array]:
+def matrix_from_6d_with_jacobian(
+    x: Float[Array, "*batch 6"],
+) -> tuple[Float[Array, "*batch 3 3"], Float[Array, "*batch 3 6"]]:
     """Return ``R(x)`` of ``matrix_from_6d`` and ``J`` with ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 
     From ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation that carries the frame b1 b2 b3.

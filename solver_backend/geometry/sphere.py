@@ -5,6 +5,10 @@ from __future__ import annotations
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
+from solver_backend.types.shapes import Float
+
+Vectors = Float[Array, "*#batch d"]
+"""Vectors of R^d whose batches broadcast."""
 
 _SERIES_BELOW = 0.01
 """Of ``(1 + t²) sin²(ψ/2)``: below it the geodesic's weights come from their series."""
@@ -12,7 +16,7 @@ _SERIES_TERMS = 9
 _SMALL_SQUARE = 1e-8
 
 
-def spherical_normalisation(v: Array) -> Array:
+def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
     """Return ``(v - mean(v)) / |v - mean(v)|``: the unit vector of zero mean nearest to ``v``.
 
     Args:
@@ -25,7 +29,7 @@ def spherical_normalisation(v: Array) -> Array:
     return centred / xp.sqrt(xp.sum(centred * centred, axis=-1, keepdims=True))
 
 
-def sphere_exp(a: Array, v: Array) -> Array:
+def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
     """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along ``v``.
 
     Args:
@@ -42,7 +46,7 @@ def sphere_exp(a: Array, v: Array) -> Array:
     return xp.where(small, 1.0 - square / 2.0, xp.cos(length)) * a + along * v
 
 
-def sphere_log(a: Array, b: Array) -> Array:
+def sphere_log(a: Vectors, b: Vectors) -> Vectors:
     """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a``.
 
     Args:
@@ -103,7 +107,7 @@ def is_antipodal(z: Array) -> Array:
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 
-def orthogonal_axis(a: Array) -> Array:
+def orthogonal_axis(a: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
     """Return the unit vector orthogonal to ``a`` nearest to the axis of its smallest entry; (..., d), d >= 2."""
     xp = array_namespace(a)
     smallest = xp.argmin(xp.abs(a), axis=-1)

@@ -7,11 +7,12 @@ import math
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
+from solver_backend.types.shapes import Float
 
 _PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def inverse_symmetric_3x3(A: Array, smallest: float = 1e-12) -> Array:
+def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:
     """Return the inverse ``adj A / det A`` by cofactors (Cramer 1750); NaN where the matrix is singular.
 
     Args:
@@ -33,20 +34,20 @@ def inverse_symmetric_3x3(A: Array, smallest: float = 1e-12) -> Array:
     return xp.reshape(xp.stack(entries, axis=-1), tuple(A.shape))
 
 
-def packed(A: Array) -> Array:
+def packed(A: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
     """Return (..., 6): the entries xx, xy, xz, yy, yz, zz of (..., 3, 3) symmetric matrices."""
     xp = array_namespace(A)
     return xp.stack([A[..., i, j] for i, j in _PACKED], axis=-1)
 
 
-def unpacked(entries: Array) -> Array:
+def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
     """Return the (..., 3, 3) symmetric matrices of (..., 6) entries xx, xy, xz, yy, yz, zz."""
     xp = array_namespace(entries)
     order = [_PACKED.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
     return xp.reshape(xp.stack([entries[..., k] for k in order], axis=-1), (*entries.shape[:-1], 3, 3))
 
 
-def mean_sigma(entries: Array) -> Array:
+def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
     """Return (...) standard deviations, the root mean square over the axes, of (..., 6) covariances."""
     xp = array_namespace(entries)
     return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.metrics.shapes import mean_or_nan, same_shape
+from solver_backend.types.shapes import Float
 
 
-def geodesic_deg(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def geodesic_deg(
+    found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
+) -> Float[np.ndarray, " *batch"]:
     """Return the angle of the rotation that leads from one to the other, in degrees.
 
     ``2 asin(|A - B|_F / (2 √2))``, which keeps its digits for small angles, where the arc cosine of the trace does not.
@@ -29,7 +32,9 @@ def geodesic_deg(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.degrees(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
 
 
-def angle_mae_deg(found: np.ndarray, truth: np.ndarray) -> float:
+def angle_mae_deg(
+    found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
+) -> float:
     """Return the mean angular error of the kinematic chain (thesis 6.3.4), in degrees.
 
     Args:

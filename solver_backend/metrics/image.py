@@ -7,9 +7,12 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.metrics.shapes import has_shape
 from solver_backend.types import Cameras, Keypoints2D
+from solver_backend.types.shapes import Float
 
 
-def reprojection_px(cameras: Cameras, points: np.ndarray, keypoints: Keypoints2D) -> np.ndarray:
+def reprojection_px(
+    cameras: Cameras, points: Float[np.ndarray, "frames points 3"], keypoints: Keypoints2D
+) -> Float[np.ndarray, "views frames points"]:
     """Return the distance between each detection and the projection of its point.
 
     Args:
@@ -30,7 +33,7 @@ def reprojection_px(cameras: Cameras, points: np.ndarray, keypoints: Keypoints2D
     return np.linalg.norm(px - keypoints.xy, axis=-1)
 
 
-def reprojection_rmse_px(error_px: np.ndarray) -> float:
+def reprojection_rmse_px(error_px: Float[np.ndarray, "views frames points"]) -> float:
     """Return the root of the mean squared reprojection error of all detections, in pixels.
 
     Args:
@@ -40,7 +43,7 @@ def reprojection_rmse_px(error_px: np.ndarray) -> float:
     return float(np.sqrt(np.mean(seen**2))) if seen.size else float("nan")
 
 
-def reprojection_median_px(error_px: np.ndarray) -> float:
+def reprojection_median_px(error_px: Float[np.ndarray, "views frames points"]) -> float:
     """Return the median reprojection error of all detections, in pixels, which outliers do not move.
 
     Args:

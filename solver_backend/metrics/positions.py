@@ -6,11 +6,14 @@ import numpy as np
 
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.metrics.shapes import mean_or_nan, same_shape
+from solver_backend.types.shapes import Float
 
 POINTS = (..., "points", 3)
 
 
-def distances_m(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def distances_m(
+    found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]
+) -> Float[np.ndarray, "*batch points"]:
     """Return the distance of every point to its truth, NaN where either is missing.
 
     Args:
@@ -27,7 +30,7 @@ def distances_m(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.linalg.norm(found - truth, axis=-1)
 
 
-def mpjpe_mm(found: np.ndarray, truth: np.ndarray) -> float:
+def mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
     """Return the mean per-joint position error without any alignment, in millimetres.
 
     ``mean |found - truth|`` over all points that both have; NaN if there is none.
@@ -44,7 +47,7 @@ def mpjpe_mm(found: np.ndarray, truth: np.ndarray) -> float:
     return 1000.0 * mean_or_nan(distances_m(found, truth))
 
 
-def rmse_mm(found: np.ndarray, truth: np.ndarray) -> float:
+def rmse_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
     """Return the root of the mean squared distance, without alignment, in millimetres.
 
     Args:
@@ -59,7 +62,7 @@ def rmse_mm(found: np.ndarray, truth: np.ndarray) -> float:
     return 1000.0 * float(np.sqrt(mean_or_nan(distances_m(found, truth) ** 2)))
 
 
-def pa_mpjpe_mm(found: np.ndarray, truth: np.ndarray) -> float:
+def pa_mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
     """Return the MPJPE after each frame is aligned to its truth by the best similarity (scale, rotation, translation).
 
     Points that either side lacks take no part; frames with fewer than three common points are left out.
@@ -85,7 +88,9 @@ def pa_mpjpe_mm(found: np.ndarray, truth: np.ndarray) -> float:
     return 1000.0 * mean_or_nan(np.where(both, np.linalg.norm(aligned - truth, axis=-1), np.nan))
 
 
-def pck_percent(found: np.ndarray, truth: np.ndarray, threshold_m: float) -> float:
+def pck_percent(
+    found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"], threshold_m: float
+) -> float:
     """Return the share of points within ``threshold_m`` of their truth, in percent, without alignment.
 
     A point that was not found though its truth is known counts as wrong; points without truth take no part. The

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.metrics.shapes import has_shape, mean_or_nan, same_shape
+from solver_backend.types.shapes import Float
 
 SKATING_HEIGHT_M = 0.025
 """Height below which a toe counts as standing (thesis 6.3.4, H_thr)."""
 
 
-def accelerations_m_s2(points: np.ndarray, fps: float) -> np.ndarray:
+def accelerations_m_s2(
+    points: Float[np.ndarray, "frames points 3"], fps: float
+) -> Float[np.ndarray, "accelerations points 3"]:
     """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` (thesis 6.3.4).
 
     Args:
@@ -27,7 +30,9 @@ def accelerations_m_s2(points: np.ndarray, fps: float) -> np.ndarray:
     return (points[2:] - 2.0 * points[1:-1] + points[:-2]) * fps**2
 
 
-def accel_error_m_s2(found: np.ndarray, truth: np.ndarray, fps: float) -> float:
+def accel_error_m_s2(
+    found: Float[np.ndarray, "frames points 3"], truth: Float[np.ndarray, "frames points 3"], fps: float
+) -> float:
     """Return the mean length of the difference between found and true accelerations, in m/s².
 
     Args:
@@ -49,7 +54,7 @@ def accel_error_m_s2(found: np.ndarray, truth: np.ndarray, fps: float) -> float:
 
 
 def foot_skating_cm_per_frame(
-    toes: np.ndarray, floor_m: float = 0.0, height_threshold_m: float = SKATING_HEIGHT_M
+    toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0, height_threshold_m: float = SKATING_HEIGHT_M
 ) -> float:
     """Return how far toes slide along the floor while they stand on it, in centimetres per frame.
 

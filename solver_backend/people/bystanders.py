@@ -54,8 +54,7 @@ def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_fr
     limbs = [side for limb in EXCHANGED for side in limb_columns(keypoints.joint_set, limb)]
     columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), np.concatenate(limbs))
     columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)
-    inliers, residual = (np.asarray(a)[:, :, columns] for a in (triangulation.inliers, triangulation.residual_px))
-    torso = replace(triangulation, inliers=inliers, residual_px=residual)
+    torso = triangulation.of_keypoints(columns)
     return bool(inconsistent_ranges(torso, keypoints.confidence[:, :, columns], least_frames))
 
 

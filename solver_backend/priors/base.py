@@ -12,6 +12,14 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.errors import PoseInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.types.shapes import Float
+
+Poses = Float[Array, "poses 21 3 3"]
+"""Local rotations of joints 1..21."""
+Codes = Float[Array, "poses d"]
+Energies = Float[Array, " poses"]
+CodeJacobian = Float[Array, "poses 21 3 d"]
+"""Left tangents of the rotations by the code."""
 
 ORTHONORMAL_WITHIN = 1e-3
 """Largest entry of ``R^T R - I`` that still counts as a rotation (float32 files round to 1e-7)."""
@@ -31,18 +39,18 @@ class PosePrior(ABC):
         """Length of a code."""
 
     @abstractmethod
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the codes (N, d) of (N, 21, 3, 3) local rotations."""
 
     @abstractmethod
-    def decode(self, z: Array) -> Array:
+    def decode(self, z: Codes) -> Poses:
         """Return (N, 21, 3, 3) local rotations of (N, d) codes."""
 
     @abstractmethod
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+    def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return ``decode(z)`` and J (N, 21, 3, d) with ``R_j(z + dz) ~ exp([J_j dz]x) R_j(z)``."""
 
-    def decode_with_vjp(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+    def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
         """Return ``decode(z)`` and ``v -> J_zᵀ v``, from (N, 21, 3) cotangents of the left tangents to (N, d)."""
         rotations, jacobian = self.decode_with_jacobian(z)
         xp = array_namespace(z)
@@ -53,11 +61,11 @@ class PosePrior(ABC):
         return rotations, vjp
 
     @abstractmethod
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return how implausible (N, 21, 3, 3) poses are: (N,), zero or more, less is more plausible."""
 
     @abstractmethod
-    def sample(self, count: int, seed: int) -> Array:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` poses drawn from the prior, (count, 21, 3, 3), the same for the same seed."""
 
 

@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.arrays import Array
+from solver_backend.priors.base import Codes, Energies, Poses
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
@@ -27,7 +27,7 @@ class GaussianVAE(PoseAutoencoder):
         """``"vposer"`` or ``"rvposer"``."""
         return self.metadata["prior"]
 
-    def posterior(self, rotations: Array) -> tuple[Array, Array]:
+    def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
         """Return the mean and the standard deviation (N, 32) of the codes of (N, 21, 3, 3) poses.
 
         Raises:
@@ -36,16 +36,16 @@ class GaussianVAE(PoseAutoencoder):
         out = self._encoded_rotvecs(rotations)
         return out[:, :LATENT_DIM], array_namespace(out).exp(0.5 * out[:, LATENT_DIM:])
 
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the posterior means (N, 32)."""
         return self.posterior(rotations)[0]
 
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return half the squared length of the code, minus the log density of the standard normal: (N,)."""
         z = self.encode(rotations)
         return 0.5 * array_namespace(z).sum(z * z, axis=-1)
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` poses of standard normal codes."""
         return self.decode(np.random.default_rng(seed).standard_normal((count, LATENT_DIM)))
 

@@ -10,9 +10,18 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations, in_own_columns
+from solver_backend.priors.base import (
+    CodeJacobian,
+    Codes,
+    Energies,
+    PosePrior,
+    Poses,
+    check_codes,
+    check_rotations,
+    in_own_columns,
+)
 from solver_backend.priors.weights import ASSETS, read_weights
 
 _DIM = 3 * NUM_BODY_JOINTS
@@ -58,7 +67,7 @@ class GaussianMixture(PosePrior):
         """63."""
         return _DIM
 
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the rotation vectors (N, 63), rad.
 
         Raises:
@@ -67,17 +76,17 @@ class GaussianMixture(PosePrior):
         check_rotations(rotations)
         return array_namespace(rotations).reshape(log_so3(rotations), (rotations.shape[0], _DIM))
 
-    def decode(self, z: Array) -> Array:
+    def decode(self, z: Codes) -> Poses:
         """Return (N, 21, 3, 3) rotations of (N, 63) rotation vectors."""
         check_codes(z, _DIM)
         return exp_so3(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3)))
 
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+    def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return ``decode(z)`` and J (N, 21, 3, 63), the left Jacobian of SO(3) in each joint's own columns."""
         vectors = array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 3))
         return self.decode(z), in_own_columns(left_jacobian_so3(vectors))
 
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return the negative log density, zero where every component would be at its peak: (N,).
 
         ``-log Σ_k s_k exp(-½ |L_k⁻¹ (x - μ_k)|²)``, ``s_k`` the components' shares of the sum of peaks.
@@ -107,7 +116,7 @@ class GaussianMixture(PosePrior):
         shares = np.exp(np.array(logs) - np.max(logs, axis=0))
         return self.decode(np.einsum("kn,knd->nd", shares / shares.sum(axis=0), np.array(means)))
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` draws from the mixture."""
         rng = np.random.default_rng(seed)
         component = rng.choice(len(self._weights), size=count, p=self._weights)

@@ -11,6 +11,7 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.quaternions import matrix_from_quat
 from solver_backend.geometry.rotations import matrix_from_6d
+from solver_backend.priors.base import Codes, Energies, Poses
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
@@ -38,19 +39,19 @@ class LieVAE(PoseAutoencoder):
         mean = matrix_from_6d(xp.reshape(out[:, : 6 * FACTORS], (count, FACTORS, 6)))
         return mean, xp.exp(0.5 * xp.reshape(out[:, 6 * FACTORS :], (count, FACTORS, 3)))
 
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the mean rotations' entries (N, 90)."""
         mean = self.posterior(rotations)[0]
         return array_namespace(mean).reshape(mean, (mean.shape[0], _DIM))
 
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
 
         Codes say nothing: all are as likely.
         """
         return self._distance_to_reconstruction(rotations)
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` poses of rotations drawn uniformly."""
         quats = np.random.default_rng(seed).standard_normal((count, FACTORS, 4))
         quats /= np.linalg.norm(quats, axis=-1, keepdims=True)

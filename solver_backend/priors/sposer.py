@@ -8,10 +8,9 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import matrix_to_6d
 from solver_backend.geometry.sphere import spherical_normalisation
-from solver_backend.priors.base import check_rotations
+from solver_backend.priors.base import Codes, Energies, Poses, check_rotations
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
@@ -27,7 +26,7 @@ class SPoser(PoseAutoencoder):
         """``"sposer"``."""
         return "sposer"
 
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the codes (N, 32), unit and zero-mean, of (N, 21, 3, 3) local rotations.
 
         Raises:
@@ -38,11 +37,11 @@ class SPoser(PoseAutoencoder):
         features = xp.reshape(matrix_to_6d(rotations), (rotations.shape[0], 6 * NUM_BODY_JOINTS))
         return spherical_normalisation(self._encoded(features))
 
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return the mean squared rotation between poses and their reconstructions by ``residual_sigma``: (N,)."""
         return self._distance_to_reconstruction(rotations)
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` poses of codes drawn uniformly from the sphere."""
         return self.decode(spherical_normalisation(np.random.default_rng(seed).standard_normal((count, LATENT_DIM))))
 

@@ -9,6 +9,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array
+from solver_backend.priors.base import Codes, Energies, Poses
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
@@ -23,7 +24,7 @@ class SphericalVAE(PoseAutoencoder):
         """``"svae"``."""
         return "svae"
 
-    def posterior(self, rotations: Array) -> tuple[Array, Array]:
+    def posterior(self, rotations: Poses) -> tuple[Codes, Energies]:
         """Return the mean directions (N, 32) and the concentrations κ (N,) of (N, 21, 3, 3) poses.
 
         Raises:
@@ -34,18 +35,18 @@ class SphericalVAE(PoseAutoencoder):
         kappa = 1.0 + 0.5 * (raw + xp.abs(raw)) + xp.log1p(xp.exp(-xp.abs(raw)))
         return unit(out[:, :LATENT_DIM]), kappa
 
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the mean directions (N, 32)."""
         return self.posterior(rotations)[0]
 
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
 
         Codes say nothing: all are as likely.
         """
         return self._distance_to_reconstruction(rotations)
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` poses of directions drawn uniformly."""
         return self.decode(unit(np.random.default_rng(seed).standard_normal((count, LATENT_DIM))))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import DISTORTION_MODELS
+from solver_backend.types.shapes import Float, Int
 
 
 @dataclass(frozen=True)
@@ -16,15 +17,15 @@ class Cameras:
 
     names: tuple[str, ...]
     """One unique name a camera."""
-    K: np.ndarray
+    K: Float[np.ndarray, "cameras 3 3"]
     """(C, 3, 3) intrinsic matrices in pixels."""
-    distortion: np.ndarray
+    distortion: Float[np.ndarray, "cameras 8"]
     """(C, 8) coefficients, zero-padded; the fisheye model uses the first 4."""
-    R: np.ndarray
+    R: Float[np.ndarray, "cameras 3 3"]
     """(C, 3, 3) rotations world to camera (OpenCV axes: x right, y down, z forward)."""
-    t: np.ndarray
+    t: Float[np.ndarray, "cameras 3"]
     """(C, 3) translations in metres."""
-    image_size: np.ndarray
+    image_size: Int[np.ndarray, "cameras 2"]
     """(C, 2) width and height in pixels."""
     distortion_model: str = "opencv"
     """'opencv' or 'fisheye'."""
@@ -88,7 +89,7 @@ class Cameras:
         return len(self.names)
 
     @property
-    def centres(self) -> np.ndarray:
+    def centres(self) -> Float[np.ndarray, "cameras 3"]:
         """(C, 3) optical centres in world metres, ``-Rᵀ t``."""
         return -np.einsum("cji,cj->ci", self.R, self.t)
 

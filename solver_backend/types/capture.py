@@ -10,15 +10,16 @@ import numpy as np
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData, TooFewViews
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
+from solver_backend.types.shapes import Float
 
 
 @dataclass(frozen=True)
 class Keypoints2D:
     """Detections of one person in every view; missing = NaN with confidence 0."""
 
-    xy: np.ndarray
+    xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) pixels."""
-    confidence: np.ndarray
+    confidence: Float[np.ndarray, "views frames keypoints"]
     """(views, frames, keypoints) in 0..1."""
     joint_set: JointSet
     """Names of the keypoints."""
@@ -77,13 +78,13 @@ class Keypoints2D:
 class MarkerCloud:
     """Optical markers; missing = NaN."""
 
-    positions: np.ndarray
+    positions: Float[np.ndarray, "frames markers 3"]
     """(frames, markers, 3) metres."""
     fps: float
     """Frames per second."""
     labels: tuple[str, ...] | None = None
     """One label a marker, or None for an unlabelled cloud."""
-    residual: np.ndarray | None = None
+    residual: Float[np.ndarray, "frames markers"] | None = None
     """(frames, markers) metres, the tracker's own residual."""
 
 

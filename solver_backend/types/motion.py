@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS, JointSet
+from solver_backend.types.shapes import Bool, Float, Int
 
 
 @dataclass(frozen=True)
@@ -18,35 +19,35 @@ class Motion:
     ``x_world = R(global_orient) (x_body - J_0(betas)) + J_0(betas) + transl`` (SMPL's convention, Loper et al. 2015).
     """
 
-    betas: np.ndarray
+    betas: Float[np.ndarray, " 10"]
     """(10,) shape coefficients."""
-    global_orient: np.ndarray
+    global_orient: Float[np.ndarray, "frames 3"]
     """(F, 3) axis-angle, body frame to world."""
-    body_pose: np.ndarray
+    body_pose: Float[np.ndarray, "frames 69"]
     """(F, 69) axis-angle of joints 1..23."""
-    transl: np.ndarray
+    transl: Float[np.ndarray, "frames 3"]
     """(F, 3) metres."""
     fps: float
     """Frames per second."""
     body: str
     """Id of the body the parameters belong to."""
-    joints: np.ndarray
+    joints: Float[np.ndarray, "frames 24 3"]
     """(F, 24, 3) world metres."""
-    keypoints3d: np.ndarray | None = None
+    keypoints3d: Float[np.ndarray, "frames keypoints 3"] | None = None
     """(F, K, 3) world metres in the observed joint set."""
     joint_set: JointSet | None = None
     """Names of keypoints3d."""
-    joint_sigma: np.ndarray | None = None
+    joint_sigma: Float[np.ndarray, "frames 24"] | None = None
     """(F, 24) standard deviation of each joint in metres, the root mean square over the axes."""
-    joint_covariance: np.ndarray | None = None
+    joint_covariance: Float[np.ndarray, "frames 24 6"] | None = None
     """(F, 24, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz of the world's axes."""
-    keyframes: np.ndarray | None = None
+    keyframes: Bool[np.ndarray, " frames"] | None = None
     """(F,) bool: the frame is a keyframe of the solver."""
-    contacts: np.ndarray | None = None
+    contacts: Bool[np.ndarray, "frames 2"] | None = None
     """(F, 2) bool: left and right foot on the floor."""
-    flags: np.ndarray | None = None
+    flags: Int[np.ndarray, " frames"] | None = None
     """(F,) uint8 bit mask of FLAG_*."""
-    reprojection_px: np.ndarray | None = None
+    reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
     markers: np.ndarray | None = None
     """(F, M, 3) world metres: where the solved body puts each marker."""

@@ -81,12 +81,14 @@ def test_pck_counts_points_within_the_threshold_and_unfound_ones_as_wrong():
     assert pck_percent(found, truth, 0.07) == pytest.approx(200.0 / 3)
 
 
+@pytest.mark.misshapen
 @pytest.mark.parametrize("metric", [mpjpe_mm, rmse_mm, pa_mpjpe_mm, distances_m])
 def test_shapes_that_would_broadcast_are_refused(metric):
     with pytest.raises(ShapeMismatch, match=r"\(2, 3, 3\) and \(1, 3, 3\) cannot be compared.*\(\.\.\., points, 3\)"):
         metric(np.zeros((2, 3, 3)), np.zeros((1, 3, 3)))
 
 
+@pytest.mark.misshapen
 @pytest.mark.parametrize("shape", [(3,), (4, 2), ()])
 def test_points_need_three_coordinates(shape):
     with pytest.raises(ShapeMismatch, match=r"has shape .*; \(\.\.\., points, 3\) is expected"):

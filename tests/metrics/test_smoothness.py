@@ -66,6 +66,7 @@ def test_missing_toes_take_no_part():
     assert np.isnan(foot_skating_cm_per_frame(toes[:1]))
 
 
+@pytest.mark.misshapen
 def test_other_shapes_are_refused():
     with pytest.raises(ShapeMismatch, match=r"\(frames, points, 3\) is expected"):
         foot_skating_cm_per_frame(np.zeros((5, 3)))

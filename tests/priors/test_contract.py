@@ -67,6 +67,7 @@ def test_samples_are_seeded(prior: PosePrior) -> None:
     assert np.abs(drawn - prior.sample(6, seed=4)).max() > 1e-3
 
 
+@pytest.mark.misshapen
 def test_bad_poses_are_named(prior: PosePrior) -> None:
     for bad, text in bad_poses(poses(3)):
         for ask in (prior.encode, prior.energy):

@@ -45,6 +45,7 @@ def test_energy_is_half_the_squared_code_and_tells_broken_poses(prior: GaussianV
     assert np.median(prior.energy(broken)) > 2 * np.median(prior.energy(R))
 
 
+@pytest.mark.misshapen
 def test_bad_input_is_named(prior: GaussianVAE, tmp_path: Path) -> None:
     with pytest.raises(PoseInvalid, match=r"shape \(N, 32\)"):
         prior.decode(np.zeros((1, 30)))

@@ -99,6 +99,7 @@ def test_reconstruction_spread_is_stored(prior: SPoser) -> None:
     assert (prior.residual_sigma > 0).all() and (prior.residual_sigma < np.radians(45)).all()
 
 
+@pytest.mark.misshapen
 def test_bad_poses_are_named(prior: SPoser) -> None:
     for bad, text in bad_poses(poses(3)):
         with pytest.raises(PoseInvalid, match=text):

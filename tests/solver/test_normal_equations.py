@@ -1,5 +1,7 @@
 """Structured solves against a dense solve of the same system; LM on problems with known minima."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def test_arrowhead_equals_dense():
         for other in range(count):
             if other != b:
                 row[:, m + other * n : m + (other + 1) * n] = 0
-    dense = sum(r.T @ r for r in rows)
+    dense = np.sum([r.T @ r for r in rows], axis=0)
     g = rng.normal(size=total)
     blocks = np.stack([dense[m + b * n : m + (b + 1) * n, m + b * n : m + (b + 1) * n] for b in range(count)])
     coupling = np.stack([dense[m + b * n : m + (b + 1) * n, :m] for b in range(count)])
@@ -28,7 +30,7 @@ def test_arrowhead_equals_dense():
 @pytest.mark.parametrize("backend", ["numpy", "torch"])
 def test_lm_solves_many_rosenbrock_valleys_at_once(backend):
     """Residuals (10 (y - x²), 1 - x) have their only zero at (1, 1), from every start."""
-    xp = np if backend == "numpy" else pytest.importorskip("torch")
+    xp: Any = np if backend == "numpy" else pytest.importorskip("torch")
     starts = np.random.default_rng(2).uniform(-2, 2, (20, 2))
     state = xp.asarray(starts) if backend == "numpy" else xp.as_tensor(starts)
 

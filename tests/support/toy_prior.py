@@ -11,12 +11,18 @@ from solver_backend.priors.base import PosePrior
 class ToyPrior(PosePrior):
     """``R_j = exp(A_j z)``."""
 
-    name = "toy"
-    latent_dim = 32
     residual_sigma = np.full((21, 3), 0.1)
 
     def __init__(self, seed: int = 3) -> None:
         self.A = 0.4 * np.random.default_rng(seed).normal(size=(21, 3, 32))
+
+    @property
+    def name(self) -> str:
+        return "toy"
+
+    @property
+    def latent_dim(self) -> int:
+        return 32
 
     def decode(self, z):
         xp = array_namespace(z)
@@ -31,4 +37,8 @@ class ToyPrior(PosePrior):
     def encode(self, rotations):
         raise NotImplementedError
 
-    energy = sample = encode
+    def energy(self, rotations):
+        raise NotImplementedError
+
+    def sample(self, count, seed):
+        raise NotImplementedError

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from typing import Any, BinaryIO
 
 from solver_backend.body.files.pickled_arrays import (
@@ -56,7 +57,7 @@ class Machine:
         classes: dotted names of the classes that become stand-ins.
     """
 
-    def __init__(self, stream: BinaryIO, where: str, classes: frozenset[str]) -> None:
+    def __init__(self, stream: BinaryIO | BytesIO, where: str, classes: frozenset[str]) -> None:
         self._stream, self._where, self._classes = stream, where, classes
         self._stack: list[Any] = []
         self._marks: list[int] = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.triangulation.detector_noise import flat_views, measure_noise
@@ -13,6 +14,7 @@ from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMis
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.types import Cameras
+from solver_backend.types.shapes import Bool, Float
 
 LARGEST_SIGMA_M = 0.3
 """A point less certain than this is no point."""
@@ -24,23 +26,29 @@ _CHUNK = 32_000
 class Triangulation:
     """F frames of K keypoints located by C views."""
 
-    points: Array
+    points: Float[Array, "frames keypoints 3"]
     """(F, K, 3) world metres, NaN where fewer than two views agree or the point is less certain than asked."""
-    covariance: Array
+    covariance: Float[Array, "frames keypoints 3 3"]
     """(F, K, 3, 3) m², of the inliers' noise; NaN with the point."""
-    inliers: Array
+    inliers: Bool[Array, "views frames keypoints"]
     """(C, F, K) bool: the views the point was computed from."""
-    residual_px: Array
+    residual_px: Float[Array, "views frames keypoints"]
     """(C, F, K) distance from every detection to the projected point, NaN where there is none of both."""
-    sigma_px: Array
+    sigma_px: Float[Array, " keypoints"]
     """(K,) standard deviation of the detections, given or measured."""
+
+    def of_keypoints(self, columns: np.ndarray) -> Triangulation:
+        """Return the keypoints at these columns, in NumPy."""
+        points, covariance = (np.asarray(a)[:, columns] for a in (self.points, self.covariance))
+        inliers, residual_px = (np.asarray(a)[:, :, columns] for a in (self.inliers, self.residual_px))
+        return Triangulation(points, covariance, inliers, residual_px, np.asarray(self.sigma_px)[columns])
 
 
 def triangulate(
     cameras: Cameras,
-    xy: Array,
-    confidence: Array,
-    sigma_px: float | Array | None = None,
+    xy: Float[Array, "views frames keypoints 2"],
+    confidence: Float[Array, "views frames keypoints"],
+    sigma_px: float | Float[Array, " ..."] | None = None,
     largest_sigma_m: float = LARGEST_SIGMA_M,
 ) -> Triangulation:
     """Locate keypoints seen by several views, rejecting views that do not agree.

@@ -81,13 +81,7 @@ def _predictions(
 ) -> Predictions:
     """Return where each view should see the limbs in these frames, in the order of ``_columns``."""
     columns = _columns(keypoints.joint_set)
-    points, inliers = np.asarray(triangulation.points), np.asarray(triangulation.inliers)
-    limbs = replace(
-        triangulation,
-        points=points[:, columns],
-        inliers=inliers[:, :, columns],
-        sigma_px=np.asarray(triangulation.sigma_px)[columns],
-    )
+    limbs = triangulation.of_keypoints(columns)
     return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
 
 

@@ -11,7 +11,7 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, device_of
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.base import AutoencodingPrior, check_codes, check_rotations
+from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Poses, check_codes, check_rotations
 from solver_backend.priors.networks.decoder import (
     decoded_rotations,
     decoded_rotations_with_jacobian,
@@ -42,7 +42,7 @@ class PoseAutoencoder(AutoencodingPrior):
         """Layer sizes of the encoder and of the decoder."""
         return self._encoder.widths, self._decoder.widths
 
-    def decode(self, z: Array) -> Array:
+    def decode(self, z: Codes) -> Poses:
         """Return (N, 21, 3, 3) local rotations of (N, d) codes.
 
         Raises:
@@ -50,7 +50,7 @@ class PoseAutoencoder(AutoencodingPrior):
         """
         return decoded_rotations(self._decoder_for(z), z)
 
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+    def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return rotations and their left tangents by the code's d ambient coordinates.
 
         ``J_j = (dω/d6D)(x_j) dx_j/dz``: the 6D representation's derivative after the network's, in forward mode.
@@ -66,7 +66,7 @@ class PoseAutoencoder(AutoencodingPrior):
         """
         return decoded_rotations_with_jacobian(self._decoder_for(z), z)
 
-    def decode_with_vjp(self, z: Array) -> tuple[Array, Callable[[Array], Array]]:
+    def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
         """Return ``decode(z)`` and ``v -> J_zᵀ v`` in reverse mode, at the cost of one more forward pass.
 
         Raises:

@@ -7,14 +7,22 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
-from solver_backend.priors.base import PosePrior, check_codes, check_rotations, in_own_columns
+from solver_backend.priors.base import (
+    CodeJacobian,
+    Codes,
+    Energies,
+    PosePrior,
+    Poses,
+    check_codes,
+    check_rotations,
+    in_own_columns,
+)
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS
@@ -67,7 +75,7 @@ class PoseNDF(PosePrior):
         """84: the code is the 21 unit quaternions."""
         return _DIM
 
-    def encode(self, rotations: Array) -> Array:
+    def encode(self, rotations: Poses) -> Codes:
         """Return the unit quaternions, wxyz with ``w >= 0``, (N, 84).
 
         Raises:
@@ -77,12 +85,12 @@ class PoseNDF(PosePrior):
         xp = array_namespace(rotations)
         return xp.reshape(upper_hemisphere(quat_from_matrix(rotations)), (rotations.shape[0], _DIM))
 
-    def decode(self, z: Array) -> Array:
+    def decode(self, z: Codes) -> Poses:
         """Return (N, 21, 3, 3) rotations of (N, 84) quaternions of any length but zero."""
         check_codes(z, _DIM)
         return matrix_from_quat(_unit(array_namespace(z).reshape(z, (z.shape[0], NUM_BODY_JOINTS, 4))))
 
-    def decode_with_jacobian(self, z: Array) -> tuple[Array, Array]:
+    def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return ``decode(z)`` and its left tangents (N, 21, 3, 84), ``dω = 2 (dq q⁻¹)`` at unit quaternions."""
         xp = array_namespace(z)
         rotations = self.decode(z)
@@ -91,7 +99,7 @@ class PoseNDF(PosePrior):
         blocks = 4.0 * xp.permute_dims(quat_left_tangent(quats), (0, 1, 3, 2)) / square
         return rotations, in_own_columns(blocks)
 
-    def energy(self, rotations: Array) -> Array:
+    def energy(self, rotations: Poses) -> Energies:
         """Return the predicted distance of (N, 21, 3, 3) poses to the manifold, rad: (N,)."""
         return self.distance_with_gradient(self.encode(rotations))[0]
 
@@ -164,7 +172,7 @@ class PoseNDF(PosePrior):
             alpha = xp.where(better, xp.clip(1.5 * alpha, None, settings.step_size), 0.5 * alpha)
         return matrix_from_quat(quats)
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int) -> Poses:
         """Return ``count`` projected poses whose joints were drawn one by one as they turn in recordings, but wider."""
         return self.project(self._spread.draw(count, seed))
 

@@ -43,7 +43,7 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
     truth, fps = capture.truth, capture.fps
     cameras, keypoints = capture.require_multiview()
     toes = [JointSet.BODY_25.keypoints.index(f"{side}_big_toe") for side in ("left", "right")]
-    row = dict.fromkeys(COLUMNS, float("nan"))
+    row: Row = dict.fromkeys(COLUMNS, float("nan"))
     points = result.keypoints3d if result.motion is None else body_points(result.motion)
     row["kp_mpjpe_mm"] = mpjpe_mm(points, truth["keypoints3d"])
     row["kp_accel_m_s2"] = accel_error_m_s2(points, truth["keypoints3d"], fps)

@@ -125,7 +125,9 @@ def test_view_scales_the_camera_by_pixel_edges(files: Any) -> None:
 def test_window_holds_the_body(files: Any) -> None:
     view = View(files.capture.cameras[0], (424, 240))
     uv, _ = view.project(files.motion.joints[9])
-    x0, y0, x1, y1 = view.window(files.motion.joints[9])
+    window = view.window(files.motion.joints[9])
+    assert window is not None
+    x0, y0, x1, y1 = window
     assert (uv > [x0, y0]).all() and (uv < [x1, y1]).all() and (x1 - x0) * (y1 - y0) < 0.4 * 424 * 240
     assert view.window(files.motion.joints[9] + [0, 0, 90.0]) is None
     behind = replace(view.camera, R=np.diag([-1.0, 1, -1]) @ view.camera.R, t=np.diag([-1.0, 1, -1]) @ view.camera.t)

@@ -44,7 +44,9 @@ def test_body_is_rendered_where_its_joints_project(subject: Subject, tmp_path: P
             inside = (at >= 0).all(axis=1) & (at < view.size).all(axis=1)
             covered = alpha[at[inside, 1], at[inside, 0]] > 0
             assert covered.mean() > 0.9, "joints lie inside the body"
-            x0, y0, x1, y1 = view.window(subject.joints[frame])
+            window = view.window(subject.joints[frame])
+            assert window is not None
+            x0, y0, x1, y1 = window
             assert alpha.sum() == alpha[y0:y1, x0:x1].sum() > 100, "nothing of the body is outside the window"
             part = layer_from_render(stage.render(float(subject.times[frame]), (x0, y0, x1, y1)))[..., 3]
             assert part.shape == (y1 - y0, x1 - x0)

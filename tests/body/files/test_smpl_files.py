@@ -51,8 +51,8 @@ class _FakeModules:
 
     def __init__(self, monkeypatch) -> None:
         self.ch, self.csc = types.ModuleType("chumpy.ch"), types.ModuleType("scipy.sparse.csc")
-        self.ch.Ch = type("Ch", (), {"__module__": "chumpy.ch"})
-        self.csc.csc_matrix = type("csc_matrix", (), {"__module__": "scipy.sparse.csc"})
+        vars(self.ch)["Ch"] = type("Ch", (), {"__module__": "chumpy.ch"})
+        vars(self.csc)["csc_matrix"] = type("csc_matrix", (), {"__module__": "scipy.sparse.csc"})
         for name, module in (
             ("chumpy", types.ModuleType("chumpy")),
             ("chumpy.ch", self.ch),

@@ -198,6 +198,7 @@ def test_torch_equals_numpy(sigma):
         np.testing.assert_allclose(getattr(found, name).numpy(), getattr(expected, name), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.misshapen
 def test_errors_say_what_is_wrong():
     cameras = ring(3)
     _, xy, confidence = record(cameras, 2, 2, 0.0)

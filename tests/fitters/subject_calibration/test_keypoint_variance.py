@@ -41,7 +41,9 @@ class Recorded:
         """Return the (C, L) variances that are learned, in units of those assumed, which are the same for all."""
         keypoints = Keypoints2D(self.px + noise, np.ones(self.px.shape[:-1]), JointSet.SMPL_24, 60.0)
         term = ReprojectionTerm.of(CAMERAS, keypoints, np.full(POINTS, SIGMA_PX), self.px)
-        found = term.weight / reweighted(self.subject, self.frames, term, scale, ALL).weight
+        after = reweighted(self.subject, self.frames, term, scale, ALL)
+        assert isinstance(after, ReprojectionTerm)
+        found = term.weight / after.weight
         np.testing.assert_allclose(found, found[:, :1] * np.ones((1, FRAMES, 1)), rtol=1e-9)
         return found[:, 0]
 

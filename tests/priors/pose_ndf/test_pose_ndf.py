@@ -126,6 +126,7 @@ def test_projection_stops_at_the_level_and_within_reach(prior: PoseNDF) -> None:
     assert (way <= 0.3 * before + 1e-6).all() and way.max() > 0.1 * before.min()
 
 
+@pytest.mark.misshapen
 def test_bad_input_is_named(prior: PoseNDF, tmp_path: Path) -> None:
     with pytest.raises(PoseInvalid, match=r"shape \(N, 84\)"):
         prior.distance_with_gradient(np.zeros((2, 63)))

@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.training.engine.accuracy import reconstruction_accuracy
 from solver_backend.training.engine.dense_layers import linear_layers
@@ -23,6 +24,7 @@ from tests.support.swaying_corpus import job, swaying
 def test_vae_exports_what_it_learned(tmp_path: Path, kind: Kind) -> None:
     finished = train_vae(kind, job(tmp_path, 60))
     prior = load_prior(kind, finished.weights)
+    assert isinstance(prior, AutoencodingPrior)
     truth = swaying(0).rotations[::4].astype(np.float64)
     z = prior.encode(truth)
     R, J = prior.decode_with_jacobian(z)

@@ -1,0 +1,7 @@
+"""The arrays of the generator: NumPy's alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray

@@ -1,0 +1,23 @@
+"""Array types that say their shape: in ``Float[Array, "*batch 3"]`` a name is one size throughout a signature.
+
+``*batch`` is any number of dimensions, and ``#`` says that they broadcast (jaxtyping's notation). Type checkers see the
+array alone. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+if not TYPE_CHECKING and "jaxtyping" in sys.modules:
+    from jaxtyping import Bool, Float, Int, Num
+else:
+    from typing import Annotated as Bool
+    from typing import Annotated as Float
+    from typing import Annotated as Int
+    from typing import Annotated as Num
+
+__all__ = ["Array", "Bool", "Float", "Int", "Num"]
+
+Array = Any
+"""A NumPy array or a torch tensor."""
