@@ -28,14 +28,14 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
         "unlabelled": count - len(named),
         "gaps": gaps,
     }
-    groups = (
-        (names.known, "known"),
-        (names.unknown, "unknown"),
-        (names.virtual, "computed"),
-        (names.doubled, "doubled"),
-    )
-    parts = [f"{len(group)} {what}" for group, what in groups if group]
-    parts += [f"{count - len(named)} unlabelled"] if count > len(named) else []
+    counts = {
+        "known": len(names.known),
+        "unknown": len(names.unknown),
+        "computed": len(names.virtual),
+        "doubled": len(names.doubled),
+        "unlabelled": count - len(named),
+    }
+    parts = [f"{number} {what}" for what, number in counts.items() if number]
     lines = [f"  markers     {count}: {', '.join(parts)}"]
     if data["subjects"]:
         lines.append(f"  subjects    {', '.join(data['subjects'])}")

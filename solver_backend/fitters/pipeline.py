@@ -105,7 +105,8 @@ def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> Pr
     """Return the views or the markers of a capture made ready for a solver.
 
     Raises:
-        TooFewViews, NoDetections, MarkersUnknown, TakeTooShort, BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
+        TooFewViews, NoDetections, MarkersUnknown, TakeTooShort: as in ``solve``.
+        BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
     if capture.keypoints is not None or capture.markers is None:
         capture.require_multiview()
