@@ -16,6 +16,9 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
+READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix")
+"""Fields that say how a capture is read."""
+
 
 @dataclass(frozen=True)
 class Resolve:
@@ -78,6 +81,7 @@ class Job(JobFile):
             joint_set=None if name is None else joint_set_named(name),
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),
+            subject_prefix=_typed(values, "subject_prefix", str),
             settings=_settings(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
         )
@@ -97,7 +101,7 @@ class Job(JobFile):
 
     def reading(self) -> dict[str, Any]:
         """Return the arguments that reading the capture takes."""
-        return {name: getattr(self, name) for name in ("fps", "trim", "joint_set", "unit", "up_axis")}
+        return {name: getattr(self, name) for name in READING}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the job as plain values, which ``from_dict`` reads back."""

@@ -83,6 +83,8 @@ class JobFile:
     """Length unit of the calibration, where the file does not say it."""
     up_axis: str | None = None
     """Axis of the calibration's world that points up, where it is not Z."""
+    subject_prefix: str | None = None
+    """Whose markers are solved, by the prefix of their labels, where a file holds several people."""
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
     resolve: Any = None
@@ -105,7 +107,8 @@ class JobFile:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values in the file's schema; what is left at its default is left out."""
-        given = {name: getattr(self, name) for name in ("overwrite", "fps", "trim", "unit", "up_axis", "settings")}
+        names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "settings")
+        given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["joint_set"] = self.joint_set and str(self.joint_set)
         given["resolve"] = self.resolve and self.resolve.as_dict()

@@ -33,7 +33,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m solver_backend",
-        description="Turns multi-view keypoints into the motion of an SMPL-type body.",
+        description="Turns multi-view keypoints or optical markers into the motion of an SMPL-type body.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -63,8 +63,9 @@ def _reading() -> _Parser:
     options.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
     options.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
     options.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
-    options.add_argument("--unit", help="length unit of the calibration, such as m or mm, where it is told wrongly")
-    options.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration's world that points up, if not z")
+    options.add_argument("--unit", help="length unit of the recording, such as m or mm, where it is told wrongly")
+    options.add_argument("--up-axis", metavar="AXIS", help="axis of the recording's world that points up, if not z")
+    options.add_argument("--subject-prefix", metavar="NAME", help="whose markers, where a file holds several people")
     return options
 
 

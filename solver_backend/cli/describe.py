@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.cli.describe_markers import describe_markers
 from solver_backend.geometry.runs import true_runs
 from solver_backend.report.faults import fault_texts, faults_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
 def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
-    """Return text and JSON values: cameras, frames, keypoints, who is seen where, notes and problems."""
+    """Return text and JSON values: cameras, frames, keypoints, markers, who is seen where, notes and problems."""
     data: dict[str, Any] = {
         "name": capture.name, "frames": capture.num_frames, "fps": capture.fps,
         "duration_s": round(capture.num_frames / capture.fps, 3) if capture.fps else None,
@@ -22,28 +23,36 @@ def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
     if capture.keypoints is not None:
         data["joint_set"] = capture.keypoints.joint_set.value
         data["bridged_frames"] = frames_without_two_views(capture)
+    marker_lines: list[str] = []
     if capture.markers is not None:
         data["markers"] = int(capture.markers.positions.shape[1])
-    return _capture_text(data), data
+        marker_lines, data["marker_names"] = describe_markers(capture.markers)
+    return _capture_text(data, marker_lines), data
 
 
 def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]]:
-    """Return text and JSON values: length, reprojection error and the frames that deserve a look."""
+    """Return text and JSON values: length, residual and the frames that deserve a look."""
     error = (
         np.empty(0) if motion.reprojection_px is None else motion.reprojection_px[np.isfinite(motion.reprojection_px)]
     )
+    marker_error = np.empty(0) if motion.marker_residual_mm is None else motion.marker_residual_mm
+    marker_error = marker_error[np.isfinite(marker_error)]
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     data = {
         "frames": motion.num_frames, "fps": motion.fps, "solve_s": round(solve_s, 2),
         "reprojection_median_px": round(float(np.median(error)), 3) if error.size else None,
+        "marker_median_mm": round(float(np.median(marker_error)), 3) if marker_error.size else None,
         "unseen_frames": int(np.count_nonzero(flags & FLAG_UNSEEN)),
         "unsure_frames": int(np.count_nonzero(flags & FLAG_UNSURE)),
         "findings": [fault.as_dict() for fault in faults_of(motion)],
     }  # fmt: skip
+    residual, measured = (data["reprojection_median_px"], "px"), "detections"
+    if motion.markers is not None:
+        residual, measured = (data["marker_median_mm"], "mm"), "markers"
     lines = [
         f"Solved {data['frames']} frames at {motion.fps:g} fps in {solve_s:.1f} s",
-        f"  residual    {data['reprojection_median_px']} px (median)",
-        f"  to look at  {data['unsure_frames']} frames far from the detections or hardly known, "
+        f"  residual    {residual[0]} {residual[1]} (median)",
+        f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
         f"{data['unseen_frames']} bridged",
         *(f"  found       {fault.what}" for fault in fault_texts(faults_of(motion), motion.fps)),
     ]
@@ -74,13 +83,12 @@ def _cameras(capture: Capture) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _capture_text(data: dict[str, Any]) -> str:
+def _capture_text(data: dict[str, Any], marker_lines: list[str]) -> str:
     seconds = f" ({data['duration_s']:g} s)" if data["duration_s"] is not None else ""
     lines = [f"Capture {data['name']}", f"  frames      {data['frames']} at {data['fps']:g} fps{seconds}"]
     if data["joint_set"]:
         lines.append(f"  keypoints   {data['joint_set']}")
-    if data["markers"] is not None:
-        lines.append(f"  markers     {data['markers']}")
+    lines += marker_lines
     for camera in data["cameras"]:
         width, height = camera["image_size"]
         seen = "" if camera["seen_percent"] is None else f", sees {camera['seen_percent']:.0f} % of the keypoints"

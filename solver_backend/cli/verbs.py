@@ -15,7 +15,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.job import Job, Resolve, joint_set_named, positive_fps
+from solver_backend.job import READING, Job, Resolve, joint_set_named, positive_fps
 from solver_backend.types import Capture
 
 
@@ -119,7 +119,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _job(args: argparse.Namespace) -> Job:
     """Return the job of the command line: a job file, or the options that would stand in one."""
     files, chosen = ("capture", "out", "report", "overwrite"), ("method", "backend", "body")
-    names = (*files, "fps", "trim", "joint_set", "unit", "up_axis", *chosen, "resolve", "frames")
+    names = (*files, *READING, *chosen, "resolve", "frames")
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:
         if given:
@@ -162,6 +162,7 @@ def _reading(args: argparse.Namespace) -> dict[str, Any]:
         "joint_set": None if args.joint_set is None else joint_set_named(args.joint_set),
         "unit": args.unit,
         "up_axis": args.up_axis,
+        "subject_prefix": args.subject_prefix,
     }
 
 

@@ -41,7 +41,7 @@ def optional_shapes(frames: int) -> dict[str, Shape]:
         "joints": (frames, NUM_JOINTS, 3), "keypoints3d": (frames, "keypoints", 3),
         "joint_sigma": (frames, NUM_JOINTS), "joint_covariance": (frames, NUM_JOINTS, 6),
         "reprojection_px": ("views", frames, "keypoints"), "keyframes": (frames,), "contacts": (frames, 2),
-        "flags": (frames,),
+        "flags": (frames,), "markers": (frames, "markers", 3), "marker_residual_mm": (frames, "markers"),
     }  # fmt: skip
 
 
@@ -79,6 +79,12 @@ class MotionFile:
     """(F,) bit mask of ``FLAG_UNSEEN`` and ``FLAG_UNSURE``."""
     reprojection_px: np.ndarray | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
+    markers: np.ndarray | None = None
+    """(F, M, 3) world metres: where the solved body puts each optical marker."""
+    marker_labels: tuple[str, ...] = ()
+    """M labels of ``markers``."""
+    marker_residual_mm: np.ndarray | None = None
+    """(F, M) distance between recorded and solved markers in millimetres, NaN where not seen."""
     provenance: str = ""
     """JSON text: version, settings and sources of the solve."""
 
@@ -140,6 +146,7 @@ def motion_of(fields: Fields) -> MotionFile:
         fps=_frame_rate(fields),
         body=fields.text("body", ""),
         joint_set=fields.text("joint_set", ""),
+        marker_labels=fields.texts("marker_labels"),
         provenance=fields.text("provenance", ""),
         **present,
     )
@@ -174,6 +181,8 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
         arrays["hand_pose"] = hands
     if motion.joint_set:
         arrays["joint_set"] = np.array(motion.joint_set)
+    if motion.marker_labels:
+        arrays["marker_labels"] = np.array(motion.marker_labels, dtype=np.str_)
     for key in optional_shapes(motion.num_frames):
         if (value := getattr(motion, key)) is not None:
             arrays[key] = np.asarray(value, _DTYPES.get(key, np.float32))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend import __version__
+from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.exchange.errors import BackendMissing, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
@@ -17,6 +18,8 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.global_method import solve_by_bundle
 from solver_backend.fitters.keyframes.resolve_range import solve_range
 from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.build_motion import build_motion
@@ -37,16 +40,17 @@ def solve(
     capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
     prior: AutoencodingPrior | None = None,
 ) -> Solution:  # fmt: skip
-    """Solve the motion of the person in a multi-view capture.
+    """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
     Args:
-        capture: calibrated cameras and 2D keypoints.
+        capture: calibrated cameras and 2D keypoints, or labelled optical markers.
         settings: method, backend and the rest.
         progress: called as stages advance.
         prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
+        MarkersUnknown: too few markers have labels that a layout knows.
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
         BackendMissing: torch was asked for and is not installed.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
@@ -98,20 +102,28 @@ def resolve_range(
 
 
 def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> Problem:
-    """Return the views of a capture made ready for a solver.
+    """Return the views or the markers of a capture made ready for a solver.
 
     Raises:
-        TooFewViews, NoDetections, TakeTooShort, BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
+        TooFewViews, NoDetections, MarkersUnknown, TakeTooShort: as in ``solve``.
+        BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
-    _, keypoints = capture.require_multiview()
-    if settings.method != "frame" and keypoints.num_frames < 4:
+    if capture.keypoints is not None or capture.markers is None:
+        capture.require_multiview()
+    if settings.method != "frame" and capture.num_frames < 4:
         raise TakeTooShort(
-            f"The bundle needs 4 frames, the take has {keypoints.num_frames}.", where=capture.name,
+            f"The bundle needs 4 frames, the take has {capture.num_frames}.", where=capture.name,
             hint="Use the method 'frame' for single images.",
         )  # fmt: skip
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
-    measurements = measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
-    return Problem.of(body, load_sposer(), measurements)
+    return Problem.of(body, load_sposer(), _measure(capture, body, like, settings, progress))
+
+
+def _measure(capture: Capture, body: Body, like: Array, settings: SolveSettings, progress: Progress) -> Measurements:
+    """Return what the capture measures: its views, or its markers where it has no keypoints."""
+    if capture.keypoints is None and capture.markers is not None:
+        return measure_markers(known_markers_of(capture.markers), body, like)
+    return measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:

@@ -18,11 +18,12 @@ def _is_npz(path: Path) -> bool:
 def _read_capture(path: Path, options: ReadOptions) -> Capture:
     """Read a capture file; a given frame rate or joint set replaces the file's."""
     capture = read_capture(path)
-    found = capture.keypoints
-    if found is None:
-        return capture
-    changed = replace(found, fps=options.fps or found.fps, joint_set=options.joint_set or found.joint_set)
-    return replace(capture, keypoints=changed, sources=capture.sources or (str(path),))
+    found, markers = capture.keypoints, capture.markers
+    if found is not None:
+        found = replace(found, fps=options.fps or found.fps, joint_set=options.joint_set or found.joint_set)
+    if markers is not None:
+        markers = replace(markers, fps=options.fps or markers.fps)
+    return replace(capture, keypoints=found, markers=markers, sources=capture.sources or (str(path),))
 
 
 CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)

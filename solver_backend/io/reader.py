@@ -28,6 +28,8 @@ class ReadOptions:
     """Length unit of the file or its calibration; None infers it."""
     up_axis: str | None = None
     """Axis of the file's world that points up; None is the format's own."""
+    subject_prefix: str | None = None
+    """Whose markers are read, by the prefix of their labels; None takes the only subject."""
     progress: Progress = silent
     """Called with how far reading has come."""
 

@@ -52,6 +52,13 @@ def _flagged(motion: Motion) -> Iterator[Finding]:
         (FLAG_UNSURE, "look", "The body is far from the detections, or some joint is hardly known",
          "Compare with the footage: a limb may be swapped, hidden or badly detected."),
     )  # fmt: skip
+    if motion.markers is not None:
+        kinds = (
+            (FLAG_UNSEEN, "bad", "Too few markers are seen; the pose is bridged from its neighbours",
+             "Fill the gaps in the program that recorded them, or animate the stretch by hand."),
+            (FLAG_UNSURE, "look", "The body is far from the markers, or some joint is hardly known",
+             "Look for markers that are named wrongly, exchanged or loose there."),
+        )  # fmt: skip
     for bit, level, what, advice in kinds:
         runs = true_runs((motion.flags & bit) > 0)
         if runs:

@@ -9,10 +9,10 @@ import numpy as np
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
 from solver_backend.exchange.outputs import write_text
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
-from solver_backend.report import sections
+from solver_backend.report import markers, sections
 from solver_backend.report.findings import findings_of
 from solver_backend.report.markup import Tile, number, text, tiles
-from solver_backend.report.statistics import Residuals, located_share, residuals_of
+from solver_backend.report.statistics import Residuals, located_share, quantile, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
@@ -40,12 +40,16 @@ def report_html(capture: Capture, motion: Motion) -> str:
     """
     residuals = residuals_of(capture, motion)
     compared = _compared(capture, motion)
+    shades = sections.shades_of(motion)
     found = findings_of(capture, motion, residuals)
     body = [
-        sections.findings_section(found),
+        sections.findings_section(found, *(["the reader found no fault"] if motion.markers is not None else [])),
         sections.truth_section(capture, motion, compared.lines() if compared is not None else []),
         sections.residual_section(motion, residuals),
+        markers.residual_over_time(motion, shades, sections.shades_key(motion)),
         sections.missing_section(capture, motion),
+        markers.gaps_section(motion, shades),
+        markers.marker_section(motion),
         sections.reprojection_section(capture, residuals),
         sections.angles_section(capture, motion),
         sections.uncertainty_section(motion),
@@ -90,13 +94,19 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: Residuals | None
                 _level(agreement, 90, 75),
             )
         )
+    if motion.marker_residual_mm is not None:
+        error = motion.marker_residual_mm.ravel()
+        middle, most = (number(float(quantile(error, q, axis=0))) for q in (0.5, 0.95))
+        found.append(Tile("Marker residual", middle, "mm", f"median of all markers; 95 % are below {most} mm"))
+        share = 100 * float(np.isfinite(error).mean())
+        found.append(Tile("Markers seen", number(share, 0), "%", "of all markers and frames", _level(share, 90, 70)))
     located = located_share(capture)
     if located is not None:
         share = 100 * float(located.mean())
         found.append(Tile("Seen by two or more", number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
-    why = "far from the detections or hardly known"
+    why = f"{sections.far_from(motion)} or hardly known"
     found.append(Tile("Frames to look at", str(unsure), "", why, "look" if unsure else "good"))
-    found.append(Tile("Bridged frames", str(unseen), "", "nobody seen by two cameras", "bad" if unseen else "good"))
+    found.append(Tile("Bridged frames", str(unseen), "", sections.why_bridged(motion), "bad" if unseen else "good"))
     seconds = motion.provenance.get("solve_s")
     if isinstance(seconds, int | float) and seconds > 0:
         found.append(Tile("Solve time", number(seconds), "s", f"{motion.num_frames / seconds:.0f} frames a second"))
@@ -110,6 +120,7 @@ def _level(value: float, good: float, fair: float) -> str:
 def _subtitle(capture: Capture, motion: Motion) -> str:
     views = f"{len(capture.cameras)} cameras, " if capture.cameras is not None else ""
     points = f", {capture.keypoints.joint_set.value}" if capture.keypoints is not None else ""
+    points += "" if motion.marker_labels is None else f", {len(motion.marker_labels)} markers"
     keys = "" if motion.keyframes is None else f", {int(np.count_nonzero(motion.keyframes))} keyframes"
     version = motion.provenance.get("solver", "")
     length = f"{motion.num_frames} frames at {motion.fps:g} fps ({motion.num_frames / motion.fps:.1f} s)"

@@ -18,17 +18,33 @@ from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture,
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
-    '<p class="key"><b class="unsure">■</b> far from the detections or hardly known &nbsp; '
+    '<p class="key"><b class="unsure">■</b> {far} or hardly known &nbsp; '
     '<b class="unseen">■</b> bridged: '
-    "seen by fewer than two cameras &nbsp; │ ticks below: keyframes of the solver</p>"
+    "{bridged} &nbsp; │ ticks below: keyframes of the solver</p>"
 )
+
+
+def far_from(motion: Motion) -> str:
+    """Return what an unsure frame is, in words."""
+    return "far from the detections" if motion.markers is None else "far from the markers"
+
+
+def why_bridged(motion: Motion) -> str:
+    """Return why frames are bridged, in words."""
+    return "nobody seen by two cameras" if motion.markers is None else "too few markers seen"
+
+
+def shades_key(motion: Motion) -> str:
+    """Return the legend of shaded plots."""
+    bridged = "seen by fewer than two cameras" if motion.markers is None else why_bridged(motion)
+    return SHADES_KEY.format(far=far_from(motion), bridged=bridged)
 
 
 def shades_of(motion: Motion) -> list[Shade]:
     """Return the flagged frame ranges of a motion."""
     if motion.flags is None:
         return []
-    kinds = ((FLAG_UNSURE, "unsure", "far from the detections or hardly known"), (FLAG_UNSEEN, "unseen", "bridged"))
+    kinds = ((FLAG_UNSURE, "unsure", f"{far_from(motion)} or hardly known"), (FLAG_UNSEEN, "unseen", "bridged"))
     return [
         Shade(first, last, kind, f"frames {first}-{last}: {label}")
         for bit, kind, label in kinds
@@ -36,13 +52,13 @@ def shades_of(motion: Motion) -> list[Shade]:
     ]
 
 
-def findings_section(found: list[Finding]) -> str:
+def findings_section(found: list[Finding], checked: str = "no camera and no keypoint is off") -> str:
     """What deserves a look."""
     items = [
         f'<li class="{item.level}">{text(item.what)}<span class="advice">{text(item.advice)}</span></li>'
         for item in found
     ]
-    good = '<li class="good">Nothing stands out: no frame is flagged, and no camera and no keypoint is off.</li>'
+    good = f'<li class="good">Nothing stands out: no frame is flagged, and {checked}.</li>'
     return section("Where to look", f'<ul class="findings">{"".join(items) or good}</ul>', identifier="look")
 
 
@@ -104,7 +120,7 @@ def residual_section(motion: Motion, residuals: Residuals | None) -> str:
     plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
     lead = "Distance between the solved body and the detections of all cameras. A hump is where to scrub to first."
     key = '<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the detections are below</p>'
-    return section("Residual over time", plot + key + SHADES_KEY, lead, "residual")
+    return section("Residual over time", plot + key + shades_key(motion), lead, "residual")
 
 
 def angles_section(capture: Capture, motion: Motion) -> str:
@@ -195,7 +211,8 @@ def scene_section(capture: Capture, motion: Motion) -> str:
             f"{name} {z:.2f} m" for name, z in zip(capture.cameras.names, capture.cameras.centres[:, 2], strict=True)
         )
         rows.append(("height of the cameras", height))
-    lead = "From above, world Y up. Green is the start of the pelvis' way, red its end; wedges are the cameras' views."
+    wedges = "" if capture.cameras is None else "; wedges are the cameras' views"
+    lead = f"From above, world Y up. Green is the start of the pelvis' way, red its end{wedges}."
     return section("Scene", f'<div class="pair">{plan(capture.cameras, motion)}{facts(rows)}</div>', lead, "scene")
 
 

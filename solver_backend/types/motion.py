@@ -49,6 +49,12 @@ class Motion:
     """(F,) uint8 bit mask of FLAG_*."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
+    markers: np.ndarray | None = None
+    """(F, M, 3) world metres: where the solved body puts each marker."""
+    marker_labels: tuple[str, ...] | None = None
+    """M labels, as the recording has them."""
+    marker_residual_mm: np.ndarray | None = None
+    """(F, M) distance between recorded and solved markers in millimetres, NaN where not seen."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Version, weights hash, settings, source files, statistics; plain JSON values."""
 

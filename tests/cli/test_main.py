@@ -44,13 +44,14 @@ def test_solve_writes_a_motion_and_says_so(stand_ins, tmp_path, capsys):
 
 def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--fps", "50", "--trim", "--joint-set", "COCO_17"]
-    argv += ["--unit", "mm", "--up-axis", "y"]
+    argv += ["--unit", "mm", "--up-axis", "y", "--subject-prefix", "Anna"]
     assert (
         main([*argv, "--method", "frame", "--backend", "torch", "--body", "anny", "--report", str(tmp_path / "r.html")])
         == 0
     )
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
+    reading["subject_prefix"] = "Anna"
     assert calls["load"] | {"path": None, "progress": None} == {"path": None, "progress": None, **reading}
     assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch", body="anny")
     assert calls["report"]["path"] == tmp_path / "r.html"

@@ -75,6 +75,9 @@ def small_motion(frames: int = 6, optional: bool = True, seed: int = 0) -> Motio
         "contacts": rng.uniform(size=(frames, 2)) > 0.5,
         "flags": rng.integers(0, 4, frames).astype(np.uint8),
         "reprojection_px": reprojection,
+        "markers": rng.normal(size=(frames, 3, 3)).astype(np.float32),
+        "marker_labels": ("LASI", "RASI", "C7"),
+        "marker_residual_mm": rng.uniform(0, 9, (frames, 3)).astype(np.float32),
     }
     return Motion(
         betas=rng.normal(size=10).astype(np.float32),

@@ -40,7 +40,8 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     for number, schedule in enumerate(passes):
         sample = model.poses(keys, layout, problem.sample)
         # The bias waits for fine keys: what coarse keys cannot follow would pass for bias, and stay.
-        shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=number > 0)
+        free_offsets = number > 0 or problem.measurements.places_first
+        shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=free_offsets)
         judged = model.objective.frames.select(problem.sample)
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
         data = with_learned_noise(problem, model.subject, sample, settings)

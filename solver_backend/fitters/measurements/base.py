@@ -38,6 +38,11 @@ class Measurements:
     """The same for people to read."""
     joint_set: JointSet | None = None
     """Names of the points, where they are a detector's keypoints."""
+    marker_labels: tuple[str, ...] | None = None
+    """Names of the points, where they are optical markers."""
+    places_first: bool = False
+    """Where the points sit on the body is learned with its shape: markers sit where somebody put them. The bias of a
+    detector waits for poses that follow fast limbs."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.markers import known_markers, marker_landmarks
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
+from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MarkersUnknown, NoDetections
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
 from solver_backend.geometry.arrays import Array, constant
@@ -18,11 +20,32 @@ SIGMA_M = 0.01
 """Standard deviation of a marker against the body, per axis: skin that slides, and placement while it is learned."""
 
 
+def known_markers_of(cloud: MarkerCloud) -> MarkerCloud:
+    """Return the markers whose labels a layout knows.
+
+    Raises:
+        MarkersUnknown: there are no labels, or fewer than ``LEAST_MARKERS`` of them are known.
+    """
+    labels = _require_labels(cloud)
+    names = name_markers(labels)
+    if len(names.known) < LEAST_MARKERS:
+        read = [label for label in labels if label not in names.virtual]
+        raise MarkersUnknown(
+            f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows; {len(names.known)} of the "
+            f"{len(labels)} labels are known: {_listed(tuple(names.known))}. Read were {_listed(tuple(read))}.",
+            where="markers",
+            hint="Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open.",
+        )
+    kept = [i for i, label in enumerate(labels) if label in names.known]
+    residual = None if cloud.residual is None else cloud.residual[:, kept]
+    return replace(cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual)
+
+
 def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M) -> Measurements:
     """Return what labelled markers measure.
 
     Args:
-        cloud: every marker labelled, by a name of ``body.markers`` with or without a subject's name and a colon.
+        cloud: every marker labelled by a name that a layout knows (see ``LayoutFile.place_of``).
         body: on whose skin they sit.
         like: array that says kind, type and device.
         sigma_m: standard deviation of a marker against the body, per axis.
@@ -31,7 +54,7 @@ def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float 
         MarkersUnknown: there are no labels, one stands twice or is of no known layout.
         NoDetections: in no frame enough markers are there to place a body.
     """
-    labels = _labels(cloud)
+    places = _places(cloud)
     points = np.asarray(cloud.positions, dtype=np.float64)
     located = np.isfinite(points).all(-1)
     points = np.where(located[..., None], points, np.nan)
@@ -39,13 +62,15 @@ def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float 
         raise NoDetections("In no frame are there enough markers to place a body.", hint="Choose another recording.")
     filled = np.where(located[..., None], points, 0.0)
     return Measurements(
-        landmarks=marker_landmarks(body, labels),
+        landmarks=marker_landmarks(body, places),
         points=points,
         covariance=np.zeros((*points.shape, 3)),
         term=PositionTerm(constant(filled, like), constant(located * sigma_m**-2, like)),
         fps=cloud.fps,
         report=MarkerReport(points),
-        provenance={"markers": list(labels), "sigma_mm": round(1000 * sigma_m, 3)},
+        marker_labels=cloud.labels,
+        places_first=True,
+        provenance={"markers": list(places), "sigma_mm": round(1000 * sigma_m, 3)},
     )
 
 
@@ -59,25 +84,39 @@ class MarkerReport:
     def __call__(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
         """Return None, as there are no images, and statistics of (F, L, 3) points."""
         error = 1000 * np.linalg.norm(points - self.markers, axis=-1)
-        median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
-        return None, {"marker_median_mm": float(median), "marker_rmse_mm": float(rmse)}
+        error = error[np.isfinite(error)]
+        return None, {
+            "marker_mean_mm": float(error.mean()),
+            "marker_median_mm": float(np.median(error)),
+            "marker_p95_mm": float(np.quantile(error, 0.95)),
+            "marker_rmse_mm": float(np.sqrt((error**2).mean())),
+        }
 
 
-def _labels(cloud: MarkerCloud) -> tuple[str, ...]:
-    """Return the markers' names without the subject's."""
+def _require_labels(cloud: MarkerCloud) -> tuple[str, ...]:
     if cloud.labels is None:
         raise MarkersUnknown("The markers have no labels.", hint="Label them in the program that recorded them.")
-    labels = tuple(label.split(":")[-1] for label in cloud.labels)
-    known = known_markers()
-    unknown = sorted({label for label in labels if label not in known})
-    if unknown:
+    return cloud.labels
+
+
+def _places(cloud: MarkerCloud) -> tuple[str, ...]:
+    """Return the place of every marker."""
+    labels, layouts = _require_labels(cloud), load_layouts()
+    names = name_markers(labels)
+    if unknown := sorted({label.rpartition(":")[2] for label in (*names.unknown, *names.virtual)}):
         raise MarkersUnknown(
             f"No layout knows the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}.",
-            hint=f"Known markers: {', '.join(sorted(known))}.",
+            hint=f"Known markers: {', '.join(sorted(set(layouts.names.values())))}.",
         )
-    twice = sorted({label for label in labels if labels.count(label) > 1})
-    if twice:
+    if len(names.known) < len(labels):
+        taken = [names.known.get(label) or layouts.place_of(label) for label in labels]
+        twice = sorted({str(place) for place in taken if taken.count(place) > 1})
         raise MarkersUnknown(
             f"The label {', '.join(twice)} stands twice.", hint="Every marker needs a name of its own."
         )
-    return labels
+    return tuple(names.known[label] for label in labels)
+
+
+def _listed(labels: tuple[str, ...], most: int = 12) -> str:
+    more = f" and {len(labels) - most} others" if len(labels) > most else ""
+    return (", ".join(labels[:most]) or "none") + more

@@ -52,7 +52,7 @@ def build_motion(
         fps=measurements.fps,
         body=subject.body.id,
         joints=joints,
-        keypoints3d=points,
+        **_points(measurements, points),
         joint_set=measurements.joint_set,
         joint_sigma=sigma,
         joint_covariance=covariance,
@@ -62,6 +62,14 @@ def build_motion(
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
     )
+
+
+def _points(measurements: Measurements, points: np.ndarray) -> dict[str, Any]:
+    """Return the motion's (F, L, 3) points as what they are: markers with their residuals, or keypoints."""
+    if measurements.marker_labels is None:
+        return {"keypoints3d": points}
+    residual = 1000 * np.linalg.norm(points - measurements.points, axis=-1)
+    return {"markers": points, "marker_labels": measurements.marker_labels, "marker_residual_mm": residual}
 
 
 def _rounded(value: float) -> float:

@@ -74,6 +74,12 @@ def test_one_frame_bakes(scene: bpy.types.Scene, files: Any) -> None:
     np.testing.assert_allclose(evaluated_joints(scene, take.armature, 1), motion.joints[0], atol=1e-4)
 
 
+def test_a_motion_of_markers_bakes(scene: bpy.types.Scene, files: Any) -> None:
+    without = replace(files.motion, keypoints3d=None, joint_set="", reprojection_px=None)
+    take = bake_take(scene, without, files.body)
+    np.testing.assert_allclose(evaluated_joints(scene, take.armature, 1), files.motion.joints[0], atol=1e-4)
+
+
 def test_two_takes_share_a_scene(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:
     other = bake_take(scene, files.motion, files.body)
     assert other.armature is not take.armature and other.action is not take.action

@@ -57,7 +57,7 @@ def test_a_known_motion_is_recovered(worn, solution):
     seen = np.ones(FRAMES, dtype=bool)
     seen[AWAY] = False
     error = 1000 * np.linalg.norm(solution.motion.joints - joints, axis=-1)
-    residual = 1000 * np.linalg.norm(solution.motion.keypoints3d - cloud.positions, axis=-1)
+    residual = 1000 * np.linalg.norm(solution.motion.markers - cloud.positions, axis=-1)
     assert error[seen].mean() < 12.0
     assert np.nanmedian(residual) < 4.0
     assert error[~seen].mean() < 35.0
@@ -90,7 +90,7 @@ def test_a_real_walk_is_solved(shared_data: Path):
     take, every = read_take(shared_data), 8
     assert set(take.labels) == set(LABELS)
     motion = solved(MarkerCloud(take.markers[::every], 120.0 / every, take.labels)).motion
-    residual = 1000 * np.linalg.norm(motion.keypoints3d - take.markers[::every], axis=-1)
+    residual = 1000 * np.linalg.norm(motion.markers - take.markers[::every], axis=-1)
     error = [
         1000 * np.linalg.norm(motion.joints[:, SMPL_JOINTS.index(name)] - joints[::every], axis=-1).mean()
         for name, joints in take.joints.items()

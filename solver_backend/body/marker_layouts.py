@@ -1,0 +1,104 @@
+"""The data file of marker layouts: where each marker sits, by which names it goes, and which names are no markers."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from solver_backend.exchange.errors import BodyInvalid
+
+DEFAULT = Path(__file__).parents[1] / "assets" / "marker_layouts.json"
+FORMAT, VERSION = "manifold_mocap_marker_layouts", 1
+_SIDE_LAST = re.compile(r"(.+?)(?:[ ._-]([LR])|[ ._-]?(LEFT|RIGHT))")
+_SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
+
+
+@dataclass(frozen=True)
+class LayoutFile:
+    """What a file of marker layouts says (see ``docs/formats.md``)."""
+
+    midline: dict[str, dict[str, Any]]
+    """Rule of each place on the midline."""
+    sided: dict[str, dict[str, Any]]
+    """Rule of each place of the left side, by its name without the L."""
+    aliases: dict[str, str]
+    """Place by each other name, written as ``label_key`` writes it."""
+    names: dict[str, str]
+    """Place by every name, its own included."""
+    virtual: re.Pattern[str]
+    """Names of points that a program computed: joint centres, axes of segments."""
+    layouts: dict[str, tuple[str, ...]]
+    """Marker names of each layout."""
+    label_sets: dict[str, tuple[str, ...]]
+    """Labels of other systems' layouts, as their files write them."""
+
+    def place_of(self, label: str) -> str | None:
+        """Return the place that a label names, None where it names none.
+
+        Prefixes, case and punctuation do not count, and the side may stand first or last: ``Anna:l_asis``, ``ASIS.L``
+        and ``Left ASIS`` are one place.
+        """
+        return next((self.names[key] for key in _keys(label) if key in self.names), None)
+
+    def is_virtual(self, label: str) -> bool:
+        """Return whether a label is that of a computed point, no marker."""
+        return self.place_of(label) is None and self.virtual.fullmatch(label_key(label)) is not None
+
+
+def label_key(label: str) -> str:
+    """Return a label without its prefix, in capitals, letters and digits only."""
+    return re.sub(r"[^A-Z0-9]", "", _bare(label))
+
+
+@cache
+def load_layouts(path: Path = DEFAULT) -> LayoutFile:
+    """Read a file of layouts.
+
+    Raises:
+        BodyInvalid: it is of another format, or a name means two places.
+    """
+    values = json.loads(path.read_text(encoding="utf-8"))
+    if (values.get("format"), values.get("version")) != (FORMAT, VERSION):
+        raise BodyInvalid(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+    places = {*values["midline"], *(side + part for part in values["sided"] for side in "LR")}
+    names = {place: place for place in places}
+    for place, alias in _aliases(values):
+        if names.setdefault(alias, place) != place:
+            raise BodyInvalid(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
+    return LayoutFile(
+        values["midline"],
+        values["sided"],
+        {alias: place for alias, place in names.items() if alias not in places},
+        names,
+        re.compile("|".join(values["virtual"])),
+        *({name: tuple(labels) for name, labels in values[key].items()} for key in ("layouts", "label_sets")),
+    )
+
+
+def _aliases(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield every place with each of its other names, by side."""
+    for place, names in values["aliases"].items():
+        for name in names:
+            if place in values["midline"]:
+                yield place, label_key(name)
+                continue
+            for side in "LR":
+                yield side + place, label_key(name.format(side=side) if "{side}" in name else side + name)
+
+
+def _bare(label: str) -> str:
+    return label.rpartition(":")[2].strip().upper()
+
+
+def _keys(label: str) -> Iterator[str]:
+    """Yield the names that a label may stand for, its side first in each."""
+    yield label_key(label)
+    if found := _SIDE_LAST.fullmatch(_bare(label)):
+        yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])
+    if found := _SIDE_FIRST.match(label_key(label)):
+        yield found[1][0] + found[2]

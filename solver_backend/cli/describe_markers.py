@@ -1,0 +1,59 @@
+"""The markers of a capture in words and in plain values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.marker_names import name_markers
+from solver_backend.io.markers.take import gaps_of
+from solver_backend.io.recognition.marker_labels import is_unnamed, subjects_of
+from solver_backend.types import MarkerCloud
+
+
+def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
+    """Return lines and JSON values: subjects, which labels are known, and gaps."""
+    labels = cloud.labels or ()
+    named = [label for label in labels if not is_unnamed(label)]
+    names = name_markers(named)
+    count = cloud.positions.shape[1]
+    gaps = _gaps(cloud)
+    data = {
+        "subjects": list(subjects_of(labels)),
+        "known": list(names.known),
+        "unknown": list(names.unknown),
+        "computed": list(names.virtual),
+        "doubled": list(names.doubled),
+        "unlabelled": count - len(named),
+        "gaps": gaps,
+    }
+    counts = {
+        "known": len(names.known),
+        "unknown": len(names.unknown),
+        "computed": len(names.virtual),
+        "doubled": len(names.doubled),
+        "unlabelled": count - len(named),
+    }
+    parts = [f"{number} {what}" for what, number in counts.items() if number]
+    lines = [f"  markers     {count}: {', '.join(parts)}"]
+    if data["subjects"]:
+        lines.append(f"  subjects    {', '.join(data['subjects'])}")
+    if gaps:
+        worst = max(gaps, key=lambda gap: gap["missing_percent"])
+        lines.append(
+            f"  gaps        {sum(gap['gaps'] for gap in gaps)} in {len(gaps)} markers; most in {worst['marker']}, "
+            f"which {worst['missing_percent']:g} % of the frames do not see"
+        )
+    return lines, data
+
+
+def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:
+    """Return name, number of gaps and share of frames not seen of every marker that has gaps."""
+    seen = np.isfinite(cloud.positions).all(-1)
+    labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))
+    return [
+        {"marker": label, "gaps": int(gaps), "missing_percent": round(100 * int(missing) / len(seen), 1)}
+        for label, gaps, missing in zip(labels, *gaps_of(seen), strict=True)
+        if gaps
+    ]

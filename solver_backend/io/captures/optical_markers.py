@@ -1,0 +1,72 @@
+"""A file of optical markers as a capture of one person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, name_markers
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.io.markers.read import MARKERS
+from solver_backend.io.markers.take import MarkerTake, of_subject
+from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import is_unnamed
+from solver_backend.types import Capture
+
+
+def marker_readers() -> tuple[Reader[Capture], ...]:
+    """Return a reader of captures for every kind of marker file."""
+    return tuple(_as_captures(reader) for reader in MARKERS)
+
+
+def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
+    def read(path: Path, options: ReadOptions) -> Capture:
+        return _capture(path, reader.read(path, options), options)
+
+    return Reader(reader.kind, reader.recognises, read)
+
+
+def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
+    """Return the markers of one subject, all of them, with what was recognised.
+
+    Raises:
+        JobInvalid: the file holds several subjects and none is named, or the named one is not among them.
+    """
+    try:
+        take = of_subject(take, options.subject_prefix)
+    except JobInvalid as error:
+        hint = "Name the one to solve: --subject-prefix NAME."
+        raise JobInvalid(error.message, where=str(path), hint=hint) from error
+    labels, report = take.cloud.labels, take.report
+    names = None if labels is None else name_markers([label for label in labels if not is_unnamed(label)])
+    return Capture(
+        name=path.stem,
+        markers=take.cloud,
+        sources=(str(path),),
+        notes=(*report.notes, *_said(names, report.unlabelled)),
+        problems=(*report.problems, *([] if names is None else _few(names))),
+    )
+
+
+def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
+    """Return sentences on the markers that the solve leaves out."""
+    if names is None:
+        return []
+    groups = (
+        (names.unknown, "points of labels that no layout knows"),
+        (names.virtual, "points that a program computed"),
+        (names.doubled, "points of places that another marker has"),
+        (unlabelled, "points without names"),
+    )
+    return [f"Left out of the solve are {len(labels)} {what}: {_first(labels)}." for labels, what in groups if labels]
+
+
+def _few(names: MarkerNames) -> list[str]:
+    """Return a sentence if the known markers are too few for a solve."""
+    if len(names.known) >= LEAST_MARKERS:
+        return []
+    return [f"Only {len(names.known)} markers are known, {listing(names.known)}; a solve needs {LEAST_MARKERS}."]
+
+
+def _first(labels: tuple[str, ...], most: int = 12) -> str:
+    return listing(labels[:most]) + (f" and {len(labels) - most} others" if len(labels) > most else "")

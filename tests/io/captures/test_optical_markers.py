@@ -1,0 +1,120 @@
+"""Files of markers as captures: what is read, what is said, and what is refused by name."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.body.markers import MARKER_LAYOUTS
+from solver_backend.exchange.errors import FileDamaged, JobInvalid, MarkersUnknown, NoDetections, TakeTooShort
+from solver_backend.fitters import SolveSettings, solve
+from solver_backend.io.load import load_capture
+from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.trc_writer import write_trc
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.types import MarkerCloud
+from tests.support.worn_markers import worn_markers
+
+LABELS = MARKER_LAYOUTS["PLUGIN_GAIT_39"]
+
+
+@pytest.fixture(scope="module")
+def cloud() -> MarkerCloud:
+    return worn_markers(LABELS, 12, step=4).cloud
+
+
+def with_points(cloud: MarkerCloud, *labels: str) -> MarkerCloud:
+    """Return the cloud with points at places of other markers, under these labels."""
+    positions = np.concatenate([cloud.positions, cloud.positions[:, : len(labels)] + 0.01], axis=1)
+    return replace(cloud, positions=positions, labels=(*(cloud.labels or ()), *labels))
+
+
+def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, cloud):
+    path = write_c3d(tmp_path / "take.c3d", with_points(cloud, "LHJC", "thigh_cluster_1", "LFWT", "*3"))
+    capture = load_capture(path)
+    assert capture.keypoints is None and capture.cameras is None and capture.markers is not None
+    assert capture.markers.positions.shape == (12, 43, 3) and capture.fps == 60.0 and capture.name == "take"
+    notes = " ".join(capture.notes)
+    for said in (
+        "Lengths are read as mm", "Z points up", "1 points of labels that no layout knows: thigh_cluster_1.",
+        "1 points that a program computed: LHJC.", "1 points of places that another marker has: LFWT.",
+        "1 points without names: *3.",
+    ):  # fmt: skip
+        assert said in notes
+    assert capture.problems == ()
+
+
+def test_options_reach_the_reader_and_own_files_keep_the_markers(tmp_path, cloud):
+    path = write_trc(tmp_path / "take.trc", cloud, unit="cm", up_axis="y")
+    capture = load_capture(path, fps=120.0, unit="cm", up_axis="y")
+    assert capture.markers is not None and capture.fps == 120.0
+    np.testing.assert_allclose(capture.markers.positions, cloud.positions, atol=1e-5)
+    again = load_capture(write_capture(tmp_path / "take.npz", capture), fps=100.0)
+    assert again.markers is not None and again.fps == 100.0 and again.markers.labels == LABELS
+    np.testing.assert_allclose(again.markers.positions, cloud.positions, atol=1e-5)
+
+
+def test_millimetres_told_as_metres_are_a_problem_and_read_right(tmp_path, cloud):
+    text = write_trc(tmp_path / "take.trc", cloud).read_text(encoding="utf-8")
+    (tmp_path / "wrong.trc").write_text(text.replace("\tmm\t", "\tm\t", 1), encoding="utf-8")
+    capture = load_capture(tmp_path / "wrong.trc")
+    assert capture.markers is not None
+    np.testing.assert_allclose(capture.markers.positions, cloud.positions, atol=1e-5)
+    assert any("The file states m, in which the markers would spread over" in problem for problem in capture.problems)
+
+
+def test_of_two_people_one_is_named(tmp_path, cloud):
+    both = replace(
+        cloud, positions=np.concatenate([cloud.positions, cloud.positions + [2.0, 0.0, 0.0]], axis=1),
+        labels=(*(f"Anna:{label}" for label in LABELS), *(f"Ben:{label}" for label in LABELS)),
+    )  # fmt: skip
+    path = write_c3d(tmp_path / "two.c3d", both)
+    with pytest.raises(JobInvalid, match=r"2 subjects: Anna \(39 markers\), Ben \(39 markers\)") as refused:
+        load_capture(path)
+    assert "--subject-prefix" in (refused.value.hint or "")
+    capture = load_capture(path, subject_prefix="Ben")
+    assert capture.markers is not None
+    np.testing.assert_allclose(capture.markers.positions, cloud.positions + [2.0, 0.0, 0.0], atol=1e-5)
+    with pytest.raises(JobInvalid, match="no subject 'Cleo'"):
+        load_capture(path, subject_prefix="Cleo")
+
+
+def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
+    path = write_c3d(tmp_path / "take.c3d", replace(cloud, labels=None))
+    capture = load_capture(path)
+    assert any("None of the 39 points is named" in problem for problem in capture.problems)
+    with pytest.raises(MarkersUnknown, match="The markers have no labels"):
+        solve(capture)
+
+
+def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
+    few = replace(cloud, positions=cloud.positions[:, :6], labels=("LASI", "RASI", "C7", "x1", "x2", "L_HJC"))
+    capture = load_capture(write_c3d(tmp_path / "few.c3d", few))
+    assert capture.problems == ("Only 3 markers are known, LASI, RASI, C7; a solve needs 8.",)
+    message = "at least 8 markers.*3 of the 6 labels are known: LASI, RASI, C7. Read were LASI, RASI, C7, x1, x2."
+    with pytest.raises(MarkersUnknown, match=message):
+        solve(capture)
+
+
+def test_one_frame_is_a_pose(tmp_path, cloud):
+    capture = load_capture(write_c3d(tmp_path / "static.c3d", replace(cloud, positions=cloud.positions[:1])))
+    assert any("a single frame" in problem for problem in capture.problems)
+    with pytest.raises(TakeTooShort, match="needs 4 frames, the take has 1"):
+        solve(capture)
+    motion = solve(capture, SolveSettings(method="frame")).motion
+    assert motion.num_frames == 1 and np.nanmedian(motion.marker_residual_mm) < 15.0
+
+
+def test_forces_only_and_a_rate_of_zero_are_named(tmp_path, cloud):
+    empty = write_c3d(tmp_path / "empty.c3d", replace(cloud, positions=cloud.positions[:, :0], labels=()))
+    with pytest.raises(NoDetections, match="The file holds no markers"):
+        load_capture(empty)
+    timed = write_c3d(tmp_path / "timed.c3d", cloud).read_bytes()
+    still = tmp_path / "still.c3d"
+    still.write_bytes(timed.replace(struct.pack("<f", 60.0), bytes(4)))
+    with pytest.raises(FileDamaged, match="frame rate of 0"):
+        load_capture(still)
+    assert load_capture(still, fps=50.0).fps == 50.0
