@@ -29,7 +29,7 @@ _SHOWN = (
 STORED = (
     "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
     "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
-    "reprojection_px", "provenance",
+    "reprojection_px", "markers", "marker_labels", "marker_residual_mm", "provenance",
 )  # fmt: skip
 """Every array of a motion file that is read back."""
 _DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8}
