@@ -22,7 +22,8 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
     Args:
         v: (..., d), not all entries alike.
 
-    Reference: thesis 6.2.2, the spherical normalisation; Zhao et al. 2019, "Latent Variables on Spheres".
+    Reference: thesis 6.2.2, spherical normalization (eq. 6.2, the spherical constraint); Zhao et al. 2019, "Latent
+        Variables on Spheres".
     """
     xp = array_namespace(v)
     centred = v - xp.mean(v, axis=-1, keepdims=True)

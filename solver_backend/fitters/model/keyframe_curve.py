@@ -1,7 +1,7 @@
 """The curve of poses through keyframes: its value, its Jacobian and its vector-Jacobian product (thesis 6.2.5).
 
-Codes and root rotations follow SIDER-2 through the three keys of a window (thesis eq. 6.9), translations and residual
-rotations the parabola through them (thesis eq. 6.10); the decoder makes poses of the codes.
+Codes follow SIDER-2 (SIDER2) through the three keys of a window and the decoder makes poses of them (thesis eq. 6.9);
+root rotations follow SIDER-2, translations and residual rotations the parabola through the keys (thesis eq. 6.10).
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class KeyframeCurve:
     codes: Interpolant
     """Of the codes z, thesis eq. 6.9."""
     quats: Interpolant
-    """Of the root's quaternions, thesis eq. 6.9."""
+    """Of the root's quaternions, thesis eq. 6.10."""
     weights: Array
     """(W, n, k) of translations and residual rotations, thesis eq. 6.10."""
     residuals: bool

@@ -42,7 +42,7 @@ def denoise(
 
     Args:
         subject: body, shape and the landmarks that stand for its skin, in ``L_v`` and in ``L_t``.
-        prior: whose distance is ``L_θ``.
+        prior: whose distance f makes ``L_θ``, here ``max(f - level, 0)²``.
         frames: F noisy poses; their own landmarks are the observation.
         fps: frames per second; ``λ_t`` grows with its square, so that a speed costs the same at every rate.
         settings: weights.

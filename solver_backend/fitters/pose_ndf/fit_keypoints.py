@@ -29,13 +29,13 @@ class KeypointSettings:
     """Weights of (10); the data term is in squared standard deviations of the detector's noise."""
 
     manifold: float = 50.0
-    """w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f²`` lets go near the manifold."""
+    """w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold."""
     adaptive: bool = True
     """False for a constant ``λ_θ = w``, 1/rad, to compare."""
     shape: float = 1.0
-    """λ_β, of ``|β|²``."""
+    """λ_β, of ``|β|² / 2``."""
     bending: float = 1.0
-    """λ_α, of ``exp(2 α)`` over knees and elbows, α the angle of bending the wrong way."""
+    """λ_α, of ``exp(2 α) / 2`` over knees and elbows, α the angle of bending the wrong way."""
     robust_scale: float = 3.0
     """Geman-McClure scale in standard deviations; reached from four times as much in three steps."""
     iterations: int = 20

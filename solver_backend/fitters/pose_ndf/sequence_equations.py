@@ -51,7 +51,8 @@ class PoseSequence:
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the cost (1,) and its Gauss-Newton equations in the free tangents.
 
-        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``. The
+        ``E = 1/2 Σ_t [λ_v/L Σ_l s |y - o|² + w e² + λ_t/L Σ_l |y_t - y_{t-1}|²]`` with ``e = max(f - level, 0)``: L_v,
+        L_θ and L_t of Pose-NDF's eqs. 7 and 8, with landmarks for the mesh and all frames at once. The
         residual of the prior is the way to the manifold, not its length alone: ``e²/2`` bends as the metric does.
         """
         posed = pose(self.subject, frames, jacobian=True)

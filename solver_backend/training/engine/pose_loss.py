@@ -8,9 +8,11 @@ from solver_backend.training.data.points import rotation_points
 
 
 def pose_loss(truth: torch.Tensor, decoded: torch.Tensor, weight: torch.Tensor, orthogonality: float) -> torch.Tensor:
-    """Return ``mean w (|p - p̂|² + λ Σ(1 - cos angle))`` over (N, 21, 3, 3) poses, distances in dm.
+    """Return ``2 mean w (mean_p |p - p̂|² + λ mean_j (1 - cos angle_j))`` over (N, 21, 3, 3) poses, distances in dm.
 
-    Points stand for the mesh's vertices: joints, and tips on the axes of every joint's frame.
+    L_rec: points stand for the mesh's vertices: joints, and tips on the axes of every joint's frame. L_orth: the thesis
+    prints ``cos = (Tr - 1) / 2`` itself, which falls as rotations part; what is minimised is one less it. The factor 2
+    makes the mean over keys and frames between, which come as one batch, the sum of both.
 
     Args:
         truth: (N, 21, 3, 3).
