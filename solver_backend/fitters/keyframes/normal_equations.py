@@ -133,8 +133,8 @@ def data_equations(
 ) -> DataEquations:
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
 
-    ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7), ``x_f`` on the curve through the window's
-    keys (eqs. 6.9, 6.10) and ``E_f`` the data term of one frame (eq. 6.8).
+    ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7), ``x_f`` on the curve through the
+    window's keys (eqs. 6.9, 6.10) and ``E_f`` the data term of one frame (eq. 6.8).
 
     The gradient is exact. So is the Gauss-Newton matrix where keys stay on the manifold; with residual rotations, when
     keys are close and nearly solved, the pose tangents of a frame are taken as those of its keys mixed by Lagrange's
