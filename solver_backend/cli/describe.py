@@ -47,7 +47,7 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
         "findings": [fault.as_dict() for fault in faults_of(motion)],
     }  # fmt: skip
     residual, measured = (data["reprojection_median_px"], "px"), "detections"
-    if motion.markers is not None:
+    if motion.markers is not None and motion.reprojection_px is None:
         residual, measured = (data["marker_median_mm"], "mm"), "markers"
     lines = [
         f"Solved {data['frames']} frames at {motion.fps:g} fps in {solve_s:.1f} s",
