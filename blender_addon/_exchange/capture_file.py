@@ -17,7 +17,7 @@ FORMAT, VERSION = "manifold_mocap_capture", 1
 _CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
 _SHOWN = (
     "format", "version", "name", "camera_names", *_CAMERA_SHAPES, "distortion", "distortion_model", "footage", "fps",
-    "xy", "confidence", "joint_set", "marker_positions", "marker_fps",
+    "xy", "confidence", "joint_set", "marker_positions", "marker_fps", "marker_labels",
 )  # fmt: skip
 
 
@@ -61,6 +61,8 @@ class CaptureFile:
     """Name of the set of keypoints."""
     markers: np.ndarray | None = None
     """(F, M, 3) optical markers in world metres, NaN where unseen."""
+    marker_labels: tuple[str, ...] = ()
+    """M labels of ``markers``, none where the recording named none."""
 
     @property
     def num_frames(self) -> int:
@@ -86,6 +88,9 @@ def read_capture(path: Path) -> CaptureFile:
     if not (np.isfinite(fps) and fps > 0):
         raise CaptureInvalid(f"The frame rate must be positive, not {fps}.", where=str(path))
     xy, confidence = _detections(fields, len(cameras)) if "xy" in fields else (None, None)
+    markers = None
+    if "marker_positions" in fields:
+        markers = fields.shaped("marker_positions", ("frames", "markers", 3), CaptureInvalid)
     return CaptureFile(
         name=fields.text("name", path.stem),
         cameras=cameras,
@@ -93,9 +98,8 @@ def read_capture(path: Path) -> CaptureFile:
         xy=xy,
         confidence=confidence,
         joint_set=fields.text("joint_set", ""),
-        markers=fields.shaped("marker_positions", ("frames", "markers", 3), CaptureInvalid)
-        if "marker_positions" in fields
-        else None,
+        markers=markers,
+        marker_labels=_marker_labels(fields, markers),
     )
 
 
@@ -141,6 +145,14 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
         )
         for c, name in enumerate(names)
     )
+
+
+def _marker_labels(fields: Fields, markers: np.ndarray | None) -> tuple[str, ...]:
+    labels = fields.texts("marker_labels")
+    count = 0 if markers is None else markers.shape[1]
+    if labels and len(labels) != count:
+        raise CaptureInvalid(f"{len(labels)} labels do not fit {count} markers.", where=str(fields.path))
+    return labels
 
 
 def _camera_numbers(fields: Fields, key: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -7,6 +7,8 @@ import sys
 import time
 from typing import Any, Protocol, TextIO
 
+from .plain_text import plain
+
 
 class Progress(Protocol):
     """Receives how far a stage has come; a stage calls it as often as it likes."""
@@ -57,7 +59,7 @@ class ConsoleProgress:
         left = "" if finished or eta_s is None else f"  {eta_s:4.0f} s left"
         end = "\n" if finished else ""
         start = "\r" if self._stream.isatty() else ""
-        self._stream.write(f"{start}{stage:<28} {bar:<24} {done}/{total}{left}   {end}")
+        self._stream.write(f"{start}{plain(stage):<28} {bar:<24} {done}/{total}{left}   {end}")
         self._stream.flush()
 
 

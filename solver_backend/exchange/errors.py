@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from .plain_text import plain
+
 
 class MocapError(Exception):
     """Base of every error a user can cause or meet.
@@ -34,7 +36,7 @@ class MocapError(Exception):
 def sentence(event: Mapping[str, str]) -> str:
     """Return an ``error`` event as one line: what happened, where, what to try."""
     where = f"({event['where']})" if event.get("where") else ""
-    return " ".join(part for part in (event.get("message", ""), where, event.get("hint", "")) if part)
+    return plain(" ".join(part for part in (event.get("message", ""), where, event.get("hint", "")) if part))
 
 
 class CaptureNotRecognised(MocapError):
@@ -107,6 +109,18 @@ class MarkersUnknown(MocapError):
     """Optical markers have no labels, or labels that no layout knows."""
 
     code = "markers_unknown"
+
+
+class MarkersMirrored(MocapError):
+    """Optical markers are a mirror image of a body's."""
+
+    code = "markers_mirrored"
+
+
+class SubjectInvalid(MocapError):
+    """A subject file is of another body or other markers than the take, or its values are impossible."""
+
+    code = "subject_invalid"
 
 
 class TakeTooShort(MocapError):

@@ -85,6 +85,8 @@ class JobFile:
     """Axis of the calibration's world that points up, where it is not Z."""
     subject_prefix: str | None = None
     """Whose markers are solved, by the prefix of their labels, where a file holds several people."""
+    subject: Path | None = None
+    """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
     resolve: Any = None
@@ -98,10 +100,10 @@ class JobFile:
                 hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
             )
         earlier = None if self.resolve is None else self.resolve.motion
-        places = [p.resolve() for p in (self.capture, self.out, self.report, earlier) if p is not None]
+        places = [p.resolve() for p in (self.capture, self.out, self.report, self.subject, earlier) if p is not None]
         if len(set(places)) < len(places):
             raise JobInvalid(
-                "The capture, the motion, the report and an earlier motion must be different files.",
+                "The capture, the motion, the report, a subject and an earlier motion must be different files.",
                 where=str(self.out),
             )
 
@@ -110,6 +112,7 @@ class JobFile:
         names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "settings")
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
+        given["subject"] = self.subject and str(self.subject)
         given["joint_set"] = self.joint_set and str(self.joint_set)
         given["resolve"] = self.resolve and self.resolve.as_dict()
         values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}

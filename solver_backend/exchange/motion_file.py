@@ -18,21 +18,26 @@ FLAG_UNSEEN = 1
 """The frame has no usable observation: its pose was bridged from its neighbours."""
 FLAG_UNSURE = 2
 """The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here."""
+MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
+"""A marker of a frame was recorded; lies in a gap that the solve filled; was recorded under another marker's label,
+which was undone; was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
 AMASS_POSE_WIDTH = 156
 """SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
 _BODY = 3 + 3 * NUM_BODY_JOINTS
 """Columns of ``poses`` before the fingers: the root and joints 1..21."""
 _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
-    "joint_set", "keyframes", "joint_sigma", "flags", "provenance",
+    "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "markers", "marker_labels", "marker_residual_mm",
+    "provenance",
 )  # fmt: skip
 STORED = (
     "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
     "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
-    "reprojection_px", "markers", "marker_labels", "marker_residual_mm", "provenance",
+    "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
+    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance",
 )  # fmt: skip
 """Every array of a motion file that is read back."""
-_DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8}
+_DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8, "marker_flags": np.uint8}
 
 
 def optional_shapes(frames: int) -> dict[str, Shape]:
@@ -42,6 +47,8 @@ def optional_shapes(frames: int) -> dict[str, Shape]:
         "joint_sigma": (frames, NUM_JOINTS), "joint_covariance": (frames, NUM_JOINTS, 6),
         "reprojection_px": ("views", frames, "keypoints"), "keyframes": (frames,), "contacts": (frames, 2),
         "flags": (frames,), "markers": (frames, "markers", 3), "marker_residual_mm": (frames, "markers"),
+        "marker_flags": (frames, "markers"), "marker_sigma": ("markers",), "cleaned_markers": (frames, "markers", 3),
+        "offsets": ("markers", 3),
     }  # fmt: skip
 
 
@@ -85,6 +92,16 @@ class MotionFile:
     """M labels of ``markers``."""
     marker_residual_mm: np.ndarray | None = None
     """(F, M) distance between recorded and solved markers in millimetres, NaN where not seen."""
+    marker_flags: np.ndarray | None = None
+    """(F, M) bit mask of ``MARKER_SEEN``, ``MARKER_FILLED``, ``MARKER_SWAPPED`` and ``MARKER_GHOST``."""
+    marker_sigma: np.ndarray | None = None
+    """(M,) standard deviation of each marker around where the body has it, per axis, metres."""
+    cleaned_markers: np.ndarray | None = None
+    """(F, M, 3) world metres: the recorded markers with swaps undone and gaps filled."""
+    offsets: np.ndarray | None = None
+    """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
+    layout: tuple[str, ...] = ()
+    """M places of the markers on the body."""
     provenance: str = ""
     """JSON text: version, settings and sources of the solve."""
 
@@ -147,6 +164,7 @@ def motion_of(fields: Fields) -> MotionFile:
         body=fields.text("body", ""),
         joint_set=fields.text("joint_set", ""),
         marker_labels=fields.texts("marker_labels"),
+        layout=fields.texts("layout"),
         provenance=fields.text("provenance", ""),
         **present,
     )
@@ -183,6 +201,8 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
         arrays["joint_set"] = np.array(motion.joint_set)
     if motion.marker_labels:
         arrays["marker_labels"] = np.array(motion.marker_labels, dtype=np.str_)
+    if motion.layout:
+        arrays["layout"] = np.array(motion.layout, dtype=np.str_)
     for key in optional_shapes(motion.num_frames):
         if (value := getattr(motion, key)) is not None:
             arrays[key] = np.asarray(value, _DTYPES.get(key, np.float32))

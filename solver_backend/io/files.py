@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import re
+import stat
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,8 @@ from solver_backend.exchange.npz import require_file
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 """Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
 _LARGEST_TOML = 2_000_000
+_PART = 1 << 20
+"""Bytes that are read at once."""
 _MOST_KEY_PARTS = 32
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
@@ -25,11 +30,16 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         FileMissing: there is no such file.
         FileDamaged: it is larger, or cannot be read.
     """
-    path = require_file(path)
     try:
-        with path.open("rb") as stream:
-            size = path.stat().st_size
-            data = stream.read(largest + 1) if size <= largest else b""
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for what never comes
+            require_file(path)
+        size = status.st_size
+        with open(path, "rb", buffering=0) as stream:
+            data = _read_all(stream, largest + 1) if size <= largest else b""
+    except FileNotFoundError:
+        require_file(path)
+        raise
     except OSError as error:
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
     if max(size, len(data)) > largest:
@@ -39,6 +49,15 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
             hint="Check that it is the right file, or move it away.",
         )
     return data
+
+
+def _read_all(stream: io.RawIOBase, most: int) -> bytes:
+    """Return what a file holds, up to so many bytes."""
+    parts, left = [], most
+    while left and (part := stream.read(min(left, _PART))):
+        parts.append(part)
+        left -= len(part)
+    return b"".join(parts)
 
 
 def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:

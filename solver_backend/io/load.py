@@ -14,6 +14,7 @@ from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.motion_checks import checked_motion
 from solver_backend.io.recognition.range_checks import checked
 from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.types import Capture, Motion
@@ -62,7 +63,7 @@ def load_motion(
         options: fields of ``ReadOptions``.
 
     Raises:
-        MotionInvalid: no reader knows the path.
+        MotionInvalid: no reader knows the path, or its numbers cannot be, see ``motion_checks``.
         MocapError: whatever else the reader raises.
     """
     path, chosen = Path(path), ReadOptions(**options)
@@ -70,7 +71,9 @@ def load_motion(
     if reader is None:
         kinds = "; ".join(reader.kind for reader in readers)
         raise MotionInvalid("The path is not a motion we can read.", where=str(path), hint=f"Motions are {kinds}.")
-    return reader.read(path, chosen)
+    motion = reader.read(path, chosen)
+    checked_motion(motion, str(path))
+    return motion
 
 
 def _reader_of(path: Path, readers: Sequence[Reader[Content]]) -> Reader[Content] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solver_backend.io import own_files
-from solver_backend.io.captures import detection_folders
+from solver_backend.io.captures import caliscope, detection_folders
 from solver_backend.io.captures.optical_markers import marker_readers
 from solver_backend.io.motions import amass, bvh
 from solver_backend.io.motions.amass import AmassClip
@@ -14,6 +14,7 @@ from solver_backend.types import Capture, Motion
 CAPTURES: tuple[Reader[Capture], ...] = (
     own_files.CAPTURE,
     detection_folders.READER,
+    caliscope.READER,
     *marker_readers(),
 )
 """Asked in this order; the first that recognises a path reads it."""

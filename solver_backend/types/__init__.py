@@ -8,15 +8,24 @@ from solver_backend.exchange.joint_sets import (
     SMPL_PARENTS,
     JointSet,
 )
-from solver_backend.exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
+from solver_backend.exchange.motion_file import (
+    FLAG_UNSEEN,
+    FLAG_UNSURE,
+    MARKER_FILLED,
+    MARKER_GHOST,
+    MARKER_SEEN,
+    MARKER_SWAPPED,
+)
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
 from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.limbs import FEET, LIMBS
+from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
 
 __all__ = [
-    "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS",
+    "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS", "MARKER_FILLED", "MARKER_GHOST", "MARKER_SEEN", "MARKER_SWAPPED",
     "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
-    "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "Motion", "Remedy",
+    "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "MarkerSubject",
+    "Motion", "Remedy",
 ]  # fmt: skip

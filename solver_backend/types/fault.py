@@ -22,10 +22,21 @@ class FaultKind(StrEnum):
     """The camera was turned after its calibration. The figure is in degrees."""
     UNSYNCHRONISED = "unsynchronised"
     """The camera runs late. The figure is in frames, negative where it runs early."""
+    RATE_DIFFERS = "rate_differs"
+    """The camera runs at another rate. The figure is how many frames later it is at the end than at the beginning."""
+    DELAY_UNKNOWN = "delay_unknown"
+    """Too little moves in the view (in all views, if no camera is named) to tell whether it is in step. No figure."""
     CONTRADICTS = "contradicts"
     """The view shows something else than the others do, such as another person. No figure."""
     PERSON_AWAY = "person_away"
     """No two cameras see the person; there is no camera to name. No figure."""
+
+    MARKERS_EXCHANGED = "markers_exchanged"
+    """Two markers have each other's labels. No figure and no camera; the detail names them."""
+    MARKER_GHOST = "marker_ghost"
+    """A point is where its marker cannot be. No figure and no camera; the detail names the marker."""
+    MARKER_STILL = "marker_still"
+    """A marker stands still while the person moves. No figure and no camera; the detail names it."""
 
 
 class Remedy(StrEnum):

@@ -55,6 +55,16 @@ class Motion:
     """M labels, as the recording has them."""
     marker_residual_mm: np.ndarray | None = None
     """(F, M) distance between recorded and solved markers in millimetres, NaN where not seen."""
+    marker_flags: np.ndarray | None = None
+    """(F, M) uint8 bit mask of MARKER_*: seen, filled, swapped, ghost."""
+    marker_sigma: np.ndarray | None = None
+    """(M,) standard deviation of each marker around where the body has it, per axis, metres."""
+    cleaned_markers: np.ndarray | None = None
+    """(F, M, 3) world metres: the recorded markers with swaps undone and gaps filled."""
+    offsets: np.ndarray | None = None
+    """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
+    layout: tuple[str, ...] | None = None
+    """M places of the markers on the body."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Version, weights hash, settings, source files, statistics; plain JSON values."""
 

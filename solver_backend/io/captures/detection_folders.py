@@ -15,7 +15,7 @@ from solver_backend.io.footage.footage import find_footage, headers, with_sizes_
 from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
-from solver_backend.io.recognition.world_check import check_world
+from solver_backend.io.recognition.world_check import placed
 from solver_backend.people.person_selection import select_person
 from solver_backend.types import Capture
 
@@ -60,17 +60,17 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     person = select_person(calibration.cameras, detections, rate, options.progress)
-    world = check_world(calibration.cameras, person.keypoints)
+    cameras, world, turned = placed(calibration.cameras, person.keypoints, options.up_axis)
     length_problems = _length_problems(config, videos, detections.num_frames)
     problems = calibration.problems, detections.problems, rate_problems, length_problems, person.problems
     return Capture(
         name=root.name,
-        cameras=calibration.cameras,
+        cameras=cameras,
         keypoints=person.keypoints,
         footage=footage if any(footage) else (),
         sources=(*(str(folder) for folder in folders.values()), str(calibration.source), *config.sources),
         notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),
-        problems=sum(problems, ()) + world.problems(),
+        problems=sum(problems, ()) + turned + world.problems(),
     )
 
 

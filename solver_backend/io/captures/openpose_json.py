@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ from solver_backend.types import JointSet
 MAX_PEOPLE = 12
 """People kept in a frame of a view: those with the most keypoints."""
 _PROGRESS_STEP = 250
+_PADDING = re.compile(r"del_(\d{1,18})_\d+")
+"""Files that Pose2Sim writes, without people, where a camera that it moved in time has no frame."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ def json_files(folder: Path) -> list[Path]:
 
 
 def list_frames(folder: Path) -> FrameFiles:
-    """Return the frame files of a camera's folder in the order of their numbers.
+    """Return the frame files of a camera's folder in the order of their numbers; a padding file gives way to a frame.
 
     Raises:
         FileDamaged: the folder holds no JSON, or the names give no frame numbers.
@@ -51,9 +54,11 @@ def list_frames(folder: Path) -> FrameFiles:
     paths = json_files(folder)
     if not paths:
         raise FileDamaged("The folder holds no JSON files.", where=str(folder), hint="Put one file a frame there.")
-    numbers = frame_numbers([path.stem for path in paths], where=str(folder))
-    order = np.argsort(numbers)
-    return FrameFiles(tuple(paths[i] for i in order), numbers[order])
+    padding = {int(found[1]): path for path in paths if (found := _PADDING.fullmatch(path.stem))}
+    filmed = [path for path in paths if not _PADDING.fullmatch(path.stem)]
+    by_number = dict(zip(frame_numbers([p.stem for p in filmed], where=str(folder)).tolist(), filmed, strict=True))
+    by_number = dict(sorted((padding | by_number).items()))
+    return FrameFiles(tuple(by_number.values()), np.array(list(by_number), dtype=np.int64))
 
 
 def read_people(path: Path) -> list[np.ndarray]:
@@ -127,7 +132,7 @@ def read_detections(
     used = [item for item in used if 0 <= item[1] <= last - first]
     people: list[tuple[int, int, list[np.ndarray]]] = []
     for done, (camera, frame, path) in enumerate(used):
-        people.append((camera, frame, _strongest(_finite(read_people(path), path))))
+        people.append((camera, frame, _strongest(read_people(path))))
         if done % _PROGRESS_STEP == 0:
             progress("Reading the detections", done, len(used))
     progress("Reading the detections", len(used), len(used))
@@ -138,6 +143,8 @@ def read_detections(
             "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
         )
     require_known_count(count, joint_set, where=where)
+    if np.isinf(np.concatenate([person for _, _, persons in people for person in persons])).any():
+        _require_finite(people, used)
     xy, confidence, notes, problems = _arrays(len(folders), people, (last - first + 1, count))
     chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
     columns = slice(0, chosen.num_keypoints)
@@ -155,15 +162,16 @@ def read_detections(
     )
 
 
-def _finite(people: list[np.ndarray], path: Path) -> list[np.ndarray]:
-    for person in people:
-        if np.isinf(person).any():
-            raise NonFiniteData(
-                f"Keypoint {int(np.isinf(person).any(1).argmax())} of a person is infinite.",
-                where=str(path),
-                hint="Write 0 0 0 for a keypoint that was not seen.",
-            )
-    return people
+def _require_finite(people: list[tuple[int, int, list[np.ndarray]]], used: list[tuple[int, int, Path]]) -> None:
+    """Raise NonFiniteData with the first file that holds an infinite number."""
+    for (_, _, persons), (_, _, path) in zip(people, used, strict=True):
+        for person in persons:
+            if np.isinf(person).any():
+                raise NonFiniteData(
+                    f"Keypoint {int(np.isinf(person).any(1).argmax())} of a person is infinite.",
+                    where=str(path),
+                    hint="Write 0 0 0 for a keypoint that was not seen.",
+                )
 
 
 def _strongest(people: list[np.ndarray]) -> list[np.ndarray]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, name_markers
+from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, is_unnamed, name_markers
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
 from solver_backend.io.markers.take import MarkerTake, of_subject
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
-from solver_backend.io.recognition.marker_labels import is_unnamed
 from solver_backend.types import Capture
 
 
@@ -35,7 +34,7 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
-        hint = "Name the one to solve: --subject-prefix NAME."
+        hint = "Name the one to solve: --subject-prefix NAME, in Blender Subject under Reading Options."
         raise JobInvalid(error.message, where=str(path), hint=hint) from error
     labels, report = take.cloud.labels, take.report
     names = None if labels is None else name_markers([label for label in labels if not is_unnamed(label)])
@@ -52,13 +51,19 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
     """Return sentences on the markers that the solve leaves out."""
     if names is None:
         return []
+    attached = names.unknown
+    said = [] if not attached else [
+        f"The labels of {len(attached)} markers are of no layout, {_first(attached)}: the solve finds the bones that "
+        "they move with, and leaves out those that move with none."
+    ]  # fmt: skip
     groups = (
-        (names.unknown, "points of labels that no layout knows"),
         (names.virtual, "points that a program computed"),
         (names.doubled, "points of places that another marker has"),
         (unlabelled, "points without names"),
     )
-    return [f"Left out of the solve are {len(labels)} {what}: {_first(labels)}." for labels, what in groups if labels]
+    return said + [
+        f"Left out of the solve are {len(labels)} {what}: {_first(labels)}." for labels, what in groups if labels
+    ]
 
 
 def _few(names: MarkerNames) -> list[str]:

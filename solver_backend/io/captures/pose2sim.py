@@ -16,6 +16,8 @@ from solver_backend.types import JointSet
 POSE_FOLDERS = ("pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a trial that hold one folder a camera; the synchronised detections come first."""
 
+SESSION_LEVELS = 3
+"""Trials lie at most so deep in a session: session, participant, trial."""
 _POSE_MODELS = {
     "BODY_25": JointSet.BODY_25, "BODY_25B": JointSet.BODY_25B, "COCO_17": JointSet.COCO_17, "BODY": JointSet.COCO_17,
     "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26, "COCO_133": JointSet.COCO_WHOLEBODY_133,
@@ -52,10 +54,16 @@ def camera_folders(root: Path) -> dict[str, Path]:
     return {}
 
 
-def trials_below(root: Path) -> list[str]:
-    """Return the names of the folders directly below that are recordings of their own."""
+def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
+    """Return the paths, relative to a session's folder, of those below that are recordings of their own."""
     below = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name))
-    return [p.name for p in below if any((p / name).is_dir() for name in POSE_FOLDERS)]
+    found: list[str] = []
+    for path in below:
+        if any((path / name).is_dir() for name in POSE_FOLDERS):
+            found.append(path.name)
+        elif levels > 1:
+            found += [f"{path.name}/{trial}" for trial in trials_below(path, levels - 1)]
+    return found
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
 from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake, gaps_of
 from solver_backend.io.markers.text_table import LARGEST
 from solver_backend.io.recognition.camera_names import listing
-from solver_backend.io.recognition.marker_labels import is_unnamed, subjects_of, unique_labels
+from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import Unit, find_unit
 from solver_backend.io.recognition.marker_up_axis import UpAxis, find_up_axis
 from solver_backend.io.recognition.up_axis import rotation_to_z_up

@@ -17,7 +17,8 @@ from solver_backend.types import NUM_BETAS, NUM_JOINTS, Motion
 
 _SAME = (
     "betas", "transl", "fps", "body", "joints", "keypoints3d", "joint_sigma", "joint_covariance", "keyframes",
-    "contacts", "flags", "reprojection_px", "markers", "marker_residual_mm",
+    "contacts", "flags", "reprojection_px", "markers", "marker_residual_mm", "marker_flags", "marker_sigma",
+    "cleaned_markers", "offsets",
 )  # fmt: skip
 """What a motion and its file call by one name."""
 
@@ -34,6 +35,7 @@ def write_motion(path: Path | str, motion: Motion, overwrite: bool = False) -> P
         rotvec=rotvec.reshape(motion.num_frames, NUM_JOINTS, 3),
         joint_set="" if motion.joint_set is None else motion.joint_set.value,
         marker_labels=motion.marker_labels or (),
+        layout=motion.layout or (),
         provenance=json.dumps(_plain(motion.provenance), sort_keys=True),
         **{name: getattr(motion, name) for name in _SAME},
     )
@@ -62,6 +64,7 @@ def read_motion(path: Path | str) -> Motion:
         body_pose=record.rotvec[:, 1:].reshape(record.num_frames, -1),
         joint_set=fields.joint_set() if "joint_set" in fields else None,
         marker_labels=record.marker_labels or None,
+        layout=record.layout or None,
         provenance=_provenance(fields),
         **{name: getattr(record, name) for name in _SAME},
     )

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import count
 
-# Vicon writes *0, *1, ...; Motive 'Unlabeled 1189'; Cortex U_1; Qualisys unnames; others number their points.
-_UNNAMED = re.compile(r"(\*\d*|unlabell?ed[ _-]?\d*|u_?\d+|uname\*?\d*|unnamed[ _-]?\d*|new ?\d{4})", re.IGNORECASE)
+from solver_backend.body.marker_names import is_unnamed
+
 # Plug-in Gait: LHipAngles, RGroundReactionForce, LKneeMoment, RAnklePower.
 _MODEL_OUTPUT = re.compile(r".+[a-z](Angles?|Forces?|Moments?|Powers?)")
 
@@ -22,12 +22,6 @@ def prefix_of(label: str) -> str:
 def subjects_of(labels: Sequence[str]) -> tuple[str, ...]:
     """Return the subjects that labels name, in their order, leaving unnamed points out."""
     return tuple(dict.fromkeys(prefix_of(label) for label in labels if prefix_of(label) and not is_unnamed(label)))
-
-
-def is_unnamed(label: str) -> bool:
-    """Return whether a program numbered the point because nobody named it."""
-    name = label.rpartition(":")[2].strip()
-    return not name or _UNNAMED.fullmatch(name) is not None
 
 
 def is_model_output(label: str) -> bool:

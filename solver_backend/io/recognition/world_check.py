@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.types import Cameras, Keypoints2D
 
 SAMPLED_FRAMES = 100
@@ -16,6 +17,8 @@ LEG_SHARE = 0.491
 """Thigh and shank together over the stature (Drillis and Contini 1966)."""
 PLAUSIBLE_STATURE_M = (1.0, 2.3)
 FLOOR_TOLERANCE_M = 0.25
+LEAST_UPRIGHT = 0.9
+"""Cosine of the angle to an axis below which somebody does not stand along it."""
 LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
 BIAS_FRAMES = 40
@@ -71,15 +74,43 @@ class WorldCheck:
             )
         return tuple(found)
 
-    def _placement(self) -> list[str]:
-        axis = int(np.argmax(np.abs(self.upright)))
+    def up_axis(self) -> str:
+        """Return the axis that the person stands along, such as '-y'; 'z' where that is not clear."""
+        axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
         value = self.upright[axis]
-        if np.isfinite(value) and abs(value) > 0.9 and (axis != 2 or value < 0):
-            name = ("-" if value < 0 else "") + "XYZ"[axis]
+        low, high = PLAUSIBLE_STATURE_M
+        clear = abs(value) > LEAST_UPRIGHT and low < self.stature_m < high
+        return ("-" if value < 0 else "") + "xyz"[axis] if clear else "z"
+
+    def _placement(self) -> list[str]:
+        name = self.up_axis().upper()
+        if name != "Z":
             return [f"The person stands along {name}: the calibration's world may have {name} up instead of Z."]
-        if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and value > 0.9 and axis == 2:
+        if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and self.upright[2] > LEAST_UPRIGHT:
             return [f"The lowest foot is at z = {self.lowest_m:.2f} m: the calibration's floor is not at z = 0."]
         return []
+
+
+def placed(
+    cameras: Cameras, keypoints: Keypoints2D, given: str | None = None
+) -> tuple[Cameras, WorldCheck, tuple[str, ...]]:
+    """Return the cameras in a world in which the person stands along Z, its figures, and a sentence if it was turned.
+
+    A calibration without a floor has the axes of one of its cameras, whose y points down.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of one person.
+        given: the axis that the user said points up, which stays.
+    """
+    world = check_world(cameras, keypoints)
+    axis = world.up_axis()
+    if given is not None or axis == "z":
+        return cameras, world, ()
+    cameras = with_up_axis(cameras, axis)
+    name = axis.upper()
+    said = f"The person stands along {name} of the calibration's world: {name} is taken as up; --up-axis z keeps Z."
+    return cameras, check_world(cameras, keypoints), (said,)
 
 
 def disagreement(residual_px: float) -> tuple[str, ...]:

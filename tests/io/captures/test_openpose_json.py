@@ -57,6 +57,17 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
     assert calls[-1] == ("Reading the detections", 5, 5)
 
 
+def test_padding_files_of_pose2sim_are_frames_without_people(tmp_path: Path) -> None:
+    folders = {
+        "a": write(tmp_path / "a", {n: [person(n)] for n in range(4)}),
+        "b": write(tmp_path / "b", {n: [person(n)] for n in range(2, 4)}),
+    }
+    write(folders["b"], {n: [] for n in (0, 1, 2)}, "del_{:06d}_0.json")
+    found = read_detections(folders)
+    assert (found.first_frame, found.num_frames) == (0, 4)
+    np.testing.assert_array_equal(found.people(), [[1, 1, 1, 1], [0, 0, 1, 1]])
+
+
 @pytest.mark.parametrize(
     ("stems", "numbers"),
     [

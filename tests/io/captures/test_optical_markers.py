@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.body.markers import MARKER_LAYOUTS
+from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, MarkersUnknown, NoDetections, TakeTooShort
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.io.load import load_capture
@@ -18,7 +18,7 @@ from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import MarkerCloud
 from tests.support.worn_markers import worn_markers
 
-LABELS = MARKER_LAYOUTS["PLUGIN_GAIT_39"]
+LABELS = marker_layout("PLUGIN_GAIT_39")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,8 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     assert capture.markers.positions.shape == (12, 43, 3) and capture.fps == 60.0 and capture.name == "take"
     notes = " ".join(capture.notes)
     for said in (
-        "Lengths are read as mm", "Z points up", "1 points of labels that no layout knows: thigh_cluster_1.",
+        "Lengths are read as mm", "Z points up",
+        "The labels of 1 markers are of no layout, thigh_cluster_1: the solve finds the bones",
         "1 points that a program computed: LHJC.", "1 points of places that another marker has: LFWT.",
         "1 points without names: *3.",
     ):  # fmt: skip

@@ -9,6 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.markers.nexus_csv import read_nexus_csv
+from tests.support.marker_texts import NEXUS_SECTIONS
 
 TRAJECTORIES = """Trajectories
 100
@@ -20,28 +21,6 @@ Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
 103,0,102,-20,1500,92,15,30
 
 """
-OTHERS = """Devices
-1000
-,,Force,,
-Frame,Sub Frame,Fx,Fy,Fz
-,,N,N,N
-1,0,1,2,3
-1,1,1,2,3
-
-Events
-100
-Subject,Context,Name,Time (s),Description
-Ann,Left,Foot Strike,1.25,The instant
-Ann,Right,Foot Off,broken,
-
-Model Outputs
-100
-,,Ann:LHipAngles,,
-Frame,Sub Frame,X,Y,Z
-,,deg,deg,deg
-1,0,1,2,3
-
-"""
 
 
 def write(path: Path, text: str) -> Path:
@@ -49,7 +28,9 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("text", [TRAJECTORIES, "\n\n" + TRAJECTORIES, OTHERS + TRAJECTORIES, TRAJECTORIES + OTHERS])
+@pytest.mark.parametrize(
+    "text", [TRAJECTORIES, "\n\n" + TRAJECTORIES, NEXUS_SECTIONS + TRAJECTORIES, TRAJECTORIES + NEXUS_SECTIONS]
+)
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_trajectories(tmp_path: Path, text: str, ending: str) -> None:
     found = read_nexus_csv(write(tmp_path / "t.csv", text.replace("\n", ending)))
@@ -95,7 +76,7 @@ def test_what_is_none(tmp_path: Path) -> None:
     with pytest.raises(
         NoDetections, match=r"no markers but devices, events, model outputs.*'Trajectories' switched on"
     ):
-        read_nexus_csv(write(path, OTHERS))
+        read_nexus_csv(write(path, NEXUS_SECTIONS))
     with pytest.raises(FileDamaged, match="none of Nexus"):
         read_nexus_csv(write(path, "a,b\n1,2\n"))
     for text in ("Trajectories\n", "Trajectories\n100\n,,C7,,\n"):

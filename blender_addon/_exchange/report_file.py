@@ -1,0 +1,21 @@
+"""How a page of ours is told from any other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'
+"""Stands in the head of every report."""
+_HEAD_BYTES = 2000
+
+
+def is_report(path: Path, folder: Path) -> bool:
+    """Return whether a file is a page that a solve wrote into a folder: by its ending, its place and its head."""
+    try:
+        inside = path.resolve().parent == folder.resolve()
+        if path.suffix.lower() != ".html" or not inside or not path.is_file():
+            return False
+        with path.open("rb") as stream:
+            return REPORT_MARK.encode() in stream.read(_HEAD_BYTES)
+    except OSError:
+        return False

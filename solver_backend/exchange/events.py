@@ -1,0 +1,76 @@
+"""What a line of the progress protocol must look like before anybody acts on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+_Test = Callable[[Any], bool]
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**31
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+
+
+def _or_none(test: _Test) -> _Test:
+    return lambda value: value is None or test(value)
+
+
+def _cameras(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(item, dict) and _text(item.get("name")) and _or_none(_number)(item.get("seen_percent"))
+        for item in value
+    )
+
+
+_EVENTS: dict[str, dict[str, _Test]] = {
+    "progress": {"stage": _text, "done": _whole, "total": _whole, "eta_s": _or_none(_number)},
+    "error": {"code": _text, "message": _text, "where": _text, "hint": _text},
+    "result": {},
+}
+_CAPTURE: dict[str, _Test] = {
+    "capture": _text, "name": _text, "frames": _whole, "fps": _number, "joint_set": _or_none(_text),
+    "markers": _or_none(_whole), "cameras": _cameras, "notes": _texts, "problems": _texts,
+}  # fmt: skip
+_RESULTS: dict[str, dict[str, _Test]] = {
+    "convert": _CAPTURE,
+    "demo-capture": _CAPTURE,
+    "solve": {
+        "motion": _text,
+        "report": _or_none(_text),
+        "problems": _texts,
+        "frames": _whole,
+        "reprojection_median_px": _or_none(_number),
+        "unsure_frames": _whole,
+        "unseen_frames": _whole,
+    },
+}
+"""What the results of the verbs hold that somebody acts on."""
+
+
+def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
+    """Return a sentence on an event that is not as the protocol has it, "" where it is.
+
+    Args:
+        event: a line of the solver's, as an object that has the key ``event``.
+        verb: verb of the run.
+    """
+    kind = event.get("event")
+    if not isinstance(kind, str) or kind not in _EVENTS:
+        return f"the event {str(kind)[:40]!r} is unknown"
+    tests = _EVENTS[kind] | (_RESULTS.get(verb, {}) if kind == "result" else {})
+    wrong = [key for key, test in tests.items() if not test(event.get(key))]
+    return f"a {kind} event lacks {', '.join(wrong)} as it should be" if wrong else ""

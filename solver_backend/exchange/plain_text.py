@@ -1,0 +1,29 @@
+"""Text of files and people as it may be shown: without characters that steer a terminal or turn the reading order."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+_JOINERS = frozenset("\u200c\u200d")
+"""Invisible, but part of how Persian, Indic scripts and emoji are written."""
+_STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Control characters, invisible ones that format or turn the direction, halves of pairs, breaks."""
+_SHOWN = "\ufffd"
+_PLAIN = re.compile(r"[ -~]*")
+
+
+def plain(text: str, *, keep: str = "") -> str:
+    """Return the text on one line, with a sign in the place of each character that would steer what shows it.
+
+    Args:
+        text: of any origin.
+        keep: characters that may stay, such as line breaks.
+    """
+    if _PLAIN.fullmatch(text):
+        return text
+    return "".join(c if c in keep or not _steers(c) else _SHOWN for c in text)
+
+
+def _steers(character: str) -> bool:
+    return character not in _JOINERS and unicodedata.category(character) in _STEERING

@@ -1,0 +1,127 @@
+"""Points that caliscope tracked, one row a point, a camera and a moment, with the project's calibration."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.io.calibration.search import find_calibration
+from solver_backend.io.files import read_text, read_toml
+from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.io.recognition.joint_sets import choose_joint_set
+from solver_backend.io.recognition.world_check import placed
+from solver_backend.types import Capture, JointSet, Keypoints2D
+
+_CAMERA = ("port", "cam_id")
+_COLUMNS = ("sync_index", "point_id", "img_loc_x", "img_loc_y")
+_LEVELS = 5
+"""Folders above the file that may be the project's."""
+MEDIAPIPE_POINTS = 33
+"""Points of larger numbers are those of hands and face."""
+LARGEST_TAKE_FRAMES = 1_000_000
+
+
+def _file(path: Path) -> Path | None:
+    """Return the table that a path is, or the only one that a folder holds."""
+    if path.is_dir():
+        found = [p for p in path.iterdir() if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
+        return found[0] if len(found) == 1 else None
+    return path if path.name.lower().startswith("xy_") and path.suffix.lower() == ".csv" and path.is_file() else None
+
+
+def _recognises(path: Path) -> bool:
+    return _file(path) is not None
+
+
+def _read(path: Path, options: ReadOptions) -> Capture:
+    """Read the points of one person.
+
+    Raises:
+        FileDamaged: a column is missing or a value is no number.
+        NoDetections: the table is empty.
+        FrameCountMismatch, KeypointCountMismatch: the points fit no joint set.
+        CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
+    """
+    source = _file(path) or path
+    numbers, xy = _rows(source)
+    project = _project(source)
+    ports, first = np.unique(numbers[:, 1]), int(numbers[:, 0].min())
+    frames = int(numbers[:, 0].max()) - first + 1
+    if frames > LARGEST_TAKE_FRAMES:
+        raise FileDamaged(
+            f"Its sync_index runs over {frames:,} frames; a take has at most {LARGEST_TAKE_FRAMES:,}.",
+            where=str(source),
+        )
+    names = tuple(f"cam_{port}" for port in ports.tolist())
+    body = numbers[:, 2] < MEDIAPIPE_POINTS
+    count = int(numbers[body, 2].max()) + 1 if body.any() else 0
+    if not count:
+        raise NoDetections("The table holds no points of a body.", where=str(source))
+    positions = np.full((len(ports), frames, count, 2), np.nan)
+    at = np.searchsorted(ports, numbers[body, 1]), numbers[body, 0] - first, numbers[body, 2]
+    positions[at] = xy[body]
+    confidence = np.isfinite(positions).all(-1).astype(float)
+    chosen, notes, problems = choose_joint_set(positions, confidence, options.joint_set, None, where=str(source))
+    fps, rate_note, rate_problems = _rate(options, project)
+    calibration = find_calibration(project or source.parent, names, unit=options.unit, up_axis=options.up_axis)
+    columns = slice(0, chosen.num_keypoints)
+    keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
+    cameras, world, turned = placed(calibration.cameras, keypoints, options.up_axis)
+    return Capture(
+        name=source.parent.parent.name if source.parent.name in source.stem else source.stem,
+        cameras=cameras,
+        keypoints=keypoints,
+        sources=(str(source), str(calibration.source)),
+        notes=(*calibration.notes, *notes, *rate_note, *world.notes()),
+        problems=(*calibration.problems, *problems, *rate_problems, *turned, *world.problems()),
+    )
+
+
+def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, 3) whole sync_index, camera and point, and (N, 2) px, of the table's rows."""
+    table = csv.reader(io.StringIO(read_text(path)))
+    header = [name.strip() for name in next(table, [])]
+    camera = next((name for name in _CAMERA if name in header), "port")
+    missing = [name for name in (*_COLUMNS, camera) if name not in header]
+    if missing:
+        raise FileDamaged(
+            f"The table lacks {', '.join(missing)}.", where=str(path), hint="Export it from caliscope again."
+        )
+    order = [header.index(name) for name in ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")]
+    try:
+        values = np.array([[row[i] or "nan" for i in order] for row in table if row], dtype=np.float64)
+    except (ValueError, IndexError, csv.Error) as error:
+        raise FileDamaged(f"A row is cut off or holds what is no number ({error}).", where=str(path)) from error
+    if not len(values):
+        raise NoDetections("The table holds no points.", where=str(path))
+    whole = values[:, :3]
+    if not np.isfinite(whole).all() or (whole != np.round(whole)).any() or (whole < 0).any() or (whole > 1e9).any():
+        raise FileDamaged("sync_index, camera and point_id must be whole numbers from 0.", where=str(path))
+    return whole.astype(np.int64), values[:, 3:]
+
+
+def _project(source: Path) -> Path | None:
+    """Return the nearest folder above with a config.toml or camera_array.toml."""
+    above = list(source.parents)[:_LEVELS]
+    return next((p for p in above if (p / "config.toml").is_file() or (p / "camera_array.toml").is_file()), None)
+
+
+def _rate(options: ReadOptions, project: Path | None) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+    """Return the frame rate, a note on where it is from, and a problem where it is assumed."""
+    if options.fps is not None:
+        return options.fps, (f"{options.fps:g} frames a second, as given.",), ()
+    stated = (
+        read_toml(project / "config.toml").get("fps_recording")
+        if project and (project / "config.toml").is_file()
+        else None
+    )
+    if isinstance(stated, int | float) and not isinstance(stated, bool) and 0 < stated < 1e5:
+        return float(stated), (f"{stated:g} frames a second, from config.toml.",), ()
+    return 30.0, (), ("No config.toml states fps_recording; 30 fps is assumed.",)
+
+
+READER = Reader("caliscope's xy_*.csv, or its folder, in a project with its config.toml", _recognises, _read)

@@ -1,0 +1,85 @@
+"""Motions that cannot be are refused, odd ones are told, and recorded ones are left in peace."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.body.joint_limits import from_swing_and_twist
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.io.load import load_motion
+from solver_backend.io.motions.amass import read_amass
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.io.recognition.motion_checks import checked_motion, motion_problems
+from solver_backend.types import SMPL_JOINTS, Motion
+from tests.support.scenes import small_motion
+
+
+def standing(frames: int = 50) -> Motion:
+    base = small_motion(frames, optional=False)
+    still = {name: np.zeros_like(getattr(base, name)) for name in ("betas", "global_orient", "body_pose", "transl")}
+    return replace(base, **still)
+
+
+def with_joint(motion: Motion, joint: str, degrees: tuple[float, float, float], frames: slice) -> Motion:
+    """Return the motion with a joint turned by angles about x, y and z in some frames."""
+    angles = np.zeros((1, 21, 3))
+    angles[0, SMPL_JOINTS.index(joint) - 1] = np.radians(degrees)
+    pose = motion.body_pose.copy()
+    pose[frames, :63] = np.asarray(log_so3(from_swing_and_twist(angles))).reshape(63)
+    return replace(motion, body_pose=pose)
+
+
+def test_a_motion_of_people_has_no_problems() -> None:
+    assert motion_problems(standing()) == ()
+    assert motion_problems(with_joint(standing(), "left_knee", (120, 0, 0), slice(None))) == ()
+
+
+def test_a_pose_outside_all_anatomy_is_told_with_joint_and_frames() -> None:
+    [told] = motion_problems(with_joint(standing(), "left_knee", (-90, 0, 0), slice(7, 20)))
+    assert told.startswith("Joints are turned far beyond what people's can in 13 frames, first in 7-19: left_knee (by ")
+    assert "left_knee (by up to 70°)" in told
+
+
+def test_one_odd_frame_of_many_is_no_problem() -> None:
+    assert motion_problems(with_joint(standing(200), "right_elbow", (0, -120, 0), slice(3, 4))) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"fps": 5000.0}, "5000 frames a second is not what is recorded"),
+        ({"betas": np.full(10, -40.0)}, "A shape coefficient is 40"),
+        ({"transl": np.arange(150.0).reshape(50, 3)}, r"moves at up to 311 m/s \(frame"),
+    ],
+)
+def test_odd_numbers_are_told(change: dict[str, object], told: str) -> None:
+    [problem] = motion_problems(replace(standing(), **change))
+    assert re.search(told, problem)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"fps": 1e6}, "frame rate must be 0.01 to 30000"), ({"transl": np.full((50, 3), 1e7)}, "1e\\+04 km from the")],
+)
+def test_impossible_motions_are_refused_by_every_reader(tmp_path: Path, change: dict[str, object], named: str) -> None:
+    motion = replace(standing(), **change)
+    with pytest.raises(MotionInvalid, match=named):
+        checked_motion(motion, "a.npz")
+    with pytest.raises(MotionInvalid, match=named):
+        load_motion(write_motion(tmp_path / "own.npz", motion))
+    poses = np.hstack([motion.global_orient, motion.body_pose])
+    np.savez(tmp_path / "amass.npz", poses=poses, trans=motion.transl, mocap_framerate=motion.fps)
+    assert read_amass(tmp_path / "amass.npz").model == "smpl"
+    with pytest.raises(MotionInvalid, match=named):
+        load_motion(tmp_path / "amass.npz")
+    rows = "\n".join(f"{100 * x} 0 0" for x in motion.transl[:, 0])
+    bvh = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}\nMOTION\nFrames: 50\n"
+    (tmp_path / "a.bvh").write_text(f"{bvh}Frame Time: {1 / motion.fps!r}\n{rows}\n")
+    with pytest.raises(MotionInvalid, match=named):
+        load_motion(tmp_path / "a.bvh")
