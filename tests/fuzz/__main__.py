@@ -1,87 +1,74 @@
 """The long run: ``python -m tests.fuzz --count 100000 --seed 0``; exits with 1 where a reader broke.
 
-Inputs are tried in a child process with a limit of memory, so that a crash is counted like any other finding.
+With ``--state FILE`` the counts are kept there, and the same command goes on where an earlier one was stopped. The
+table is printed after every 20,000 inputs. ``--coverage`` prints instead which share of the readers' lines the inputs
+reach, ``--bytes SECONDS`` lets atheris change bytes by what it sees executed.
 """
 
 from __future__ import annotations
 
 import argparse
-import pickle
-import resource
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
-from tests.fuzz.run import GOOD, Tried, fuzz, keep, table
+from tests.fuzz.campaign import campaign, run_child
+from tests.fuzz.run import keep, turns
 from tests.fuzz.targets import TARGETS
-
-MEMORY_BYTES = 2 * 2**30
-BATCH = 20_000
-"""Inputs a child."""
+from tests.fuzz.tried import Tried
 
 
 def main() -> int:
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("--count", type=int, default=10_000)
+    args = _parser().parse_args()
+    targets = [target for target in TARGETS if target.name.startswith(args.only)]
+    if args.child is not None:
+        run_child(targets, args.count, args.seed, args.first, args.child)
+        return 0
+    if args.keep is not None:
+        order = turns(targets)
+        sys.stdout.write(f"{keep(order[args.first % len(order)], args.seed, args.first, args.keep)}\n")
+        return 0
+    if args.coverage:
+        from tests.fuzz.reader_coverage import coverage_table
+
+        sys.stdout.write(coverage_table(targets, args.count, args.seed) + "\n")
+        return 0
+    if args.bytes is not None:
+        from tests.fuzz.byte_fuzzing import fuzz_bytes
+
+        return fuzz_bytes(targets, args.bytes)
+    return _long_run(args)
+
+
+def _long_run(args: argparse.Namespace) -> int:
+    tried, seed, first = Tried(), args.seed, args.first
+    if args.state is not None and args.state.exists():
+        tried, seed, first = Tried.load(args.state)
+
+    def told(whole: Tried, following: int) -> None:
+        sys.stdout.write(whole.table() + "\n\n")
+        sys.stdout.flush()
+        if args.state is not None:
+            whole.save(args.state, seed, following)
+
+    tried = campaign(tried, args.first + args.count - first, seed, first, args.only, told)
+    return int(tried.broke)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--count", type=int, default=10_000, help="inputs in all, those of earlier runs with them")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
-    parser.add_argument("--only", help="readers whose name begins so")
+    parser.add_argument("--only", default="", help="readers whose name begins so")
+    parser.add_argument("--state", type=Path, metavar="FILE", help="keep counts here, and go on from them")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write the files of input --first here")
+    parser.add_argument("--coverage", action="store_true", help="share of the readers' lines that are reached")
+    parser.add_argument("--bytes", type=float, metavar="SECONDS", help="atheris, for so long in all")
     parser.add_argument("--child", type=Path, metavar="DIR", help=argparse.SUPPRESS)
-    args = parser.parse_args()
-    targets = [target for target in TARGETS if target.name.startswith(args.only or "")]
-    if args.keep is not None:
-        turns = [target for target in targets for _ in range(target.weight)]
-        sys.stdout.write(f"{keep(turns[args.first % len(turns)], args.seed, args.first, args.keep)}\n")
-        return 0
-    if args.child is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-        found = fuzz(targets, args.count, args.seed, args.first, args.child / "current")
-        (args.child / "tried").write_bytes(pickle.dumps(found))
-        return 0
-    tried = _by_children(args.count, args.seed, args.first, args.only or "")
-    sys.stdout.write(table(tried) + "\n")
-    return int(any(outcome not in GOOD for _, outcome in tried.counts))
-
-
-def _by_children(count: int, seed: int, first: int, only: str) -> Tried:
-    """Try the inputs batch by batch; one that ends its child is counted, and the next child goes on after it."""
-    whole, at = Tried(), first
-    while at < first + count:
-        number = min(BATCH, first + count - at)
-        with tempfile.TemporaryDirectory() as folder:
-            options = [
-                "--child",
-                folder,
-                "--count",
-                str(number),
-                "--seed",
-                str(seed),
-                "--first",
-                str(at),
-                "--only",
-                only,
-            ]
-            done = subprocess.run([sys.executable, "-m", "tests.fuzz", *options], check=False)
-            if done.returncode == 0:
-                _add(whole, pickle.loads((Path(folder) / "tried").read_bytes()))
-                at += number
-            else:
-                crashed, _, name = (Path(folder) / "current").read_text().partition(" ")
-                whole.counts[name, "crash"] += 1
-                whole.bad[f"{name}: the process ended with {done.returncode}"] = f"input {crashed}"
-                at = int(crashed) + 1
-        sys.stderr.write(f"{at - first:,} inputs\n")
-    return whole
-
-
-def _add(whole: Tried, part: Tried) -> None:
-    whole.counts.update(part.counts)
-    whole.bad.update({key: value for key, value in part.bad.items() if key not in whole.bad})
-    for name, seconds in part.slowest.items():
-        whole.slowest[name] = max(seconds, whole.slowest.get(name, 0.0))
+    return parser
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from tests.fuzz.binary_mutations import change_numbers, change_pickle
+
 _TOKEN = re.compile(r"[\w.+\-]+|\s+|.", re.DOTALL)
 _WORDS = (
     "0", "-1", "1", "1e400", "-1e308", "nan", "inf", "9" * 23, "9" * 400, "0.1", "''", '""', "[", "]", "{", "}", ",",
@@ -23,7 +25,7 @@ _KINDS = ("<f8", "<f4", "<i4", "<u8", "|b1", "<U3", "|S2", "<c16", "<f2", ">f8",
 
 
 def mutated(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
-    """Return changed bytes of a file of this kind: 'text', 'json', 'npz' or 'bytes'."""
+    """Return changed bytes of a file of this kind: 'text', 'json', 'npz', 'pickle' or 'binary'."""
     for _ in range(int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))):
         structured = rng.random() < 0.8
         data = _BY_KIND[kind](data, rng) if structured else change_bytes(data, rng)
@@ -108,10 +110,10 @@ def change_npz(data: bytes, rng: np.random.Generator) -> bytes:
         members |= _changed_member(name, members, rng)
         method = int(rng.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA], p=[0.6, 0.35, 0.05]))
         out = io.BytesIO()
-        with zipfile.ZipFile(out, "w", method) as archive:
+        with zipfile.ZipFile(out, "w") as archive:
             for key, content in members.items():
                 if content is not None:
-                    archive.writestr(key, content)
+                    archive.writestr(key, content, method if key in (name, f"x{name}") else zipfile.ZIP_STORED)
         return out.getvalue()
     except Exception:  # an archive that earlier changes have broken
         return change_bytes(data, rng)
@@ -142,6 +144,8 @@ def _with_header(member: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    if value.dtype.kind == "U" and not value.ndim and str(value)[:1] in ("{", "[") and rng.random() < 0.8:
+        return np.array(change_json(str(value).encode(), rng).decode())
     what = int(rng.integers(8))
     if what == 0:
         return value[..., :-1] if value.ndim else np.repeat(value, 2)
@@ -167,4 +171,6 @@ def _changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return changed
 
 
-_BY_KIND = {"text": change_text, "json": change_json, "npz": change_npz, "bytes": change_bytes}
+_BY_KIND = {
+    "text": change_text, "json": change_json, "npz": change_npz, "pickle": change_pickle, "binary": change_numbers,
+}  # fmt: skip

@@ -2,43 +2,56 @@
 
 from __future__ import annotations
 
+import os
+import resource
 import shutil
 import signal
 import tempfile
 import time
 import traceback
 import warnings
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
 import numpy as np
 
+from blender_addon._exchange.errors import MocapError as AddonError
 from solver_backend.exchange.errors import MocapError
 from tests.fuzz.mutations import mutated
-from tests.fuzz.targets import Target
+from tests.fuzz.target import Target
+from tests.fuzz.tried import Tried
 
 LIMIT_S = 10
-GOOD = ("read", "named")
+_MEMORY_FOLDER = Path("/dev/shm")
 
 
 class TooSlow(BaseException):
     """The time of one input is over."""
 
 
-@dataclass
-class Tried:
-    """What came of the inputs."""
+class Homes:
+    """A folder of sound files for each dialect of each reader, made when it is needed."""
 
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """By reader and outcome: 'read', 'named', 'unnamed' or 'slow'."""
-    bad: dict[str, str] = field(default_factory=dict)
-    """Where it broke, by reader, number and sentence: one of each kind."""
-    slowest: dict[str, float] = field(default_factory=dict)
-    """Seconds of each reader's slowest input."""
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._homes = folder, {}
+
+    def of(self, target: Target, dialect: int) -> tuple[Path, list[Path]]:
+        """Return the folder, and those of its files that are changed."""
+        if (target.name, dialect) not in self._homes:
+            home = self._folder / f"{len(self._homes)}"
+            home.mkdir()
+            target.dialects[dialect](home)
+            files = sorted(p for p in home.rglob("*") if p.is_file() and p.suffix in target.kinds)
+            self._homes[target.name, dialect] = home, files
+        return self._homes[target.name, dialect]
+
+
+def turns(targets: Sequence[Target]) -> list[Target]:
+    """Return the readers, each as often as its weight says, well mixed."""
+    places = [((i + 0.5) / target.weight, k) for k, target in enumerate(targets) for i in range(target.weight)]
+    return [targets[k] for _, k in sorted(places)]
 
 
 def fuzz(targets: Sequence[Target], count: int, seed: int, first: int = 0, current: Path | None = None) -> Tried:
@@ -51,52 +64,73 @@ def fuzz(targets: Sequence[Target], count: int, seed: int, first: int = 0, curre
         first: number of the first input.
         current: file that names the input being tried, for a parent that survives a crash.
     """
-    turns = [target for target in targets for _ in range(target.weight)]
-    tried = Tried()
-    with tempfile.TemporaryDirectory() as folder:
-        homes = {target.name: Path(folder) / str(i) for i, target in enumerate(targets)}
-        for target in targets:
-            homes[target.name].mkdir()
-            target.write(homes[target.name])
+    tried, order, begun = Tried(), turns(targets), time.process_time()
+    with scratch_folder() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        homes = Homes(folder)
         for number in range(first, first + count):
-            target = turns[number % len(turns)]
+            target = order[number % len(order)]
             if current is not None:
                 current.write_text(f"{number} {target.name}")
             start = time.monotonic()
-            outcome, where = _outcome(target, homes[target.name], np.random.default_rng([seed, number]))
-            tried.slowest[target.name] = max(tried.slowest.get(target.name, 0.0), time.monotonic() - start)
-            tried.counts[target.name, outcome] += 1
-            if outcome not in GOOD:
-                tried.bad.setdefault(f"{target.name}: {where}", f"input {number}")
+            outcome, where = _outcome(target, homes, seed, number)
+            tried.count(target.name, outcome, time.monotonic() - start)
+            if where:
+                tried.bad.setdefault(f"{target.name}: {where}", f"input {number} of seed {seed}")
+    tried.processor_s = time.process_time() - begun
+    tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return tried
 
 
-def mutate_one(target: Target, folder: Path, rng: np.random.Generator) -> tuple[Path, bytes]:
-    """Change one of the folder's files, and return it with what it held."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file() and p.suffix in target.kinds)
+def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Path, Path, bytes]:
+    """Change one file of one dialect, and return the folder, the file and what it held."""
+    rng = np.random.default_rng([seed, number])
+    home, files = homes.of(target, int(rng.integers(len(target.dialects))))
     path = files[int(rng.integers(len(files)))]
     before = path.read_bytes()
     path.write_bytes(mutated(before, target.kinds[path.suffix], rng))
-    return path, before
+    return home, path, before
 
 
-def _outcome(target: Target, folder: Path, rng: np.random.Generator) -> tuple[str, str]:
-    path, before = mutate_one(target, folder, rng)
+def keep(target: Target, seed: int, number: int, folder: Path) -> Path:
+    """Write the files of one input into a folder of its own, for a look."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return mutate_one(target, Homes(folder), seed, number)[1]
+
+
+def _outcome(target: Target, homes: Homes, seed: int, number: int) -> tuple[str, str]:
+    home, path, before = mutate_one(target, homes, seed, number)
     try:
-        with _time_limit(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            target.read(folder)
+        return how_it_ends(target, home)
+    finally:
+        path.write_bytes(before)
+
+
+def how_it_ends(target: Target, home: Path) -> tuple[str, str]:
+    """Return 'read', 'named', 'unnamed' or 'slow', and for the last two where it broke."""
+    try:
+        with _time_limit():
+            target.read(home)
         return "read", ""
-    except MocapError:
+    except (MocapError, AddonError):
         return "named", ""
     except TooSlow:
         return "slow", f"more than {LIMIT_S} s"
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)
-        ours = next((f for f in reversed(last) if "solver_backend" in f.filename), last[-1])
+        ours = next(
+            (f for f in reversed(last) if {"solver_backend", "blender_addon"} & {*Path(f.filename).parts}), last[-1]
+        )
         return "unnamed", f"{type(error).__name__} at {Path(ours.filename).name}:{ours.lineno}: {str(error)[:100]}"
-    finally:
-        path.write_bytes(before)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield a folder that vanishes, in memory where the system has such a place."""
+    in_memory = _MEMORY_FOLDER.is_dir() and os.access(_MEMORY_FOLDER, os.W_OK)
+    with tempfile.TemporaryDirectory(dir=_MEMORY_FOLDER if in_memory else None) as folder:
+        yield Path(folder)
 
 
 @contextmanager
@@ -111,22 +145,3 @@ def _time_limit() -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, earlier)
-
-
-def keep(target: Target, seed: int, number: int, folder: Path) -> Path:
-    """Write the files of one input into a folder of its own, for a look."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    target.write(folder)
-    return mutate_one(target, folder, np.random.default_rng([seed, number]))[0]
-
-
-def table(tried: Tried) -> str:
-    """Return the counts by reader and outcome."""
-    outcomes = ("read", "named", "unnamed", "slow", "crash")
-    lines = [f"{'reader':<28}" + "".join(f"{name:>10}" for name in outcomes) + f"{'slowest s':>12}"]
-    for name in sorted({reader for reader, _ in tried.counts}):
-        counts = "".join(f"{tried.counts[name, outcome]:>10,}" for outcome in outcomes)
-        lines.append(f"{name:<28}{counts}{tried.slowest.get(name, 0.0):>12.2f}")
-    total = "".join(f"{sum(n for (_, o), n in tried.counts.items() if o == outcome):>10,}" for outcome in outcomes)
-    return "\n".join([*lines, f"{'all':<28}{total}", *(f"{where}: {what}" for what, where in tried.bad.items())])

@@ -15,7 +15,7 @@ from solver_backend.training.engine.recipe import TrainingJob
 
 CARD_DATA = {
     "sources": {"training/sway": {"clips": 1, "frames": 40, "distinct": 40}}, "keyed_repeats": 4,
-    "near_repeat_mm": 12.0, "held_out": "08",
+    "simplified_every": 4, "near_repeat_mm": 12.0, "held_out": "08",
 }  # fmt: skip
 
 

@@ -24,6 +24,10 @@ class WornMarkers:
     cloud: MarkerCloud
     joints: np.ndarray
     """(F, 24, 3) metres."""
+    betas: np.ndarray
+    """(10,) shape of the body."""
+    offsets: np.ndarray
+    """(M, 3) metres: how far the markers are off their places."""
 
 
 def worn_markers(labels: Sequence[str], frames: int, *, fps: float = 60.0, step: int = 1) -> WornMarkers:
@@ -36,4 +40,5 @@ def worn_markers(labels: Sequence[str], frames: int, *, fps: float = 60.0, step:
     local = exp_so3(truth["body_pose"][chosen, :63].reshape(-1, 21, 3))
     posed = PosedFrames(exp_so3(truth["global_orient"][chosen]), local, truth["transl"][chosen])
     points = pose(subject, posed).points + 0.001 * rng.normal(size=(frames, len(labels), 3))
-    return WornMarkers(MarkerCloud(points, fps, tuple(labels)), truth["joints"][chosen])
+    cloud = MarkerCloud(points, fps, tuple(labels))
+    return WornMarkers(cloud, truth["joints"][chosen], subject.betas, subject.offsets)

@@ -1,0 +1,84 @@
+"""Many inputs in child processes with limits, so that one that crashes or hangs is counted like any other finding."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tests.fuzz.run import fuzz, scratch_folder
+from tests.fuzz.target import Target
+from tests.fuzz.tried import Tried
+
+MEMORY_BYTES = 2 * 2**30
+BATCH = 20_000
+"""Inputs a child."""
+HANG_S = 60
+"""A child that stays at one input for so long is ended: its own limit of time did not reach it."""
+_POLL_S = 0.2
+
+
+def run_child(targets: Sequence[Target], count: int, seed: int, first: int, folder: Path) -> None:
+    """Be the child: try the inputs within the limit of memory, and leave the counts in the folder."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    fuzz(targets, count, seed, first, folder / "current").save(folder / "tried", seed, first + count)
+
+
+def campaign(
+    whole: Tried, count: int, seed: int, first: int, only: str, told: Callable[[Tried, int], None], batch: int = BATCH
+) -> Tried:
+    """Try inputs in children and return their counts, those of ``whole`` with them.
+
+    Args:
+        whole: counts of earlier inputs.
+        count: of inputs.
+        seed: of the mutations.
+        first: number of the first input.
+        only: readers whose name begins so.
+        told: called with the counts and the next input after every child.
+        batch: inputs a child.
+    """
+    at = first
+    while at < first + count:
+        done, part = _one_child(min(batch, first + count - at), seed, at, only)
+        whole.add(part)
+        at += done
+        told(whole, at)
+    return whole
+
+
+def _one_child(count: int, seed: int, first: int, only: str) -> tuple[int, Tried]:
+    """Return how many inputs were tried and their counts; the last of them may be one that ended its child."""
+    with scratch_folder() as folder:
+        options = {"--child": folder, "--count": count, "--seed": seed, "--first": first, "--only": only}
+        words = [str(word) for option in options.items() for word in option]
+        child = subprocess.Popen([sys.executable, "-m", "tests.fuzz", *words])
+        hung = _watch(child, folder / "current")
+        if child.returncode == 0:
+            return count, Tried.load(folder / "tried")[0]
+        if not (folder / "current").exists():
+            raise RuntimeError(f"The child ended with {child.returncode} before its first input.")
+        number, _, reader = (folder / "current").read_text().partition(" ")
+    before = int(number) - first
+    part = _one_child(before, seed, first, only)[1] if before else Tried()
+    part.count(reader, "hang" if hung else "crash")
+    part.bad[f"{reader}: the process ended with {child.returncode}"] = f"input {number} of seed {seed}"
+    return before + 1, part
+
+
+def _watch(child: subprocess.Popen[bytes], current: Path) -> bool:
+    """Wait for the child, end it where it stays at one input for too long, and return whether that was so."""
+    seen, since = "", time.monotonic()
+    while child.poll() is None:
+        now = current.read_text() if current.exists() else ""
+        if now != seen or not now:  # a child that still loads its program is at no input
+            seen, since = now, time.monotonic()
+        elif time.monotonic() - since > HANG_S:
+            child.kill()
+            child.wait()
+            return True
+        time.sleep(_POLL_S)
+    return False

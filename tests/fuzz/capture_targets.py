@@ -1,0 +1,139 @@
+"""Readers of captures, calibrations and video headers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from solver_backend.exchange import capture_file
+from solver_backend.io.calibration import read_calibration
+from solver_backend.io.footage.mp4 import read_video_header
+from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.types import Cameras, Capture, JointSet
+from tests.fuzz import odd_recordings
+from tests.fuzz.target import Target, Write, file
+from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
+from tests.support.scenes import ring_of_cameras, small_capture, small_markers
+from tests.support.trial_files import mp4_bytes, write_trial
+
+_CAMERAS = ring_of_cameras(2)
+_FISHEYE = replace(_CAMERAS, distortion=_CAMERAS.distortion[:, :4] * 0.1, distortion_model="fisheye")
+_NPZ = {".npz": "npz"}
+_ODD_YAML = """%YAML:1.0
+---
+# what else OpenCV and people write
+names: [ "a", 'b', c ]
+empty:
+nested: { K: [ 1.0e+03, .5, -2. ], text: "a : colon" }
+list:
+   - first
+   - { x: 1, y: [ 2, 3 ] }
+   -
+      deep: 1
+flag: .Nan
+"""
+
+
+def _trial(joint_set: JointSet, config: str = "[project]\nframe_rate = 30\n") -> Write:
+    def write(folder: Path) -> None:
+        names, calibrated = ("cam01", "cam02"), ("cam_1", "cam_2")
+        trial = folder / "trial"
+        write_trial(trial, frames=2, names=names, calibrated=calibrated, joint_set=joint_set, config=config)
+        (trial / "videos").mkdir()
+        (trial / "videos" / "cam01.mp4").write_bytes(mp4_bytes(30, 2, (1920, 1080)))
+
+    return write
+
+
+def _small(joint_set: JointSet = JointSet.COCO_17) -> Write:
+    return lambda folder: write_capture(folder / "a.npz", small_capture(2, joint_set, views=2))
+
+
+def _markers(folder: Path) -> None:
+    write_capture(folder / "a.npz", Capture("m", markers=small_markers()))
+
+
+def _yaml(cameras: Cameras, more: str = "") -> tuple[Write, ...]:
+    texts = [yaml_camera(cameras, 0, pose) + more for pose in ("rvec", "rt", "extrinsics")]
+    return tuple(file("a.yml", text) for text in texts)
+
+
+def _pair(folder: Path) -> None:
+    (folder / "calib").mkdir()
+    write_easymocap(folder / "calib", _CAMERAS)
+
+
+TARGETS: tuple[Target, ...] = (
+    Target("capture file", (_small(),), lambda f: load_capture(f / "a.npz"), _NPZ, 3, odd_recordings.CAPTURES),
+    Target("capture file, strict", (_small(), _small(JointSet.BODY_25)), lambda f: read_capture(f / "a.npz"), _NPZ, 10),
+    Target("capture file, shown", (_small(), _markers), lambda f: capture_file.read_capture(f / "a.npz"), _NPZ, 12),
+    Target("capture file, markers", (_markers,), lambda f: load_capture(f / "a.npz"), _NPZ, 8),
+    Target(
+        "OpenPose trial",
+        (_trial(JointSet.COCO_17), _trial(JointSet.BODY_25B), _trial(JointSet.HALPE_26, "")),
+        lambda f: load_capture(f / "trial"),
+        {".json": "json", ".toml": "text", ".mp4": "binary", ".yml": "text", ".txt": "text"},
+        3,
+        odd_recordings.TRIALS,
+    ),
+    Target(
+        "OpenPose trial, told",
+        (_trial(JointSet.COCO_17),),
+        lambda f: load_capture(f / "trial", fps=25.0, joint_set=JointSet.COCO_17, unit="m", up_axis="z", trim=True),
+        {".json": "json", ".toml": "text"},
+        1,
+        odd_recordings.TRIALS,
+    ),
+    Target(
+        "calibration, told",
+        (file("a.toml", toml_text(_CAMERAS, scale=1000.0)),),
+        lambda f: read_calibration(f / "a.toml", unit="mm", up_axis="-y"),
+        {".toml": "text"},
+        10,
+    ),
+    Target(
+        "calibration, TOML",
+        (
+            file("a.toml", toml_text(_CAMERAS)),
+            file("a.toml", toml_text(_CAMERAS, matrices=True, nested=True)),
+            file("a.toml", toml_text(_FISHEYE, scale=1000.0)),
+        ),
+        lambda f: read_calibration(f / "a.toml"),
+        {".toml": "text"},
+        40,
+        tuple(file("a.toml", text) for text in odd_recordings.CAMERAS),
+    ),
+    Target(
+        "calibration, Qualisys",
+        (file("a.qca.txt", qca_text(_CAMERAS)), file("a.qca.txt", qca_text(_CAMERAS, left=64.0))),
+        lambda f: read_calibration(f / "a.qca.txt"),
+        {".txt": "text"},
+        40,
+    ),
+    Target(
+        "calibration, OpenCV YAML",
+        (*_yaml(_CAMERAS), *_yaml(_CAMERAS, _ODD_YAML.partition("---\n")[2])),
+        lambda f: read_calibration(f / "a.yml"),
+        {".yml": "text"},
+        40,
+    ),
+    Target("calibration, two YAML files", (_pair,), lambda f: read_calibration(f / "calib"), {".yml": "text"}, 20),
+    Target(
+        "calibration, JSON",
+        tuple(file("a.json", json_text(_CAMERAS, layout)) for layout in ("storage", "list", "dict")),
+        lambda f: read_calibration(f / "a.json"),
+        {".json": "json"},
+        40,
+    ),
+    Target(
+        "video header",
+        (
+            file("a.mp4", mp4_bytes(30, 3, (1920, 1080))),
+            file("a.mp4", mp4_bytes(25, 3, (640, 480), version=1, turned=True, audio_first=False)),
+        ),
+        lambda f: read_video_header(f / "a.mp4"),
+        {".mp4": "binary"},
+        50,
+    ),
+)

@@ -1,0 +1,101 @@
+"""Readers of optical markers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.io.load import load_capture
+from solver_backend.io.markers.read import read_markers
+from tests.fuzz.target import Target, Write, file
+from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
+from tests.support.c3d_takes import LABELS, standing
+from tests.support.marker_texts import NEXUS_SECTIONS, TEXTS
+
+_SUBJECTS = ("Ann:LFHD", "Ann:LTOE", "*2", "")
+
+
+def _c3d(processor: int, floating: bool) -> Write:
+    points = np.random.default_rng(5).uniform(-1000, 1000, (4, 4, 3)).round(1)
+    whole = C3dBytes(points, _SUBJECTS, processor, floating, channels=("F",), samples=2, header_events=[("on", 0.01)])
+    whole.more = {
+        "TRIAL": {"ACTUAL_START_FIELD": whole.ints(1, 0), "ACTUAL_END_FIELD": whole.ints(4, 0)},
+        "EVENT": {"USED": whole.ints(1), "LABELS": whole.text(["Foot"]), "TIMES": (4, (2, 1), whole.real(0, 1))},
+    }
+    return file("a.c3d", whole.to_bytes())
+
+
+def _c3d_of_two() -> Write:
+    labels = ("A:LFHD", "A:C7", "B:LANK", "B:LTOE")
+    residual = np.full((12, 4), 5.0)
+    return file("a.c3d", C3dBytes(standing(), labels, fourth=residual, screen=None, units=None).to_bytes())
+
+
+def _read(folder: Path) -> object:
+    return read_markers(next(folder.iterdir()))
+
+
+def _text(name: str, changes: dict[str, str] | None = None) -> Write:
+    text = TEXTS[name]
+    for old, new in (changes or {}).items():
+        text = text.replace(old, new)
+    return file(name, text)
+
+
+TARGETS: tuple[Target, ...] = (
+    Target(
+        "markers, C3D",
+        (
+            file("a.c3d", C3dBytes(standing(), LABELS).to_bytes()),
+            *(_c3d(processor, floating) for processor in (INTEL, DEC, MIPS) for floating in (True, False)),
+        ),
+        _read,
+        {".c3d": "binary"},
+        40,
+    ),
+    Target(
+        "markers, TRC",
+        (_text("t.trc"), _text("t.trc", {"\t": "  "}), _text("t.trc", {"C7\t\t\tLTOE": "C7\tLTOE"})),
+        _read,
+        {".trc": "text"},
+        30,
+    ),
+    Target(
+        "markers, Motive CSV",
+        (_text("motive.csv"), _text("motive.csv", {"Meters": "Millimeters", "Rigid Body": "Bone Marker"})),
+        _read,
+        {".csv": "text"},
+        30,
+    ),
+    Target(
+        "markers, Nexus CSV",
+        (_text("nexus.csv"), _text("nexus.csv", {",": ";"}), file("a.csv", NEXUS_SECTIONS + TEXTS["nexus.csv"])),
+        _read,
+        {".csv": "text"},
+        30,
+    ),
+    Target("markers, Qualisys TSV", (_text("qtm.tsv"),), _read, {".tsv": "text"}, 30),
+    Target(
+        "markers, told",
+        (_text("t.trc"), _text("nexus.csv"), _text("qtm.tsv"), file("a.c3d", C3dBytes(standing(), LABELS).to_bytes())),
+        lambda folder: read_markers(next(folder.iterdir()), fps=50.0, unit="cm", up_axis="-z"),
+        {".trc": "text", ".csv": "text", ".tsv": "text", ".c3d": "binary"},
+        10,
+    ),
+    Target(
+        "capture of markers",
+        (_text("t.trc"), _text("nexus.csv"), file("a.c3d", C3dBytes(standing(), LABELS).to_bytes())),
+        lambda folder: load_capture(next(folder.iterdir())),
+        {".trc": "text", ".csv": "text", ".c3d": "binary", ".txt": "text", ".dat": "text"},
+        10,
+        (_text("nexus.csv", {"A:LTOE": "B:LTOE"}), file("a.txt", "no markers at all\n"), file("a.dat", "none")),
+    ),
+    Target(
+        "capture of one subject",
+        (_text("nexus.csv"), _text("nexus.csv", {"A:LTOE": "B:LTOE"}), _c3d_of_two()),
+        lambda folder: load_capture(next(folder.iterdir()), subject_prefix="A"),
+        {".csv": "text", ".c3d": "binary"},
+        10,
+    ),
+)

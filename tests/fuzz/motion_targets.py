@@ -1,0 +1,169 @@
+"""Readers of motions, bodies, weights, and of what the halves of the program tell each other."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+
+from blender_addon.body.body_file import read_body
+from blender_addon.headless.batch.record import NAME as RECORD
+from blender_addon.headless.batch.record import read_record
+from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.exchange import motion_file
+from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.npz import read_npz
+from solver_backend.io.load import load_motion
+from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.job import Job
+from solver_backend.priors.svae import load_svae
+from solver_backend.priors.weights import arrays_hash
+from tests.body.oracle import model
+from tests.fuzz.target import Target, Write, file
+from tests.support.pickle_bytes import chumpy, column, sparse
+from tests.support.random_weights import write_random
+from tests.support.scenes import small_motion
+
+_NPZ = {".npz": "npz"}
+_BVH = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 1 2 3
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Knee
+  {
+    OFFSET 0 -40 0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 0 -40 5
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.02
+0 90 0 1 2 3 4 5 6
+0 91 0 1 2 3 4 5 7
+"""
+
+
+_SIX = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+_MOVING = _BVH.replace("CHANNELS 3 Zrotation Xrotation Yrotation", _SIX)
+_MOVING = _MOVING.replace(" 4 5 6\n", " 0 -40 0 4 5 6\n").replace(" 4 5 7\n", " 0 -41 0 4 5 7\n")
+_ADDED = _MOVING.replace(" 0 -40 0 4", " 0 0.1 0 4").replace(" 0 -41 0 4", " 0 0.2 0 4")
+_THREE = column([1, 2, 3])
+_ODD_PICKLES = (
+    sparse([0, 1], [0, 1, 2]),
+    sparse([0, 7], [0, 1, 2]),
+    chumpy(x=_THREE),
+    chumpy(a=_THREE, idxs=column([2, 0]), preferred_shape=b"K\x02K\x01\x86"),
+    chumpy(a=_THREE, idxs=column([1])),
+    chumpy(),
+    pickle.dumps([1, 2.5, None, True, "text", b"bytes", {1: (2, 3)}, 10**30], protocol=0),
+    pickle.dumps({"a": np.float32(1), "b": np.array(["a", "bc"]), "c": np.asfortranarray(np.eye(3))}, protocol=2),
+    pickle.dumps({"a": np.arange(3, dtype=">i4"), "b": {1, 2}, "c": frozenset({3})}, protocol=4),
+)
+
+
+def _job(folder: Path) -> None:
+    pin = {"frame": 3, "global_orient": [0.0] * 3, "body_pose": [0.1] * 69, "transl": [0.0] * 3}
+    values = {
+        "version": 1, "capture": "c.npz", "out": "m.npz", "report": "p.html", "overwrite": True, "fps": 30.0,
+        "trim": True, "joint_set": "COCO_17", "unit": "m", "up_axis": "z",
+        "settings": {"window": 20, "method": "global"},
+        "resolve": {"motion": "e.npz", "first": 1, "last": 5, "pins": [pin]},
+    }  # fmt: skip
+    (folder / "job.json").write_text(json.dumps(values))
+
+
+def _record(folder: Path) -> None:
+    record = {"take": "a", "status": "done", "inputs": "ab12", "outputs": ["a.npz"], "solve": {"frames": 3}}
+    (folder / RECORD).write_text(json.dumps(record))
+
+
+def _motion(optional: bool = True) -> Write:
+    return lambda folder: write_motion(folder / "a.npz", small_motion(2, optional))
+
+
+def _amass(parts: bool = False, width: int = 156, model_type: str = "") -> Write:
+    def write(folder: Path) -> None:
+        rng = np.random.default_rng(0)
+        arrays = {"trans": rng.normal(size=(4, 3)), "betas": rng.normal(size=16), "mocap_framerate": np.array(120.0)}
+        if parts:
+            arrays |= {"root_orient": rng.normal(size=(4, 3)), "pose_body": rng.normal(size=(4, 63))}
+            arrays |= {"pose_hand": rng.normal(size=(4, 90)), "surface_model_type": np.array(model_type)}
+        else:
+            arrays["poses"] = rng.normal(size=(4, width))
+        np.savez(folder / "a.npz", **arrays, gender=np.array("male"))
+
+    return write
+
+
+def _body(family: str) -> Write:
+    arrays = {key: value for key, value in model(family).items() if value.dtype != object}
+    arrays["shapedirs"], arrays["posedirs"] = arrays["shapedirs"][..., :10], np.float16(arrays["posedirs"])
+    return lambda folder: np.savez(folder / "a.npz", **arrays)
+
+
+def _pickled(protocol: int) -> Write:
+    plain = {name: value for name, value in model("SMPL").items() if value.dtype != object}
+    return file("a.pkl", pickle.dumps(plain | {"bs_style": "lbs"}, protocol=protocol))
+
+
+def _read_weights_as_if_whole(folder: Path) -> object:
+    """Read changed weights under the hash of what was changed, as somebody who forges them would write it."""
+    path, forged = folder / "a.npz", folder / "forged.npz"
+    try:
+        arrays = read_npz(path)
+        header = json.loads(str(arrays.pop("header")))
+        np.savez(forged, header=np.array(json.dumps(header | {"sha256": arrays_hash(arrays)})), **arrays)
+    except (MocapError, ValueError, KeyError, TypeError, RecursionError):
+        return load_svae(path)
+    return load_svae(forged)
+
+
+TARGETS: tuple[Target, ...] = (
+    Target(
+        "BVH",
+        (file("a.bvh", _BVH), file("a.bvh", _MOVING), file("a.bvh", _ADDED)),
+        lambda f: load_motion(f / "a.bvh"),
+        {".bvh": "text"},
+        60,
+    ),
+    Target(
+        "AMASS",
+        (_amass(), _amass(width=72), _amass(width=165), _amass(parts=True, model_type="smplx")),
+        lambda f: load_motion(f / "a.npz"),
+        _NPZ,
+        16,
+    ),
+    Target("motion file", (_motion(), _motion(False)), lambda f: load_motion(f / "a.npz"), _NPZ, 10),
+    Target("motion file, strict", (_motion(), _motion(False)), lambda f: read_motion(f / "a.npz"), _NPZ, 10),
+    Target(
+        "motion file, shown",
+        (_motion(), _amass(), _amass(parts=True)),
+        lambda f: motion_file.is_motion(f / "a.npz") and motion_file.read_motion(f / "a.npz"),
+        _NPZ,
+        10,
+    ),
+    Target("body .npz", (_body("SMPL"), _body("SMPL-H")), lambda f: load_smpl_file(f / "a.npz"), _NPZ, 8),
+    Target(
+        "body .npz, relaxed hands", (_body("SMPL-X"),), lambda f: load_smpl_file(f / "a.npz", flat_hands=False), _NPZ, 4
+    ),
+    Target("body .npz, shown", (_body("SMPL"), _body("SMPL-H")), lambda f: read_body(f / "a.npz"), _NPZ, 8),
+    Target(
+        "body .pkl",
+        (_pickled(2), _pickled(4)),
+        lambda f: load_smpl_file(f / "a.pkl"),
+        {".pkl": "pickle"},
+        30,
+        tuple(file("a.pkl", content) for content in _ODD_PICKLES),
+    ),
+    Target("weights", (lambda f: write_random(f / "a.npz", "svae"),), _read_weights_as_if_whole, _NPZ, 8),
+    Target("job file", (_job,), lambda f: Job.read(f / "job.json"), {".json": "json"}, 50),
+    Target("record of a batch", (_record,), read_record, {".json": "json"}, 20),
+)
+"""The add-on's readers of captures and motions are those of ``exchange``; bodies it reads by itself."""

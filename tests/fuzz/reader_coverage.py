@@ -1,0 +1,114 @@
+"""Which share of the readers' lines is executed by the sound files, the corpus and the first inputs of a seed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+from tests.fuzz.corpus import corpus_files, put_in_place
+from tests.fuzz.run import Homes, fuzz, how_it_ends, scratch_folder
+from tests.fuzz.target import Target
+
+_ROOT = Path(__file__).resolve().parents[2]
+_READERS = (
+    "solver_backend/io",
+    "solver_backend/body/files",
+    "solver_backend/exchange/capture_file.py",
+    "solver_backend/exchange/motion_file.py",
+    "solver_backend/exchange/npz.py",
+    "solver_backend/exchange/npz_members.py",
+    "solver_backend/exchange/schema.py",
+    "solver_backend/job.py",
+    "solver_backend/priors/weights.py",
+    "blender_addon/body/body_file.py",
+    "blender_addon/body/smpl_family.py",
+)
+_NO_READERS = frozenset({"choices.py", "c3d_writer.py", "trc_writer.py"})
+_NOT_READING = frozenset(
+    {
+        "write_npz", "write_capture", "write_motion", "write_weights", "write_sequence", "motion_of", "as_motion",
+        "rest_joints", "default_body_path", "positions", "_plain",
+    }
+)  # fmt: skip
+"""Functions of the readers' files that write, or that compute on what was read."""
+
+
+class _Lines:
+    """A trace that notes the lines of the readers' files."""
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        self._names = {str(path) for path in files}
+        self.seen: dict[str, set[int]] = {name: set() for name in self._names}
+
+    def __call__(self, frame: FrameType, event: str, argument: Any) -> Any:
+        name = frame.f_code.co_filename
+        if name not in self._names:
+            return None
+        seen = self.seen[name]
+
+        def line(frame: FrameType, event: str, argument: Any) -> Any:
+            seen.add(frame.f_lineno)
+            return line
+
+        return line
+
+
+def coverage_table(targets: Sequence[Target], count: int, seed: int) -> str:
+    """Return a table of the readers' files: lines, those that were reached, and the numbers of the others."""
+    files = _reader_files()
+    lines = _Lines(files)
+    sys.settrace(lines)
+    try:
+        _read_corpus(targets)
+        fuzz(targets, count, seed)
+    finally:
+        sys.settrace(None)
+    rows, whole, reached = [], 0, 0
+    for path in files:
+        wanted = _lines_of(path)
+        missing = sorted(wanted - lines.seen[str(path)])
+        whole, reached = whole + len(wanted), reached + len(wanted) - len(missing)
+        if wanted:
+            share = 100 * (1 - len(missing) / len(wanted))
+            name = path.relative_to(_ROOT).as_posix()
+            rows.append(f"{name:<58}{len(wanted):>6}{share:>7.1f} %  {' '.join(map(str, missing))}".rstrip())
+    return "\n".join([*rows, f"{'all':<58}{whole:>6}{100 * reached / max(whole, 1):>7.1f} %"])
+
+
+def _read_corpus(targets: Sequence[Target]) -> None:
+    """Read every dialect's sound files, and every file of the corpus."""
+    with scratch_folder() as folder:
+        homes = Homes(folder)
+        for target in targets:
+            for dialect in range(len(target.dialects)):
+                how_it_ends(target, homes.of(target, dialect)[0])
+        for number, (target, path) in enumerate(corpus_files(targets)):
+            home = folder / f"corpus{number}"
+            home.mkdir()
+            put_in_place(target, path, home)
+            how_it_ends(target, home)
+
+
+def _reader_files() -> list[Path]:
+    found: list[Path] = []
+    for name in _READERS:
+        path = _ROOT / name
+        found += sorted(path.rglob("*.py")) if path.is_dir() else [path]
+    return [path for path in found if path.name not in _NO_READERS and path.name != "__init__.py"]
+
+
+def _lines_of(path: Path) -> set[int]:
+    """Return the lines of the file's functions that can be executed, but for their first."""
+    whole = compile(path.read_text(encoding="utf-8"), str(path), "exec")
+    return {line for code in _functions(whole) for *_, line in code.co_lines() if line and line != code.co_firstlineno}
+
+
+def _functions(code: CodeType) -> Iterator[CodeType]:
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType) and constant.co_name not in _NOT_READING:
+            if constant.co_flags & 2:  # CO_NEWLOCALS: a function and no class
+                yield constant
+            yield from _functions(constant)

@@ -1,0 +1,38 @@
+"""What is attacked: a reader, the sound files that mutations begin from, and how each kind of file is changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+Write = Callable[[Path], object]
+"""Writes sound files into an empty folder."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One reader through its public entry."""
+
+    name: str
+    sound: tuple[Write, ...]
+    """One for each dialect; every one of them is read without an error."""
+    read: Callable[[Path], object]
+    """Reads what lies in the folder."""
+    kinds: dict[str, str]
+    """Kind of mutation by the ending of a file; other files stay as they are."""
+    weight: int = 1
+    """How often it is tried, against the others."""
+    odd: tuple[Write, ...] = ()
+    """More files that mutations begin from; they may be refused by name."""
+
+    @property
+    def dialects(self) -> tuple[Write, ...]:
+        """Everything that mutations begin from."""
+        return self.sound + self.odd
+
+
+def file(name: str, content: bytes | str) -> Write:
+    """Return what writes one file."""
+    data = content.encode() if isinstance(content, str) else content
+    return lambda folder: (folder / name).write_bytes(data)

@@ -1,0 +1,157 @@
+"""One kill: the command is started, killed at a moment, looked at, started again, and looked at again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from solver_backend.exchange.npz import read_npz
+from solver_backend.exchange.unfinished import is_leftover, sweep
+from tests.kills.operations import Operation, solve_command, write_solved
+
+ROOT = Path(__file__).resolve().parents[2]
+_LONG_AGO_S = 120.0
+_BLEND_BEGINS = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
+"""Plain, and packed by Zstandard or gzip."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An operation that ended well once."""
+
+    operation: Operation
+    seconds: float
+    files: frozenset[str]
+    """Everything that then lay in its folder."""
+
+
+def solved_folder(folder: Path) -> Path:
+    """Return a new folder with a capture, its motion and its report."""
+    folder.mkdir()
+    write_solved(folder)
+    subprocess.run(solve_command(folder), check=True, capture_output=True, cwd=ROOT, env=_environment(folder))
+    return folder
+
+
+def measure(operation: Operation, folder: Path, solved: Path) -> Measured:
+    """Let the operation end well once, and note how long that took and what lies there then."""
+    _prepared(operation, folder, solved)
+    start = time.monotonic()
+    ended = _resume(operation, folder)
+    if ended:
+        raise RuntimeError(f"{operation.name} does not end well undisturbed: {ended}")
+    files = frozenset(contents(folder))
+    if not operation.outputs <= files:
+        raise RuntimeError(f"{operation.name} did not write {sorted(operation.outputs - files)}")
+    return Measured(operation, time.monotonic() - start, files)
+
+
+def kill_once(measured: Measured, folder: Path, solved: Path, share: float) -> tuple[str, list[str]]:
+    """Kill the operation after a share of its time; return what was there then and everything that is wrong."""
+    operation = measured.operation
+    before = _prepared(operation, folder, solved)
+    process = _started(operation, folder)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(share * measured.seconds)
+    ended = process.poll() is not None
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    left = contents(folder)
+    when = "after its end" if ended else f"with {len(operation.outputs & set(left))} of {len(operation.outputs)} files"
+    wrong = [f"killed: {what}" for what in [*damaged(folder, left), *_changed(before, left, operation, folder)]]
+    if failed := _resume(operation, folder, again=bool(operation.outputs & set(left))):
+        wrong.append(failed)
+    _age_leftovers(folder)
+    after = contents(folder)
+    wrong += [f"resumed: {what}" for what in [*damaged(folder, after), *_changed(before, after, operation, folder)]]
+    lost, doubled = measured.files - set(after), set(after) - measured.files
+    wrong += [f"lost {name}" for name in sorted(lost)] + [f"doubled {name}" for name in sorted(doubled)]
+    return when, wrong
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Return the hash of every file by its name; unfinished ones, whose names tell them, are left out."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_file() and not is_leftover(path.name) and not name.startswith("home/"):
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def damaged(folder: Path, names: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each file that is not whole."""
+    wrong = []
+    for name in names:
+        try:
+            _require_whole(folder / name)
+        except Exception as error:  # whatever a reader says of it
+            wrong.append(f"{name} is damaged: {type(error).__name__}: {error}")
+    return wrong
+
+
+def _require_whole(path: Path) -> None:
+    if path.suffix == ".npz":
+        read_npz(path)
+    elif path.suffix == ".json":
+        json.loads(path.read_text(encoding="utf-8"))
+    elif path.suffix == ".html" and not path.read_text(encoding="utf-8").rstrip().endswith("</html>"):
+        raise ValueError("it does not end as a page does")
+    elif path.suffix == ".blend" and not path.read_bytes().startswith(_BLEND_BEGINS):
+        raise ValueError("it does not begin as Blender's files do")
+
+
+def _changed(before: Mapping[str, str], now: Mapping[str, str], operation: Operation, folder: Path) -> list[str]:
+    """Return a sentence for each file that was there before, is none of the outputs, and is gone or another."""
+    kept = {name: digest for name, digest in before.items() if name not in operation.outputs}
+    gone = [f"{name} is gone" for name in before if name not in now]
+    return gone + [f"{name} was changed" for name, digest in kept.items() if now.get(name, digest) != digest]
+
+
+def _prepared(operation: Operation, folder: Path, solved: Path) -> dict[str, str]:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    operation.prepare(folder, solved)
+    (folder / "home").mkdir(exist_ok=True)
+    return contents(folder)
+
+
+def _started(operation: Operation, folder: Path) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, *operation.command], cwd=folder, env=_environment(folder), start_new_session=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def _resume(operation: Operation, folder: Path, *, again: bool = False) -> str:
+    """Run the operation to its end and return what went wrong; outputs that are there may be kept, with exit code 3."""
+    process = _started(operation, folder)
+    said = process.communicate()[1].decode("utf-8", "replace")
+    if process.returncode == 0 or (again and process.returncode == 3 and "already there" in said):
+        return ""
+    return f"resumed with exit code {process.returncode}: {said[-300:]}"
+
+
+def _age_leftovers(folder: Path) -> None:
+    """Let every unfinished file be as old as those that the next run removes, and remove them as it would."""
+    then = time.time() - _LONG_AGO_S
+    folders = {path.parent for path in folder.rglob("*") if is_leftover(path.name)}
+    for path in [path for path in folder.rglob("*") if is_leftover(path.name)]:
+        os.utime(path, (then, then))
+    for parent in folders:
+        sweep(parent)
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(folder / "home"), "PYTHONDONTWRITEBYTECODE": "1"}

@@ -1,0 +1,148 @@
+"""How well a rig plays an actor, measured from what its bones show in Blender and from nothing else of the retarget."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from blender_addon._exchange.motion_file import MotionFile
+from blender_addon.body.body_file import BodyFile
+from blender_addon.body.posed_body import pose_joints
+from blender_addon.conventions.timing import go_to_frame
+from solver_backend.metrics import foot_skating_cm_per_frame
+
+FORWARD = np.array([0.0, -1.0, 0.0])
+_R = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+JOINTS = {
+    "left_arm": (16, 18, 20), "right_arm": (17, 19, 21), "left_leg": (1, 4, 7), "right_leg": (2, 5, 8),
+}  # fmt: skip
+BALLS = {"left_leg": 10, "right_leg": 11}
+
+
+@dataclass(frozen=True)
+class Limb:
+    """The bones that show a limb: upper, lower, end and, of legs, the toe."""
+
+    bones: tuple[str, ...]
+    hinge: np.ndarray | None = None
+    """(3,) the axis it bends about at rest in the world; the anatomical one where left out."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Bones in the world, metres."""
+
+    rest: dict[str, np.ndarray]
+    """(3,) heads at rest."""
+    heads: dict[str, np.ndarray]
+    """(F, 3) heads."""
+    turns: dict[str, np.ndarray]
+    """(F, 3, 3) rotations from rest."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Largest deviations over all frames."""
+
+    hands_mm: float
+    feet_mm: float
+    twist_deg: float
+    skating: float
+    """Way of standing toes in cm a frame, at the actor's size."""
+    skating_actor: float
+
+
+def shown(rig: bpy.types.Object, names: Sequence[str], times: np.ndarray) -> Shown:
+    """Play a rig and return some of its bones."""
+    scene, world = bpy.context.scene, np.array(rig.matrix_world, np.float64)
+    matrices = np.empty((len(times), len(names), 4, 4))
+    for f, time in enumerate(times):
+        go_to_frame(scene, float(time))
+        bones = rig.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+        matrices[f] = world @ np.array([bones[name].matrix for name in names])
+    rest = world @ np.array([rig.data.bones[name].matrix_local for name in names])
+    axes, rest_axes = (
+        m[..., :3, :3] / np.linalg.norm(m[..., :3, :3], axis=-2, keepdims=True) for m in (matrices, rest)
+    )
+    turns = axes @ rest_axes.swapaxes(-1, -2)
+    index = {name: i for i, name in enumerate(names)}
+    return Shown(
+        {name: rest[i, :3, 3] for name, i in index.items()}, {name: matrices[:, i, :3, 3] for name, i in index.items()},
+        {name: turns[:, i] for name, i in index.items()},
+    )  # fmt: skip
+
+
+def score(
+    rig: bpy.types.Object, limbs: dict[str, Limb], motion: MotionFile, body: BodyFile, times: np.ndarray
+) -> Score:
+    """Compare a rig that stands over the world's origin and faces -Y with the motion it plays."""
+    rest = body.rest_joints(motion.betas)
+    G, joints = pose_joints(rest, motion.rotvec, motion.transl)
+    rest = rest @ _R.T - [0.0, 0.0, (body.shaped(motion.betas) @ _R.T)[:, 2].min()]
+    turns = G @ _R.T
+    seen = shown(rig, [name for limb in limbs.values() for name in limb.bones], times)
+    scale = np.mean([_leg(np.stack([seen.rest[b] for b in limbs[k].bones[:3]])) for k in BALLS]) / np.mean(
+        [_leg(rest[list(JOINTS[k])]) for k in BALLS]
+    )
+    hands, feet, twist, toes, own_toes = [], [], [], [], []
+    for key, limb in limbs.items():
+        j, b = JOINTS[key], limb.bones
+        own_points, rig_points = joints[:, list(j)], np.stack([seen.heads[name] for name in b], axis=1)
+        for part in range(2):
+            own = _hinge_world(rest[j[part + 1]] - rest[j[part]], None, key)
+            direction = seen.rest[b[part + 1]] - seen.rest[b[part]]
+            hinge = _hinge_world(direction, limb.hinge, key)
+            bone, other = (points[:, i + 1] - points[:, i] for points, i in ((own_points, part), (rig_points, part)))
+            twist.append(twist_deg(bone, turns[:, j[part]] @ own, other, seen.turns[b[part]] @ hinge))
+        if key in BALLS:
+            below, own_below = (p * [0, 0, -1] for p in (rest[BALLS[key]], seen.rest[b[3]]))
+            sole = joints[:, BALLS[key]] + turns[:, j[2]] @ below
+            own_sole = seen.heads[b[3]] + seen.turns[b[2]] @ own_below
+            feet.append(np.linalg.norm(own_sole - scale * sole, axis=1))
+            toes.append(sole)
+            own_toes.append(own_sole / scale)
+        else:
+            ratio = _length(np.stack([seen.rest[n] for n in b])) / _length(rest[list(j)])
+            way = seen.heads[b[2]] - seen.heads[b[0]] - ratio * (joints[:, j[2]] - joints[:, j[0]])
+            hands.append(np.linalg.norm(way, axis=1))
+    floor = float(np.percentile(np.stack(toes)[..., 2], 2))
+    skating = [foot_skating_cm_per_frame(np.stack(points, axis=1), floor) for points in (own_toes, toes)]
+    return Score(1000 * np.max(hands), 1000 * np.max(feet), float(np.max(twist)), skating[0], skating[1])
+
+
+def twist_deg(direction: np.ndarray, hinge: np.ndarray, other: np.ndarray, other_hinge: np.ndarray) -> np.ndarray:
+    """Return by how many degrees (F,) two hinges differ about the limb, the limbs' directions made one."""
+    a, b = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (direction, other))
+    axis, cosine = np.cross(b, a), (a * b).sum(-1, keepdims=True)
+    h = other_hinge
+    swung = h * cosine + np.cross(axis, h) + axis * (axis * h).sum(-1, keepdims=True) / (1 + cosine)
+    flat = [v - (v * a).sum(-1, keepdims=True) * a for v in (hinge, swung)]
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(*flat), axis=-1), (flat[0] * flat[1]).sum(-1)))
+
+
+def bent_hinge(rig: bpy.types.Object, upper: str, lower: str) -> np.ndarray:
+    """Return the axis about which a limb is bent at rest, in the world."""
+    ways = [np.array(rig.data.bones[name].tail_local - rig.data.bones[name].head_local) for name in (upper, lower)]
+    return np.array(rig.matrix_world)[:3, :3] @ np.cross(*ways)
+
+
+def _hinge_world(direction: np.ndarray, given: np.ndarray | None, key: str) -> np.ndarray:
+    hinge = given if given is not None else np.cross(direction, FORWARD) if key.endswith("arm") else np.eye(3)[0]
+    d = direction / np.linalg.norm(direction)
+    hinge = hinge - (hinge @ d) * d
+    return hinge / np.linalg.norm(hinge)
+
+
+def _rotation(matrices: np.ndarray) -> np.ndarray:
+    return matrices[..., :3, :3] / np.linalg.norm(matrices[..., :3, :3], axis=-2, keepdims=True)
+
+
+def _leg(points: np.ndarray) -> float:
+    return _length(points) + float(points[2, 2])
+
+
+def _length(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
