@@ -6,23 +6,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.triangulation.leave_one_out import Predictions, predict_views
-from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.types import LIMBS, Cameras, Keypoints2D
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.view_checks.epipolar_lags import whole_lags
+from solver_backend.cameras.view_checks.joint_delays import DelayStep, delay_step
+from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 
-SAMPLED_FRAMES = 200
-"""Frames on which views are compared."""
-REACH_FRAMES = 8
-"""Largest delay looked for in one round."""
-ROUNDS = 10
-IN_STEP_FRAMES, SETTLED_FRAMES = 0.4, 0.03
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20
+"""Largest lag between two cameras that is looked for, and at least so many frames."""
+LAG_FRAMES, LEAST_LAG_FRAMES, LAG_SIGMA_SHARE = 100, 40, 0.005
+"""Frames on which the whole lags of four and of many views are compared, and how far detections scatter there as a
+share of the image's width."""
+LAG_STRETCHES, LAG_STEP = 6, 2
+"""These frames lie in so many stretches of the take, every second frame: a lag is told by the frames around."""
+SAMPLED_FRAMES = 300
+"""Frames on which delays are estimated."""
+FEW_VIEWS = 4
+"""With more views fewer frames tell as much."""
+LEAST_FRAMES = 24
+"""Of shorter takes no delay is told."""
+ROUNDS = 8
+IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
 """Cameras whose first estimates are all below the one are in step; else rounds go on until they move by the other."""
-ROBUST_SIGMAS = 3.0
 MOTION_FRAMES = 4
-LEAST_MOTION = 6.0
-"""Mean square, in variances, of the way of a keypoint over twice so many frames: less may be noise alone."""
+LEAST_MOTION, LEAST_MOVING = 6.0, 3
+"""Mean square, in variances, of the way of a keypoint over twice so many frames: less may be noise alone; and of how
+many keypoints it must be more."""
+LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
+"""Smaller drifts, and those that are not sure, are none: slow errors of a detector look like a drift."""
 LARGEST_SIGMA_FRAMES = 0.2
-"""A delay less certain than this, as if all detections erred independently, cannot be estimated: too little moves."""
+"""A delay less certain than this cannot be told: too little moves."""
 MEDIAN_FRAMES = 5
 """Length of the running median that takes outliers from the tracks before they are interpolated."""
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -36,53 +48,137 @@ class Delays:
     frames: np.ndarray
     """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0; NaN where unknown."""
     sigma: np.ndarray
-    """(C,) standard deviation."""
+    """(C,) standard deviation; NaN where too little moves."""
+    drift: np.ndarray
+    """(C,) frames by which the delay is larger at the last frame than in the middle, and smaller at the first; 0 where
+    it is not sure."""
+
+    def at(self, num_frames: int) -> np.ndarray:
+        """Return (C, F) the delay in every frame."""
+        return self.frames[:, None] + self.drift[:, None] * place_in_take(np.arange(num_frames), num_frames)
 
 
-def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) -> Delays:
-    """Estimate each camera's delay against the others.
+def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> Delays:
+    """Estimate the delays of all cameras against each other, in one.
 
-    In rounds: the views, moved by the delays found so far, are predicted from each other on a sample of frames, and
-    each view is moved by the shift that brings it closest to its prediction. Constant differences, such as those of
-    an inexact calibration, do not count.
+    Whole frames first, by epipolar lines (``whole_lags``), then the rest by Gauss-Newton steps on the reprojection
+    error (``delay_step``) of a sample of frames. Constant differences, such as those of an inexact calibration, do not
+    count.
 
     Args:
         cameras: C cameras.
         keypoints: detections of one person.
-        sigma_px: (K,) standard deviation of the detections, px.
-
-    Reference: Lucas and Kanade 1981 (the shift that aligns two signals, by Gauss-Newton).
+        triangulation: of these detections.
     """
-    frames = _sampled(keypoints.num_frames)
-    compared = LIMBS["arms"] + LIMBS["legs"]
-    limbs = [k for k, name in enumerate(keypoints.joint_set.keypoints) if name.endswith(compared)]
-    tracks, sigma_px = _smooth(keypoints.xy[:, :, limbs]), sigma_px[limbs]
-    delay, sigma = np.zeros(len(cameras)), np.full(len(cameras), np.nan)
-    if len(cameras) < 3 or not len(frames):
-        return Delays(np.full(len(cameras), np.nan), sigma)
-    for _ in range(ROUNDS):
-        xy = _at(tracks, frames, delay)
-        confidence = np.where(np.isfinite(xy[..., 0]), 1.0, 0.0)
-        found = triangulate(cameras, xy, confidence, sigma_px)
-        predictions = predict_views(cameras, xy, confidence, found)
-        before = delay.copy()
-        for view in range(len(cameras)):
-            step, sigma[view] = _shift(tracks[view], frames + delay[view], predictions, view, sigma_px)
-            delay[view] += step
-        delay -= _median(delay[np.isfinite(sigma)])
-        if np.abs(delay - before).max() < (SETTLED_FRAMES if np.abs(delay).max() > IN_STEP_FRAMES else IN_STEP_FRAMES):
-            break
-    return Delays(np.where(np.isfinite(sigma), delay, np.nan), sigma)
+    frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    names = keypoints.joint_set.keypoints
+    limbs = np.array([k for k, name in enumerate(names) if name.endswith(compared)])
+    tracks = _smooth(keypoints.xy[:, :, limbs])
+    usual = LAG_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
+    sigma_px = np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual)
+    moving = _moving(tracks, frames, sigma_px)
+    if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
+        return Delays(*np.full((3, len(cameras)), np.nan))
+    lags = np.zeros(len(cameras))
+    joints = np.array([not names[k].endswith(FEET) for k in limbs])
+    seen = cameras.subset(np.flatnonzero(moving).tolist())
+    lags[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual)
+    if lags.any():
+        xy = _at(tracks, frames + lags[:, None])
+        points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
+    else:
+        points = triangulation.of_keypoints(limbs).points[frames]
+    search = _Search(cameras, tracks, frames, sigma_px)
+    delay, drift, sigma = search.settled(lags, np.asarray(points))
+    known = moving & (sigma < LARGEST_SIGMA_FRAMES)
+    told = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
+    told[1][np.abs(told[1]) < LEAST_DRIFT_FRAMES] = 0.0
+    return Delays(told[0], np.where(known, sigma, np.nan), told[1])
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What the steps on the delays share."""
+
+    cameras: Cameras
+    tracks: np.ndarray
+    """(C, F, K, 2) px."""
+    frames: np.ndarray
+    """(N,) those that are looked at."""
+    sigma_px: np.ndarray
+    """(K,)."""
+
+    def settled(self, delay: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return delays, drifts and the delays' deviations, each (C,), from whole frames and (N, K, 3) points on."""
+        drift, drifting, sigma = np.zeros(len(delay)), False, np.full(len(delay), np.nan)
+        for _ in range(ROUNDS):
+            found = self._step(delay, drift, points, drifting=drifting)
+            sigma = found.sigma
+            points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
+            delay, drift = delay + step[0], drift + step[1]
+            late = np.ptp(delay) > IN_STEP_FRAMES
+            if np.abs(step).max() >= (SETTLED_FRAMES if late else IN_STEP_FRAMES):
+                continue
+            if drifting:
+                break
+            tried = self._step(delay, drift, points, drifting=True)
+            least = np.maximum(LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS * tried.drift_sigma)
+            drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
+            if not drifting:
+                break
+        return delay, drift, sigma
+
+    def _step(self, delay: np.ndarray, drift: np.ndarray, points: np.ndarray, *, drifting: bool) -> DelayStep:
+        place = place_in_take(self.frames, self.tracks.shape[1])
+        times = self.frames + delay[:, None] + drift[:, None] * place
+        velocity = 0.5 * (_at(self.tracks, times + 1.0) - _at(self.tracks, times - 1.0))
+        xy = _at(self.tracks, times)
+        return delay_step(self.cameras, xy, velocity, points, place, self.sigma_px, drifting=drifting)
+
+
+def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
+    """Return where frames lie in a take, -1 at its first and 1 at its last."""
+    return 2.0 * frames / max(num_frames - 1, 1) - 1.0
 
 
 def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
-    """Return the detections with each view moved by its delay (0 = none), linear between frames."""
+    """Return the detections with each view moved by its delay (0 = none), linear between frames.
+
+    Args:
+        keypoints: detections of C views in F frames.
+        delay: frames, (C,) or (C, F).
+    """
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
-    frames = np.arange(keypoints.num_frames)
-    for view in np.flatnonzero(delay):
-        xy[view] = _view_at(keypoints.xy[view], frames + delay[view])
-        confidence[view] = _view_at(keypoints.confidence[view], frames + delay[view])
+    delay = np.broadcast_to(delay.reshape(len(delay), -1), xy.shape[:2])
+    for view in np.flatnonzero(delay.any(axis=1)):
+        times = np.arange(keypoints.num_frames) + delay[view]
+        xy[view] = _view_at(keypoints.xy[view], times)
+        confidence[view] = _view_at(keypoints.confidence[view], times)
     return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0))
+
+
+def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) -> np.ndarray:
+    """Return (C,) whole frames by which cameras lag, their median 0."""
+    num_frames = tracks.shape[1]
+    reach = min(max(round(REACH_S * fps), LEAST_REACH_FRAMES), num_frames // 3)
+    pairs = len(cameras) * (len(cameras) - 1) // 2
+    count = max(LAG_FRAMES * 6 // max(pairs, 6), LEAST_LAG_FRAMES)
+    middles = np.linspace(0, num_frames - 1, 2 * LAG_STRETCHES + 1).round().astype(int)[1::2]
+    near = LAG_STEP * (np.arange(count // LAG_STRETCHES) - count // LAG_STRETCHES // 2)
+    frames = np.unique(np.clip(middles[:, None] + near, 0, num_frames - 1))
+    lags = whole_lags(cameras, tracks, frames, np.full(tracks.shape[2], sigma_px), reach)
+    return lags - _median(lags)
+
+
+def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """Return (C,) whether the person moves so that a view can tell when."""
+    way = _at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
+    way = way - _at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
+    square = ((way / sigma_px[:, None]) ** 2).sum(-1)
+    known = np.isfinite(square)
+    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return (mean >= LEAST_MOTION).sum(axis=1) >= LEAST_MOVING
 
 
 def _smooth(xy: np.ndarray) -> np.ndarray:
@@ -101,17 +197,14 @@ def _windows(track: np.ndarray, length: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(padded, length, axis=1)
 
 
-def _sampled(num_frames: int) -> np.ndarray:
-    """Return the frames on which views are compared, away from the ends as far as they may be moved."""
-    last = num_frames - 1 - REACH_FRAMES
-    if last <= REACH_FRAMES:
-        return np.zeros(0, int)
-    return np.unique(np.linspace(REACH_FRAMES, last, min(SAMPLED_FRAMES, last)).round().astype(int))
+def _sampled(num_frames: int, count: int) -> np.ndarray:
+    """Return up to so many frames spread over the take."""
+    return np.unique(np.linspace(0, num_frames - 1, min(count, num_frames)).round().astype(int))
 
 
-def _at(tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Return detections (C, N, K, 2) as they would be at these frames without the delays."""
-    return np.stack([_view_at(track, frames + late) for track, late in zip(tracks, delay, strict=True)])
+def _at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return (C, N, K, 2) tracks at (C, N) times in frames."""
+    return np.stack([_view_at(track, when) for track, when in zip(tracks, times, strict=True)])
 
 
 def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -121,49 +214,6 @@ def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
     share = (times - low).reshape(-1, *[1] * (track.ndim - 1))
     between = np.where(share > 0, (1 - share) * track[low] + share * track[np.minimum(low + 1, last)], track[low])
     return np.where((times < 0).reshape(share.shape) | (times > last).reshape(share.shape), np.nan, between)
-
-
-def _shift(
-    track: np.ndarray, times: np.ndarray, predictions: Predictions, view: int, sigma_px: np.ndarray
-) -> tuple[float, float]:
-    """Return by how much a view's delay should grow, and the standard deviation of that; NaN if too little moves."""
-    scale = np.sqrt(0.5 * np.trace(predictions.covariance[view], axis1=-2, axis2=-1))
-    scale = np.maximum(scale, sigma_px)[..., None]
-
-    def apart(shift: float) -> np.ndarray:
-        error = (_view_at(track, times + shift) - predictions.px[view]) / scale
-        return error - _middle(error)
-
-    def cost(shift: float) -> float:
-        square = (apart(shift) ** 2).sum(-1)
-        known = np.isfinite(square)
-        return float((square[known] / (square[known] + ROBUST_SIGMAS**2)).mean()) if known.any() else np.inf
-
-    way = _view_at(track, times + MOTION_FRAMES) - _view_at(track, times - MOTION_FRAMES)
-    square = ((way / sigma_px[:, None]) ** 2).sum(-1)
-    if not np.isfinite(square).any() or float(np.nanmean(square)) < LEAST_MOTION:
-        return 0.0, float("nan")
-    whole = np.arange(-REACH_FRAMES, REACH_FRAMES + 1)
-    best = float(whole[int(np.argmin([cost(float(s)) for s in whole]))])
-    motion = 0.0
-    for _ in range(3):
-        error, speed = apart(best), 0.5 * (apart(best + 1.0) - apart(best - 1.0))
-        known = np.isfinite(error).all(-1) & np.isfinite(speed).all(-1)
-        error, speed = error[known], speed[known]
-        weight = (ROBUST_SIGMAS**2 / (ROBUST_SIGMAS**2 + (error**2).sum(-1))) ** 2
-        motion = float((weight * (speed**2).sum(-1)).sum())
-        if motion * LARGEST_SIGMA_FRAMES**2 < 1.0:
-            return 0.0, float("nan")
-        step = -float((weight * (error * speed).sum(-1)).sum()) / motion
-        best += float(np.clip(step, -1.0, 1.0))
-    return best, float(1.0 / np.sqrt(motion))
-
-
-def _middle(values: np.ndarray) -> np.ndarray:
-    """Return (1, K, 2) medians over the frames, zero where nothing is known."""
-    ordered = np.sort(values, axis=0)
-    count = np.isfinite(values).sum(axis=0, keepdims=True)
-    return np.nan_to_num(np.take_along_axis(ordered, np.maximum(count - 1, 0) // 2, axis=0))
 
 
 def _median(values: np.ndarray) -> float:

@@ -1,0 +1,114 @@
+"""How late all cameras are, and how that drifts, in one least-squares problem with the points eliminated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.cameras.projection import project_with_jacobian
+from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.types import Cameras
+
+ROBUST_SIGMAS = 3.0
+"""Scale of the Geman-McClure weights."""
+DEPTH_SIGMA_M = 0.5
+"""How far a point may lie from where it was triangulated."""
+BLOCKS = 8
+"""Stretches of the take that err independently, from whose disagreement the deviations are told."""
+
+
+@dataclass(frozen=True)
+class DelayStep:
+    """A Gauss-Newton step on the delays, and where the points move by it."""
+
+    delay: np.ndarray
+    """(C,) frames."""
+    drift: np.ndarray
+    """(C,) frames from the middle of the take to its end."""
+    sigma: np.ndarray
+    """(C,) standard deviation of the delays."""
+    drift_sigma: np.ndarray
+    """(C,) the same of the drifts."""
+    points: np.ndarray
+    """(N, K, 3) metres."""
+
+
+def delay_step(
+    cameras: Cameras,
+    xy: np.ndarray,
+    velocity: np.ndarray,
+    points: np.ndarray,
+    at: np.ndarray,
+    sigma_px: np.ndarray,
+    *,
+    drifting: bool,
+) -> DelayStep:
+    """Return one step on the delays of all cameras.
+
+    A detection of camera c that is read by ``δ_c + τ ε_c`` frames later is ``x + (δ_c + τ ε_c) v``. What is least in
+    ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over the delays δ, the drifts ε, the points' steps ξ and a constant b
+    for every view and keypoint, which an inexact calibration causes; only differences between cameras are told. The
+    covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, for neighbouring frames err alike.
+
+    Args:
+        cameras: C cameras.
+        xy: (C, N, K, 2) px, NaN where missing.
+        velocity: (C, N, K, 2) px a frame.
+        points: (N, K, 3) metres, NaN where unknown.
+        at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
+        sigma_px: (K,) standard deviation of the detections, px.
+        drifting: look for drifts; else they are zero.
+
+    Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
+    Liang and Zeger 1986 (the covariance).
+    """
+    count = len(cameras)
+    px, J, _ = project_with_jacobian(
+        cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model
+    )
+    error = xy - px
+    known = np.isfinite(error).all(-1) & np.isfinite(velocity).all(-1)
+    known &= known.sum(axis=0) >= 2
+    error, velocity = (np.where(known[..., None], a, 0.0) for a in (error, velocity))
+    J = np.where(known[..., None, None], J, 0.0)
+    scale = (ROBUST_SIGMAS * sigma_px) ** 2
+    weight = known * (scale / (scale + (error**2).sum(-1))) ** 2 / sigma_px**2
+    pull = np.swapaxes(J, -1, -2) * weight[..., None, None]
+    spread = inverse_symmetric_3x3((pull @ J).sum(axis=0) + np.eye(3) / DEPTH_SIGMA_M**2)
+    moved = (spread @ (pull @ velocity[..., None]))[..., 0]
+    basis = -np.einsum("cnkij,pnkj->pcnki", J, moved, optimize=True)
+    basis[np.arange(count), np.arange(count)] += velocity
+    shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
+    error = _centred(error - (J @ shift[..., None])[..., 0], weight)
+    columns = [_centred(basis, weight)] + ([_centred(basis * at[:, None, None], weight)] if drifting else [])
+    step, sigma = _solved(np.stack(columns), error, weight)
+    late = step.T @ np.stack([np.ones_like(at), at])[: len(columns)]
+    points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
+    none = np.zeros(len(cameras))
+    delay, drift = step if drifting else (step[0], none)
+    return DelayStep(delay, drift, sigma[0], sigma[-1] if drifting else none, points)
+
+
+def _solved(columns: np.ndarray, error: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return least-squares steps (B, C) by columns (B, C, C, N, K, 2) and their deviations; each row has mean zero."""
+    kinds, count = columns.shape[:2]
+    root = np.sqrt(weight)[..., None]
+    rows, residual = columns.reshape(kinds * count, *error.shape) * root, error * root
+    blocks = np.array_split(np.arange(error.shape[1]), min(BLOCKS, error.shape[1]))
+    parts = [(rows[:, :, b].reshape(len(rows), -1), residual[:, b].reshape(-1)) for b in blocks]
+    normal, gradient = np.stack([a @ a.T for a, _ in parts]), np.stack([a @ r for a, r in parts])
+    total = normal.sum(axis=0)
+    alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
+    inverse = np.linalg.pinv(total + alike + 1e-9 * np.eye(len(total)), hermitian=True)
+    step = -inverse @ gradient.sum(axis=0)
+    left = gradient + normal @ step
+    spread = inverse @ (left.T @ left) @ inverse * (len(blocks) / max(len(blocks) - 1, 1))
+    sigma = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
+    return step.reshape(kinds, count), sigma.reshape(kinds, count)
+
+
+def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return (..., C, N, K, 2) values less their weighted means over the frames."""
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)[..., None]
+    return values - (weight[..., None] * values).sum(axis=-3, keepdims=True) / total
