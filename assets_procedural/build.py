@@ -21,6 +21,7 @@ from assets_procedural.skeleton.joints import load_joints
 from assets_procedural.skeleton.regressor import fit_regressor
 from assets_procedural.skeleton.skinning import heat_weights
 from assets_procedural.surface.primitives import load_primitives
+from solver_backend.exchange.outputs import atomic_output
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"
 BODY_ID = "manifold_neutral"
@@ -70,10 +71,9 @@ def build_body(num_vertices: int = NUM_VERTICES) -> dict[str, np.ndarray]:
 
 
 def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write the arrays without pickle, under a temporary name first."""
-    partial = path.with_suffix(".part.npz")
-    np.savez_compressed(partial, **arrays)
-    partial.replace(path)
+    """Write the arrays without pickle, whole or not at all."""
+    with atomic_output(path, overwrite=True) as temporary:
+        np.savez_compressed(temporary, **arrays)
 
 
 def _rounded(values: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 
 from assets_procedural.surface.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.outputs import write_text
 
 MEASURES = (
     "stature",
@@ -104,9 +105,7 @@ def main() -> None:
         **{key: np.round(getattr(found, key), 5).tolist() for key in ("mean", "sd", "p01", "p99")},
         "correlation": np.round(found.correlation, 4).tolist(),
     }
-    partial = arguments.out.with_suffix(".part")
-    partial.write_text(json.dumps(table, indent=1) + "\n")
-    partial.replace(arguments.out)
+    write_text(arguments.out, json.dumps(table, indent=1) + "\n", overwrite=True)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from assets_procedural.surface.fit_samples import FitSettings, draw_samples, fir
 from assets_procedural.surface.primitives import NUMBERS, Primitives
 from assets_procedural.surface.reference import Reference, load_reference
 from assets_procedural.surface.sampling import sample_density, signed_distance
+from solver_backend.exchange.outputs import atomic_output
 
 _LOG = logging.getLogger(__name__)
 _NEIGHBOURS, _POOL, _BATCH = 32, 14_000, 1_600
@@ -168,9 +169,8 @@ def main() -> None:
     _LOG.info(
         "surface error: mean %.2f mm, 95 %% %.2f mm, largest %.2f mm", error.mean(), *np.quantile(error, [0.95, 1])
     )
-    partial = arguments.out.with_suffix(".part.npz")
-    np.savez_compressed(partial, **{key: value.astype(np.float32) for key, value in result.items()})
-    partial.replace(arguments.out)
+    with atomic_output(arguments.out, overwrite=True) as temporary:
+        np.savez_compressed(temporary, **{key: value.astype(np.float32) for key, value in result.items()})
 
 
 if __name__ == "__main__":

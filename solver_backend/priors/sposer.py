@@ -12,6 +12,7 @@ from solver_backend.geometry.rotations import matrix_to_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import Codes, Energies, Poses, check_rotations
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
+from solver_backend.priors.networks.nearest_codes import nearer_codes
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
@@ -28,6 +29,17 @@ class SPoser(PoseAutoencoder):
 
     def encode(self, rotations: Poses) -> Codes:
         """Return the codes (N, 32), unit and zero-mean, of (N, 21, 3, 3) local rotations.
+
+        The encoder's guess, one step nearer to the pose by the decoder's derivative (``nearer_codes``).
+
+        Raises:
+            PoseInvalid: NaN, matrices off SO(3) or another number of joints.
+        """
+        guess = self.guess(rotations)
+        return spherical_normalisation(nearer_codes(self.decode_with_jacobian, rotations, guess))
+
+    def guess(self, rotations: Poses) -> Codes:
+        """Return what the encoder alone takes for the codes of poses, which ``encode`` mends.
 
         Raises:
             PoseInvalid: NaN, matrices off SO(3) or another number of joints.

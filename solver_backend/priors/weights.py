@@ -43,7 +43,10 @@ class PriorWeights:
         """
         if name not in self.arrays:
             raise WeightsInvalid(f"The weights of {self.prior} lack the array {name!r}.")
-        value = np.asarray(self.arrays[name], dtype=np.float64)
+        value = np.asarray(self.arrays[name])
+        if value.dtype.kind not in "fiub":
+            raise WeightsInvalid(f"The array {name!r} of {self.prior} is {value.dtype}; numbers are expected.")
+        value = value.astype(np.float64)
         fits = value.ndim == len(shape) and all(w in (None, h) for h, w in zip(value.shape, shape, strict=True))
         if not fits:
             raise WeightsInvalid(f"The array {name!r} of {self.prior} has the shape {value.shape}, not {shape}.")
@@ -96,7 +99,10 @@ def read_stack(
     Raises:
         WeightsInvalid: an array is missing or of another shape, or the activation is unknown.
     """
-    widths = (inputs, *(int(n) for n in weights.metadata.get(f"{part}_hidden", ())), outputs)
+    hidden = weights.metadata.get(f"{part}_hidden", ())
+    if not isinstance(hidden, list | tuple) or not all(type(n) is int and n > 0 for n in hidden):
+        raise WeightsInvalid(f"The hidden widths of the {part} of {weights.prior} are {str(hidden)[:60]}.")
+    widths = (inputs, *hidden, outputs)
     matrices = tuple(weights.array(f"{part}_w{i}", (b, a)) for i, (a, b) in enumerate(pairwise(widths)))
     biases = tuple(weights.array(f"{part}_b{i}", (b,)) for i, b in enumerate(widths[1:]))
     return DenseStack(matrices, biases, str(weights.metadata.get("activation", "")), activate_last)

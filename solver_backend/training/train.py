@@ -11,8 +11,17 @@ import numpy as np
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.training.data.corpus import HELD_OUT, KEYED_REPEATS, NEAR_REPEAT_M, Corpus, split_corpus
-from solver_backend.training.data.sources.clips import load_clips
+from solver_backend.priors.weights import read_weights
+from solver_backend.training.data.corpus import (
+    HELD_OUT,
+    KEYED_REPEATS,
+    NEAR_REPEAT_M,
+    SIMPLIFIED_EVERY,
+    Corpus,
+    build_corpus,
+    split_corpus,
+)
+from solver_backend.training.data.sources.clips import load_clips, load_far_clips
 from solver_backend.training.engine.devices import check_device
 from solver_backend.training.engine.loop import TrainingSettings
 from solver_backend.training.engine.recipe import Finished, TrainingJob
@@ -33,6 +42,8 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "lifter": train_lifter,
 }
 """What trains each prior."""
+STARTED = ("sposer", "lifter")
+"""Priors that can go on from earlier weights."""
 
 
 def train(
@@ -43,6 +54,7 @@ def train(
     seed: int = 0,
     settings: TrainingSettings | None = None,
     hidden: int = 512,
+    start: Path | str | None = None,
     work: Path | str | None = None,
     progress: Progress = silent,
 ) -> Finished:
@@ -55,25 +67,35 @@ def train(
         seed: of the initial weights and every draw.
         settings: steps, batch and the like; each prior has defaults of its own.
         hidden: width of SPoser's decoder layers.
+        start: weights of the same prior and widths to start from; random ones if None.
         work: folder of the checkpoint and the log; ``<out>/<prior>_run`` if None.
         progress: called as stages advance.
 
     Raises:
-        JobInvalid: unknown prior or device.
+        JobInvalid: unknown prior or device, or a start or a part that this prior does not have.
         BackendMissing: the device is not here.
         FileMissing: no recordings.
-        TrainingMismatch: the checkpoint there was made with other settings.
+        TrainingMismatch: the checkpoint there was made with other settings, or the weights have other widths.
+        WeightsInvalid: the weights to start from are another prior's.
     """
     if prior not in RECIPES:
         raise JobInvalid(f"There is no prior {prior!r} (known: {', '.join(sorted(RECIPES))}).")
-    out = Path(out)
-    chosen = replace(settings or TrainingSettings(), seed=seed)
+    settings = settings or TrainingSettings()
+    if prior not in STARTED and start is not None:
+        raise JobInvalid(f"Only {' and '.join(STARTED)} can start from weights (--from).")
+    if prior != "sposer" and settings.part:
+        raise JobInvalid("Only sposer can train a part of itself (--part).")
+    if settings.part and start is None:
+        raise JobInvalid("A part is trained for weights that are there already.", hint="Add --from WEIGHTS.")
+    out, start = Path(out), None if start is None else Path(start)
+    chosen = replace(settings, seed=seed, start=read_weights(start, prior).sha256 if start else "")
     check_device(chosen.device)
     training, validation = split_corpus(load_clips(Path(data_dir), progress, cache=out / "fitted_takes"))
+    far = load_far_clips(Path(data_dir))
     command = _command(prior, chosen) + (f" --hidden {hidden}" if prior == "sposer" else "")
     job = TrainingJob(
         training, validation, chosen, out, Path(work) if work else out / f"{prior}_run", command,
-        _describe(training, validation), progress, hidden,
+        _describe(training, validation), progress, hidden, build_corpus(far) if far else None, start,
     )  # fmt: skip
     return RECIPES[prior](job)
 
@@ -82,10 +104,10 @@ def _command(prior: str, settings: TrainingSettings) -> str:
     """Return the command that repeats a training, with the options that are not left at their defaults."""
     defaults, command = TrainingSettings(), f"python -m solver_backend train {prior} --data DIR --seed {settings.seed}"
     command += f" --steps {settings.steps}"
-    for name in ("batch", "learning_rate", "device"):
+    for name in ("batch", "learning_rate", "part", "device"):
         value = getattr(settings, name)
         command += f" --{name.replace('_', '-')} {value}" if value != getattr(defaults, name) else ""
-    return command
+    return command + (" --from WEIGHTS" if settings.start else "")
 
 
 def _describe(training: Corpus, validation: Corpus) -> dict[str, object]:
@@ -102,5 +124,6 @@ def _describe(training: Corpus, validation: Corpus) -> dict[str, object]:
     held_out = ", ".join(sorted(HELD_OUT))
     return {
         "held_out": held_out, "near_repeat_mm": 1000 * NEAR_REPEAT_M, "keyed_repeats": KEYED_REPEATS,
+        "simplified_every": SIMPLIFIED_EVERY,
         "sources": sources,
     }  # fmt: skip

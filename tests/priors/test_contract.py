@@ -87,6 +87,8 @@ def test_weights_of_something_else_are_named(tmp_path: Path, name: str) -> None:
         ({"written_as": "gmm"}, f"for the prior 'gmm', not '{name}'"),
         ({"body_joints": ["tail"]}, "another body"),
         ({"decoder_hidden": [7, 7]}, "decoder_w0.*shape"),
+        ({"decoder_hidden": ["a"]}, "hidden widths of the decoder"),
+        ({"decoder_hidden": 1e400}, "hidden widths of the decoder"),
     ):
         with pytest.raises(WeightsInvalid, match=text):
             load_prior(name, write_random(path, name, **change))

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.errors import FileMissing, JobInvalid
+from solver_backend.priors.sposer import DEFAULT_WEIGHTS
 from solver_backend.training.engine.loop import TrainingSettings
 from solver_backend.training.train import _command, train
 
@@ -14,6 +15,17 @@ from solver_backend.training.train import _command, train
 def test_unknown_prior_is_named(tmp_path: Path) -> None:
     with pytest.raises(JobInvalid, match=r"no prior 'poser' \(known: .*sposer"):
         train("poser", tmp_path, tmp_path)
+
+
+def test_few_priors_start_from_weights(tmp_path: Path) -> None:
+    with pytest.raises(JobInvalid, match="Only sposer and lifter"):
+        train("gmm", tmp_path, tmp_path, start=DEFAULT_WEIGHTS)
+    with pytest.raises(JobInvalid, match="Only sposer can train a part"):
+        train("svae", tmp_path, tmp_path, settings=TrainingSettings(part="encoder"))
+    with pytest.raises(JobInvalid, match="there already"):
+        train("sposer", tmp_path, tmp_path, settings=TrainingSettings(part="encoder"))
+    with pytest.raises(FileMissing, match="weights"):
+        train("sposer", tmp_path, tmp_path, start=tmp_path / "none.npz")
 
 
 def test_the_command_repeats_what_was_asked_for() -> None:
@@ -24,3 +36,6 @@ def test_the_command_repeats_what_was_asked_for() -> None:
         _command("sposer", TrainingSettings())
         == "python -m solver_backend train sposer --data DIR --seed 0 --steps 6000"
     )
+    assert _command("sposer", TrainingSettings(start="2b")).endswith("--steps 6000 --from WEIGHTS")
+    encoder = TrainingSettings(part="encoder", start="2b", steps=9)
+    assert _command("sposer", encoder).endswith("--steps 9 --part encoder --from WEIGHTS")

@@ -1,4 +1,4 @@
-"""Poses the corpus lacks: mirrored, with limbs exchanged between poses, varied joints, joints near their limits."""
+"""Poses the corpus lacks: mirrored, limbs exchanged between poses, joints varied or moved near their limits."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
+from solver_backend.body.rest_skeleton import BODY_MIRROR
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.training.data.rest_skeleton import BODY_MIRROR
 
 _MIRRORED = torch.tensor(BODY_MIRROR)
 _FLIP = torch.tensor([[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
@@ -16,11 +16,13 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
     (13, 16, 18, 20),
     (14, 17, 19, 21),
     (1, 2, 4, 5, 7, 8, 10, 11),
+    (1, 4, 7, 10),
+    (2, 5, 8, 11),
     (12, 15),
     (3, 6, 9),
 )
-"""Joints that travel together: left arm, right arm, both legs, head, spine."""
-EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.3, 0.15)
+"""Joints that travel together: left arm, right arm, both legs, left leg, right leg, head, spine."""
+EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
 """Arm joints of an exchanged pose closer than this to trunk or legs are taken for penetration."""
 LIMIT_SHARE = (0.6, 1.0)
@@ -31,6 +33,11 @@ _ALLOWED_DEG = 10.0
 _REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
 _ARM_POINTS = (18, 19, 20, 21, 22, 23)
 _BODY_BONES = ((0, 6), (6, 12), (1, 4), (2, 5), (4, 7), (5, 8), (12, 15))
+
+
+def middle_frame(windows: torch.Tensor) -> int:
+    """Return which frame of (B, K, ...) windows is their middle key: the second of four, the only one of one."""
+    return (windows.shape[1] - 1) // 2
 
 
 def mirrored(rotations: torch.Tensor) -> torch.Tensor:
@@ -45,10 +52,10 @@ def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.T
 
 
 def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: float) -> torch.Tensor:
-    """Give a share of the (B, K, 21, 3, 3) windows limbs of other windows."""
+    """Give a share of the (B, K, 21, 3, 3) windows limbs of other windows, of the other side's where mirrored."""
     count = len(windows)
     any_chance = torch.rand(count, generator=generator) < chance
-    out = windows.clone()
+    out, windows = windows.clone(), maybe_mirrored(windows, generator)
     for limb, likely in zip(EXCHANGED_JOINTS, EXCHANGE_CHANCE, strict=True):
         donor = torch.randperm(count, generator=generator)
         take = (torch.rand(count, generator=generator) < likely) & any_chance
@@ -73,7 +80,7 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
     """Move two joints of every (B, K, 21, 3, 3) window towards the end of one of their ranges.
 
     One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
-    side in the window's second frame; what moves in the window goes on moving.
+    side in the window's middle frame; what moves in the window goes on moving.
     """
     count, frames = windows.shape[:2]
     if count == 0:
@@ -87,13 +94,17 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
     angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames))
     row = torch.arange(count)[:, None]
     moving = angles[row, :, joint, angle]
-    angles[row, :, joint, angle] = moving + (target - moving[..., 1])[..., None]
-    length = torch.linalg.vector_norm(angles, dim=-1)
-    reach = _REACH.to(angles.dtype)
-    moved = from_swing_and_twist((angles * (reach / torch.maximum(length, reach))[..., None]).flatten(0, 1))
+    angles[row, :, joint, angle] = moving + (target - moving[..., middle_frame(windows)])[..., None]
+    moved = from_swing_and_twist(within_reach(angles).flatten(0, 1))
     out = windows.clone()
     out[row, :, joint] = moved.unflatten(0, (count, frames))[row, :, joint]
     return out
+
+
+def within_reach(angles: torch.Tensor) -> torch.Tensor:
+    """Return (..., 21, 3) angles, shortened where all three together go beyond the joint's farthest single limit."""
+    length, reach = torch.linalg.vector_norm(angles, dim=-1), _REACH.to(angles.dtype)
+    return angles * (reach / torch.maximum(length, reach))[..., None]
 
 
 def beyond_reach(poses: torch.Tensor) -> torch.Tensor:

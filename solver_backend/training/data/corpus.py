@@ -15,6 +15,10 @@ NEAR_REPEAT_M = 0.012
 """Poses closer than this to a kept one (root mean square over the joints) are repeats."""
 KEYED_REPEATS = 4
 """How often each pose of a hand-keyed animation counts, as they are few and hold what recordings lack."""
+SIMPLIFIED = "jump"
+"""Source whose skeleton has neither hands, toes nor a head of its own."""
+SIMPLIFIED_EVERY = 4
+"""Of its distinct poses one in so many counts."""
 _SAME_TAKE_M = 0.004
 
 
@@ -85,6 +89,8 @@ def build_corpus(clips: list[Clip]) -> Corpus:
     starts = np.repeat(ends - lengths, lengths)
     distinct = distinct_poses(_features(rotations), NEAR_REPEAT_M)
     keyed = np.repeat([clip.subject == KEYED for clip in clips], lengths)
+    simplified = np.repeat([clip.name.startswith(f"{SIMPLIFIED}/") for clip in clips], lengths)[distinct]
+    distinct = distinct[~simplified | (np.cumsum(simplified) % SIMPLIFIED_EVERY == 0)]
     distinct = np.repeat(distinct, np.where(keyed[distinct], KEYED_REPEATS, 1))
     return Corpus(
         rotations,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from array_api_compat import array_namespace
 
+from solver_backend.body.rest_skeleton import AXIS_TIPS_M, REST_JOINTS
 from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.training.data.rest_skeleton import AXIS_TIPS_M, REST_JOINTS
 
 
 def rotation_points(rotations: Array) -> Array:

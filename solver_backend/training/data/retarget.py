@@ -35,9 +35,10 @@ class RecordedClip:
 
 
 def read_clip(path: Path) -> RecordedClip:
-    """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec``).
+    """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec, root_rotvec``).
 
-    A clip with a T-pose begins with it; that frame is left out.
+    A clip with a T-pose may begin with it; that frame is left out. ``root_rotvec`` (F, 3) stands for ``rotvec[:, 0]``
+    where rotations are kept in half precision.
 
     Raises:
         FileMissing: there is no such file.
@@ -54,7 +55,9 @@ def read_clip(path: Path) -> RecordedClip:
     missing = [key for key in _FIELDS if key not in fields]
     if missing:
         raise FileDamaged(f"The clip lacks {', '.join(missing)}.", where=path.name)
-    rotvec = np.asarray(fields["rotvec"], dtype=np.float64)
+    rotvec = np.array(fields["rotvec"], dtype=np.float64)
+    if "root_rotvec" in fields:
+        rotvec[:, 0] = fields["root_rotvec"]
     if not np.isfinite(rotvec).all():
         raise NonFiniteData("A rotation of the clip is not a number.", where=path.name)
     names = [str(name) for name in fields["names"]]

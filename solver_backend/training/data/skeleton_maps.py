@@ -29,7 +29,23 @@ class SkeletonMap:
 HIP_SPLAY = 0.3665
 """rad, by which the legs of the CMU skeletons' zero pose are spread (21 degrees)."""
 
+_ZERO_POSE = (
+    ("LeftUpLeg", (0.0, 0.0, -HIP_SPLAY)), ("RightUpLeg", (0.0, 0.0, HIP_SPLAY)), ("Neck", (-0.279, 0.0, 0.0)),
+    ("Neck1", (0.367, 0.0, 0.0)), ("Head", (0.192, 0.0, 0.0)), ("LeftArm", (0.0, 0.0, -0.14)),
+    ("RightArm", (0.0, 0.0, 0.14)),
+)  # fmt: skip
+"""The T-pose of CMU's skeletons as the other conversions hold it, where a conversion does not."""
+
 MAPS: tuple[SkeletonMap, ...] = (
+    SkeletonMap(
+        "segments",
+        (
+            "Hips", "LeftUpLeg", "RightUpLeg", "LowerBack", "LeftLeg", "RightLeg", "Spine", "LeftFoot",
+            "RightFoot", "Spine1", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder", "RightShoulder",
+            "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftFingerBase", "RightFingerBase",
+        ),
+        _ZERO_POSE,
+    ),
     SkeletonMap(
         "mb2",
         (
@@ -77,6 +93,19 @@ MAPS: tuple[SkeletonMap, ...] = (
             "rHand",
         ),
         halfway=((3, 0, 6),),
+    ),
+    SkeletonMap(
+        "jump",
+        (
+            "root", "left_hip", "right_hip", "chest", "left_knee", "right_knee", "chest", "left_ankle",
+            "right_ankle", "chest", "left_ankle", "right_ankle", "neck", "chest", "chest", "neck",
+            "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+        ),
+        (
+            ("root", (0.0, -np.pi / 2, 0.0)), ("left_shoulder", (np.pi / 2, 0.0, 0.0)),
+            ("right_shoulder", (-np.pi / 2, 0.0, 0.0)),
+        ),
+        halfway=((6, 0, 9), (3, 0, 6)),
     ),
     SkeletonMap(
         "makehuman",

@@ -11,12 +11,14 @@ from solver_backend.training.data.augmentation import (
     beyond_reach,
     exchanged_limbs,
     maybe_mirrored,
+    middle_frame,
     near_limits,
     penetrating,
     varied_joints,
 )
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
+from solver_backend.training.data.recombination import ends_reaching, limbs_turned
 
 MAX_SPACING = 9
 """Largest distance of neighbouring keys in frames at 30 Hz (0.3 s)."""
@@ -47,15 +49,19 @@ class WindowSampler:
     exchange_chance: float = 0.6
     variation_chance: float = 0.7
     limit_chance: float = 0.15
+    turned_chance: float = 0.0
+    """Share of the windows with limbs turned within anatomical limits."""
+    end_chance: float = 0.0
+    """Share of the windows with ankles, toes and wrists moved towards their ends."""
 
     @classmethod
-    def of(cls, corpus: Corpus) -> WindowSampler:
+    def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:
         """Take a corpus over into torch."""
         rotations, start, end, distinct = (
             torch.as_tensor(np.ascontiguousarray(a))
             for a in (corpus.rotations, corpus.clip_start, corpus.clip_end, corpus.distinct)
         )
-        return cls(rotations, start, end, distinct)
+        return cls(rotations, start, end, distinct, turned_chance=turned_chance, end_chance=end_chance)
 
     def draw(self, count: int, generator: torch.Generator) -> WindowBatch:
         """Return ``count`` augmented windows; each has one spacing, shortened where its clip ends."""
@@ -68,13 +74,24 @@ class WindowSampler:
         frames = torch.stack((middle - spacing, middle, middle + spacing, middle + offset), dim=1)
         return WindowBatch(self._augment(self.rotations[frames], generator), time.to(torch.float32))
 
+    def draw_poses(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        """Draw ``count`` augmented poses (count, 21, 3, 3) without their motion."""
+        chosen = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
+        return self._augment(self.rotations[chosen, None], generator)[:, 0]
+
     def _augment(self, windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         plain = maybe_mirrored(windows, generator)
         mixed = exchanged_limbs(plain, generator, self.exchange_chance)
         vary = torch.rand(len(mixed), 1, 1, 1, 1, generator=generator) < self.variation_chance
         mixed = torch.where(vary, varied_joints(mixed, generator), mixed)
-        at_limits = torch.rand(len(mixed), generator=generator) < self.limit_chance
-        mixed[at_limits] = near_limits(mixed[at_limits], generator)
-        bad = penetrating(rotation_points(mixed[:, 1])[:, :24])
-        bad[at_limits] |= beyond_reach(mixed[at_limits, 1])
+        moved = torch.zeros(len(mixed), dtype=torch.bool)
+        for chance, move in (
+            (self.turned_chance, limbs_turned), (self.end_chance, ends_reaching), (self.limit_chance, near_limits),
+        ):  # fmt: skip
+            chosen = torch.rand(len(mixed), generator=generator) < chance
+            mixed[chosen] = move(mixed[chosen], generator)
+            moved |= chosen
+        middle = mixed[:, middle_frame(mixed)]
+        bad = penetrating(rotation_points(middle)[:, :24])
+        bad[moved] |= beyond_reach(middle[moved])
         return torch.where(bad[:, None, None, None, None], plain, mixed)

@@ -7,6 +7,8 @@ import logging
 from pathlib import Path
 from typing import Any
 
+from solver_backend.exchange.outputs import write_text
+
 logger = logging.getLogger(__name__)
 
 
@@ -19,7 +21,7 @@ class EventLog:
         if self._path.is_file():
             lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
             kept = [line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step]
-            self._path.write_text("".join(kept), encoding="utf-8")
+            write_text(self._path, "".join(kept), overwrite=True)
         self._events = _summary_writer(folder, step)
 
     def figures(self, step: int, figures: dict[str, float]) -> None:

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
+from solver_backend.exchange.outputs import atomic_output
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.training.engine.devices import check_device, dropout_state, set_dropout_state
 from solver_backend.training.engine.event_log import EventLog
@@ -41,6 +42,10 @@ class TrainingSettings:
     """Seconds between checkpoints."""
     evaluate_every: int = 500
     """Steps between validations."""
+    start: str = ""
+    """SHA-256 of the weights it starts from; none if it starts from random ones."""
+    part: str = ""
+    """Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty."""
     device: str = "cpu"
     """``cpu`` or ``cuda``; every draw but dropout's is made on the CPU, alike for both."""
 
@@ -135,7 +140,7 @@ class _Run:
         self.recent += 0.02 * (float(loss.detach()) - self.recent) if self.recent else float(loss.detach())
 
     def save(self) -> None:
-        """Write the checkpoint under a temporary name and rename it."""
+        """Write the checkpoint, whole or not at all."""
         state = {
             "settings": asdict(self.settings),
             "step": self.step,
@@ -146,9 +151,8 @@ class _Run:
             "global_generator": dropout_state(self.settings.device),
             "recent": self.recent,
         }
-        temporary = self.checkpoint.with_suffix(".part")
-        torch.save(state, temporary)
-        temporary.replace(self.checkpoint)
+        with atomic_output(self.checkpoint, overwrite=True) as temporary:
+            torch.save(state, temporary)
         self.saved_at = time.monotonic()
 
     def resume(self) -> None:

@@ -6,19 +6,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from solver_backend.exchange.outputs import write_text
+
 _SOURCES = """## Data and licence
 
 | source | side | clips | frames at 30 Hz | distinct |
 |---|---|---|---|---|
 {table}
 
-- **CMU motion capture** (mocap.cs.cmu.edu; sources `mb2`, `expmap`, `max`, `daz`, `amc`, and `makehuman` by way of
-  MakeHuman's CC0 files). "The data used in this project was obtained from mocap.cs.cmu.edu. The database was created
-  with funding from NSF EIA-0196217." Free to copy, modify and redistribute; not for direct resale.
+- **CMU motion capture** (mocap.cs.cmu.edu; sources `asfamc`, `amc`, `mb2`, `expmap`, `max`, `daz`, `segments`,
+  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, to judge by alone, `far` by way of repositories
+  under the MIT licence: Atelier Circle 2018, arpspoof 2021, the authors of acRNN 2018). "The data used in this project
+  was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF EIA-0196217." Free to copy, modify
+  and redistribute; not for direct resale.
 - **UI-PRMD** (`ui_prmd`; Vakanski et al. 2018): rehabilitation movements of eight people, optical markers, fitted here
   with one shape and one set of marker offsets a person. Open Data Commons PDDL 1.0.
 - **Hand-keyed animations** (`keyed`) by Quaternius and Mesh2Motion (CC0): rolling, sitting, kneeling, crouching,
-  swimming, falling; each distinct pose counted {keyed_repeats} times.
+  swimming, falling; each distinct pose counted {keyed_repeats} times. Of `jump`, whose skeleton has neither hands nor
+  toes, one distinct pose in {simplified_every} counts.
 - **Validation**: subjects {held_out}; nothing is trained on them. Conversions that do not keep the subject's number are
   trained on unless their frames repeat validation frames, so other takes of a validation subject may be among them.
 
@@ -26,14 +31,15 @@ Poses are distinct when no two are closer than {near_repeat_mm:.0f} mm, root mea
 which a joint is more than 30° beyond its anatomical range were tracked wrongly and are left out, on both sides.
 
 How recordings became poses of the 21 body joints: each bone's rotation since the T-pose carries over whole; half of the
-hand's twist is given to the elbow. The CMU recordings' collar bones do not move and their hands hardly bend: collars
-follow the arms by a fixed rhythm (22 % of the elevation, 15 % of the forward swing). Markers move collars and hands.
+hand's twist is given to the elbow. The CMU recordings' collar bones do not move, and of their conversions only
+`asfamc`, `amc`, `expmap` and `segments` bend the hands: collars follow the arms by a fixed rhythm (22 % of the
+elevation, 15 % of the forward swing). Markers move collars and hands.
 """
 _AUGMENTATION = """
-Augmentation: mirrored left to right; arms, legs, head and spine exchanged between clips; collars varied by 5°, wrists
-by 12°, spine, neck and head by 3°, the other joints by 1.5°; in 15 % of the windows two joints moved to 60 to 100 % of
-one of their ranges. Kept when no arm joint comes within 7 cm of a trunk, head or leg bone, and no moved joint goes 10°
-beyond its range.
+Augmentation: mirrored left to right; arms, legs (both or one), head and spine exchanged between clips and sides;
+collars varied by 5°, wrists by 12°, spine, neck and head by 3°, the other joints by 1.5°; in 15 % of the windows two
+joints moved to 60 to 100 % of one of their ranges.{more} Kept when no arm joint comes within 7 cm of a trunk, head or
+leg bone, and no moved joint goes 10° beyond its range.
 """
 _METHOD = """Measured with the weights as they ship, all distinct validation poses, 24 joints, pelvis fixed, on a
 skeleton of 1.70 m. `worst5`: the worst twentieth of poses. `between_keys`: frames from SIDER2 of three keys' codes.
@@ -54,6 +60,8 @@ class Card:
     """How the metrics were measured, where that is not how the other priors' are."""
     augmented: bool = True
     """Whether training drew augmented poses."""
+    augmentation: str = ""
+    """What it drew besides what all augmented trainings draw."""
 
 
 def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
@@ -65,7 +73,7 @@ def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
         metadata: ``data, command, settings, metrics, sha256``, and perhaps ``by_source``.
     """
     method = card.method or (_METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD)
-    augmentation = _AUGMENTATION if card.augmented else ""
+    augmentation = _AUGMENTATION.format(more=card.augmentation) if card.augmented else ""
     metrics = "\n".join(f"| `{key}` | {value:.4g} |" for key, value in metadata["metrics"].items())
     settings = "\n".join(f"| `{key}` | {value} |" for key, value in metadata["settings"].items())
     sources = _SOURCES.format(table=_source_table(metadata["data"]["sources"]), **metadata["data"])
@@ -76,7 +84,7 @@ def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
         f"| metric | value |\n|---|---|\n{metrics}\n\n{_accuracy_table(metadata.get('by_source', {}))}"
         f"Arrays' SHA-256: `{metadata['sha256']}`\n"
     )
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text, overwrite=True)
 
 
 def _source_table(sources: dict[str, dict[str, Any]]) -> str:

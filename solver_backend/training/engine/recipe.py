@@ -28,6 +28,10 @@ class TrainingJob:
     progress: Progress
     hidden: int = 512
     """Width of SPoser's decoder layers."""
+    far: Corpus | None = None
+    """Motions unlike the corpus, to judge by; None where they are not there."""
+    start: Path | None = None
+    """Weights to start from (SPoser and the lifter)."""
 
 
 @dataclass(frozen=True)

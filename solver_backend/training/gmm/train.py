@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.body.rest_skeleton import BODY_MIRROR
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.data.rest_skeleton import BODY_MIRROR
 from solver_backend.training.engine.model_card import Card
 from solver_backend.training.engine.publish import publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob

@@ -8,9 +8,10 @@ from typing import cast
 from torch import nn
 
 from solver_backend.body.body import load_body
-from solver_backend.priors.lifter import POINTS
+from solver_backend.priors.lifter import OUTPUTS, POINTS
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.training.engine.dense_layers import stack_arrays
+from solver_backend.priors.weights import read_stack, read_weights
+from solver_backend.training.engine.dense_layers import stack_arrays, take_over
 from solver_backend.training.engine.loop import run_training
 from solver_backend.training.engine.model_card import Card
 from solver_backend.training.engine.publish import publish
@@ -35,6 +36,9 @@ def train_lifter(job: TrainingJob, settings: LifterSettings = LifterSettings()) 
     task = LifterTask(
         job.training, job.validation, load_body(), prior, settings, job.settings.batch, job.settings.seed
     )  # fmt: skip
+    if job.start is not None:
+        start = read_weights(job.start, "lifter")
+        take_over(cast(nn.Sequential, task.model), read_stack(start, "network", 4 * len(POINTS), OUTPUTS))
     network = cast(nn.Sequential, run_training(task, job.settings, job.work, job.progress))
     header = {
         "network_hidden": settings.hidden,

@@ -32,19 +32,27 @@ class SPoserSettings:
     """Weight of the frame between keys against the keys themselves."""
     latent_noise: float = 0.01
     """Standard deviation of each coordinate's noise before decoding."""
+    turned_chance: float = 0.35
+    """Share of the windows with limbs turned anywhere within anatomical limits."""
+    end_chance: float = 0.3
+    """Share of the windows with ankles, toes and wrists moved towards their ends."""
 
 
 class SPoserTask:
-    """Losses and validation of SPoser."""
+    """Losses and validation of SPoser, on held-out subjects and, where there are any, on motions unlike the corpus."""
 
-    def __init__(self, train: Corpus, validation: Corpus, settings: SPoserSettings, batch: int, seed: int) -> None:
+    def __init__(
+        self, train: Corpus, validation: Corpus, settings: SPoserSettings, batch: int, seed: int,
+        far: Corpus | None = None,
+    ) -> None:  # fmt: skip
         torch.manual_seed(seed)
         self.model = SphericalAutoencoder(settings.encoder_hidden, settings.decoder_hidden, settings.activation)
         distinct = torch.as_tensor(train.rotations[train.distinct])
         mean = torch.cat((distinct[..., 0], distinct[..., 1]), dim=-1).mean(dim=0).flatten()
         self.model.start_from(mean)
-        self._sampler, self._settings, self._batch = WindowSampler.of(train), settings, batch
-        self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
+        chances = {"turned_chance": settings.turned_chance, "end_chance": settings.end_chance}
+        self._sampler, self._settings, self._batch = WindowSampler.of(train, **chances), settings, batch
+        self._unseen = {"": validation} | ({} if far is None else {"far_": far})
 
     def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct middle keys through noisy codes, and frames between through SIDER2 of three codes."""
@@ -59,5 +67,29 @@ class SPoserTask:
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Return reconstruction figures on the validation poses."""
-        decoded = reconstructed(cast(SphericalAutoencoder, model), self._validation)
-        return reconstruction_accuracy(self._validation, decoded).as_dict()
+        figures = {}
+        for prefix, corpus in self._unseen.items():
+            truth = corpus.some_distinct(VALIDATION_POSES).astype(np.float64)
+            found = reconstruction_accuracy(truth, reconstructed(cast(SphericalAutoencoder, model), truth))
+            figures |= {f"{prefix}{name}": value for name, value in found.as_dict().items()}
+        return figures
+
+
+class EncoderTask(SPoserTask):
+    """The encoder alone, for a decoder that stays as it is: codes of poses whose decoded poses come nearest to them.
+
+    A decoder reaches further than the encoder that was trained with it finds.
+    """
+
+    def __init__(
+        self, train: Corpus, validation: Corpus, settings: SPoserSettings, batch: int, seed: int,
+        far: Corpus | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(train, validation, settings, batch, seed, far)
+        self.model.decoder.requires_grad_(False)
+
+    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+        """Reconstruct poses."""
+        truth = self._sampler.draw_poses(self._batch, generator).to(device_of(self.model))
+        decoded = self.model.decode(self.model.encode(truth))
+        return pose_loss(truth, decoded, truth.new_ones(self._batch), self._settings.orthogonality)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.interpolation import sider2
-from solver_backend.priors.sposer import SPoser, load_sposer
+from solver_backend.priors.sposer import LATENT_DIM, SPoser, load_sposer
+from solver_backend.priors.weights import read_stack, read_weights
 from solver_backend.training.data.corpus import Corpus
+from solver_backend.training.data.recombination import LIMB_SPREAD
 from solver_backend.training.data.sources.clips import FPS
 from solver_backend.training.engine.accuracy import (
     accuracy_by_source,
@@ -18,13 +21,17 @@ from solver_backend.training.engine.accuracy import (
     joint_distances,
     reconstruction_accuracy,
 )
+from solver_backend.training.engine.dense_layers import take_over
 from solver_backend.training.engine.loop import run_training
 from solver_backend.training.engine.model_card import Card
 from solver_backend.training.engine.publish import Figures, publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.sposer.network import SphericalAutoencoder
-from solver_backend.training.sposer.task import SPoserSettings, SPoserTask
+from solver_backend.training.sposer.task import EncoderTask, SPoserSettings, SPoserTask
 
+_ENCODER_ALONE = (
+    """ The encoder was trained alone for the decoder of `--from`, whose weights it ships with as they were."""
+)
 CARD = Card(
     "SPoser",
     """SPoser (thesis 6.2.2): an autoencoder of the 21 body joints' rotations whose codes are unit vectors of zero
@@ -36,7 +43,12 @@ to reproduce the frame between keys up to 0.3 s apart from SIDER2 of the keys' c
 def train_sposer(job: TrainingJob, settings: SPoserSettings | None = None) -> Finished:
     """Train, export, measure the exported weights and write the model card."""
     settings = settings or SPoserSettings(decoder_hidden=(job.hidden, job.hidden))
-    task = SPoserTask(job.training, job.validation, settings, job.settings.batch, job.settings.seed)
+    kind = EncoderTask if job.settings.part == "encoder" else SPoserTask
+    task = kind(job.training, job.validation, settings, job.settings.batch, job.settings.seed, job.far)
+    if job.start is not None:
+        start, pose = read_weights(job.start, "sposer"), 6 * NUM_BODY_JOINTS
+        take_over(task.model.encoder, read_stack(start, "encoder", pose, LATENT_DIM))
+        take_over(task.model.decoder, read_stack(start, "decoder", LATENT_DIM, pose))
     model = cast(SphericalAutoencoder, run_training(task, job.settings, job.work, job.progress))
     truth = job.validation.rotations[job.validation.distinct].astype(np.float64)
     arrays = autoencoder_arrays(model, model.encoder, model.decoder, truth)
@@ -45,10 +57,21 @@ def train_sposer(job: TrainingJob, settings: SPoserSettings | None = None) -> Fi
 
     def measured(path: Path) -> Figures:
         prior = load_sposer(path)
-        by_source = accuracy_by_source(job.validation, prior.reconstruct)
+        unseen = [corpus for corpus in (job.validation, job.far) if corpus is not None]
+        by_source = {k: v for corpus in unseen for k, v in accuracy_by_source(corpus, prior.reconstruct).items()}
         return {"metrics": measure(prior, truth, job.validation), "by_source": by_source}
 
-    return publish(job, "sposer", arrays, header, asked, measured, CARD)
+    return publish(job, "sposer", arrays, header, asked, measured, _card(settings, job.settings.part))
+
+
+def _card(settings: SPoserSettings, part: str) -> Card:
+    """Return the card of a training."""
+    more = (
+        f" In {100 * settings.turned_chance:.0f} % limbs, spine or head turned as a whole by a normal draw of "
+        f"{100 * LIMB_SPREAD[0]:.0f} to {100 * LIMB_SPREAD[1]:.0f} % of each joint's\nranges, within its limits; in "
+        f"{100 * settings.end_chance:.0f} % ankles, toes and wrists moved anywhere up to one of their ends."
+    )
+    return replace(CARD, summary=CARD.summary + _ENCODER_ALONE * (part == "encoder"), augmentation=more)
 
 
 def measure(prior: SPoser, truth: np.ndarray, validation: Corpus) -> dict[str, float]:

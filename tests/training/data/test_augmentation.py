@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, swing_and_twist
+from solver_backend.body.rest_skeleton import MIRROR
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.training.data.augmentation import (
     beyond_reach,
@@ -15,7 +16,6 @@ from solver_backend.training.data.augmentation import (
     penetrating,
 )
 from solver_backend.training.data.points import rotation_points
-from solver_backend.training.data.rest_skeleton import MIRROR
 from tests.support.random_poses import poses
 
 
@@ -30,10 +30,14 @@ def test_mirrored_pose_has_mirrored_joints() -> None:
 def test_exchanged_limbs_come_from_other_windows() -> None:
     windows = torch.as_tensor(poses(16, seed=5))[:, None]
     out = exchanged_limbs(windows, torch.Generator().manual_seed(0), 1.0)
-    for joints in ((12, 15, 17, 19), (13, 16, 18, 20), (11, 14)):
-        donors = [[bool((out[i][:, joints] == windows[k][:, joints]).all()) for k in range(16)] for i in range(16)]
+    given = torch.cat((windows, mirrored(windows)))
+    for joints in ((12, 15, 17, 19), (13, 16, 18, 20), (0, 3, 6, 9), (1, 4, 7, 10), (11, 14)):
+        donors = [[bool((out[i][:, joints] == given[k][:, joints]).all()) for k in range(32)] for i in range(16)]
         assert all(sum(row) == 1 for row in donors)
-    assert not torch.equal(out, windows)
+        assert any(any(row[16:]) for row in donors) and any(row[k] for k, row in enumerate(donors))
+    own_legs = [torch.equal(out[i][:, (0, 3)], windows[i][:, (0, 3)]) for i in range(16)]
+    other_leg = [torch.equal(out[i][:, (1, 4)], windows[i][:, (1, 4)]) for i in range(16)]
+    assert own_legs != other_leg
 
 
 def test_hand_in_the_belly_penetrates() -> None:

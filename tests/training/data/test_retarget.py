@@ -13,8 +13,8 @@ from solver_backend.training.data.retarget import RecordedClip, body_rotations, 
 from solver_backend.training.data.skeleton_maps import MAPS
 
 
-def recorded(rotvec: np.ndarray, tpose: np.ndarray, family: int = 0) -> RecordedClip:
-    names = list(MAPS[family].joints)
+def recorded(rotvec: np.ndarray, tpose: np.ndarray) -> RecordedClip:
+    names = list(next(m for m in MAPS if m.family == "mb2").joints)
     parents = np.array([-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19])
     return RecordedClip("clip", names, parents, rotvec, tpose, 60.0)
 
@@ -61,7 +61,19 @@ def test_resampling_keeps_steady_turns() -> None:
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("name", ["mb2/02_01", "expmap/train_walking_1", "max/131_01", "daz/martial_03"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mb2/02_01",
+        "expmap/train_walking_1",
+        "max/131_01",
+        "daz/martial_03",
+        "asfamc/135_03",
+        "daz_more/06_01",
+        "segments/walk_39_01_1",
+        "far/indian_04",
+    ],
+)
 def test_people_stand_upright_and_bend_the_right_way(shared_data: Path, name: str) -> None:
     clip = read_clip(shared_data / "motion_cmu" / f"{name}.npz")
     R = body_rotations(clip)[:, 1:]

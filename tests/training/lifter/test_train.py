@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from solver_backend.body.body import load_body
-from solver_backend.priors.lifter import POINTS, load_lifter
+from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.priors.lifter import DEFAULT_WEIGHTS, POINTS, load_lifter
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.lifter.task import LifterSettings, LifterTask
 from solver_backend.training.lifter.train import train_lifter
@@ -43,3 +46,15 @@ def test_training_teaches_and_exports_what_was_trained(tmp_path: Path) -> None:
     card = finished.weights.with_suffix(".md").read_text(encoding="utf-8")
     assert lifter.metadata["command"] in card and "points_mm" in card
     assert np.isfinite(lifter.stack(np.zeros((1, 4 * len(POINTS))))).all()
+
+
+def test_training_goes_on_from_weights(tmp_path: Path) -> None:
+    order = job(tmp_path / "on", 1)
+    order = replace(order, start=DEFAULT_WEIGHTS, settings=replace(order.settings, learning_rate=1e-6))
+    before = load_lifter().stack(np.full((3, 4 * len(POINTS)), 0.1))
+    finished = train_lifter(order)
+    np.testing.assert_allclose(
+        load_lifter(finished.weights).stack(np.full((3, 4 * len(POINTS)), 0.1)), before, atol=1e-2
+    )
+    with pytest.raises(WeightsInvalid, match="sposer"):
+        train_lifter(replace(order, start=DEFAULT_WEIGHTS.with_name("sposer.npz")))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,9 +28,16 @@ UNKNOWN = "unknown"
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
 """A joint this far beyond its anatomical range was tracked wrongly."""
-_FOLDERS = ("mb2", "expmap", "max", "daz")
+FAR = "far"
+"""Folder of motions unlike any that is trained on: priors are judged by them."""
+_FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
+"""Conversions; a take that several of them hold is read from the first."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
-"""Motions that no other conversion holds; all CMU skeletons share their axes, so one serves."""
+"""Motions that no other conversion with hands and toes holds; all CMU skeletons share their axes, so one serves."""
+_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")
+"""CMU's subject and trial in a file's name, perhaps after a word."""
+_NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
+"""Folders whose files are named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
 _MIN_FRAMES = 3
 
@@ -55,18 +64,24 @@ def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = 
     Raises:
         FileMissing: the folder holds no clips.
     """
-    paths = [path for folder in _FOLDERS for path in sorted((data / "motion_cmu" / folder).glob("*.npz"))]
+    paths = _one_of_each_take(path for folder in _FOLDERS for path in _recordings(data / "motion_cmu" / folder))
     if not paths:
         raise FileMissing("No training clips were found.", where="motion_cmu", hint="--data takes the folder above it.")
     clips = []
     for number, path in enumerate(paths):
-        clips.append(_recorded(read_clip(path), path.parent.name, subject_of(path)))
+        clips.append(_recorded(_read(path), path.parent.name, subject_of(path)))
         progress("Reading clips", number + 1, len(paths))
-    clips += _acclaim(data / "motion_cmu" / "amc") + _makehuman(data / "poses_makehuman_cc0" / _BVH)
+    clips += _makehuman(data / "poses_makehuman_cc0" / _BVH)
     archive = data / KEYED_ARCHIVE
     keyed = read_archive_clips(archive) if archive.is_file() else []
     clips += [Clip(f"{KEYED}/{clip.name}", KEYED, _at_corpus_rate(clip).astype(np.float32)) for clip in keyed]
     clips += _marker_takes(data / "markers" / "ui_prmd", cache, progress)
+    return [piece for clip in clips for piece in without_faults(clip)]
+
+
+def load_far_clips(data: Path) -> list[Clip]:
+    """Read the motions under ``data`` that are unlike any that is trained on, without faults; none if not there."""
+    clips = [_recorded(read_clip(path), FAR, subject_of(path)) for path in _recordings(data / "motion_cmu" / FAR)]
     return [piece for clip in clips for piece in without_faults(clip)]
 
 
@@ -79,12 +94,32 @@ def without_faults(clip: Clip) -> list[Clip]:
 
 def subject_of(path: Path) -> str:
     """Return the CMU subject of a clip's file; UNKNOWN for conversions that do not keep it."""
-    folder, stem = path.parent.name, path.stem
-    if folder in ("mb2", "amc") and stem[:2].isdigit():
-        return stem[:2]
+    folder, take = path.parent.name, _TAKE.match(path.name)
+    if folder in _NUMBERED and take:
+        return take.group(1)
     if folder == "daz":
-        return "60_61" if stem.startswith("salsa") else "135"
+        return "60_61" if path.stem.startswith("salsa") else "135"
     return "131" if folder == "max" else UNKNOWN
+
+
+def _recordings(folder: Path) -> list[Path]:
+    """Return the files of a folder of CMU's recordings that the corpus takes."""
+    if folder.name == "amc":
+        return [path for name in _AMC if (path := folder / f"{name}.amc.gz").is_file()]
+    return sorted(folder.glob("*.npz"))
+
+
+def _one_of_each_take(paths: Iterable[Path]) -> list[Path]:
+    """Return the first file of every numbered take, and all that are not numbered."""
+    first: dict[str, Path] = {}
+    for path in paths:
+        name = path.name.split(".")[0]
+        first.setdefault(name if name[:1].isdigit() else f"{path.parent.name}/{name}", path)
+    return list(first.values())
+
+
+def _read(path: Path) -> RecordedClip:
+    return read_amc(path, read_asf(path.with_name("11.asf"))) if path.suffix == ".gz" else read_clip(path)
 
 
 def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:
@@ -95,13 +130,6 @@ def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:
 
 def _at_corpus_rate(clip: RecordedClip) -> np.ndarray:
     return resample(body_rotations(clip)[:, 1:], clip.fps, FPS)
-
-
-def _acclaim(folder: Path) -> list[Clip]:
-    motions = [folder / f"{name}.amc.gz" for name in _AMC]
-    found = [path for path in motions if path.is_file()]
-    skeleton = read_asf(folder / "11.asf") if found else None
-    return [_recorded(read_amc(path, skeleton), "amc", subject_of(path)) for path in found if skeleton]
 
 
 def _makehuman(path: Path) -> list[Clip]:

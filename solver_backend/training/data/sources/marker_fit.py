@@ -114,6 +114,6 @@ def _free(
         return cost, DenseBlocks(hessian + 1e-3 * np.eye(hessian.shape[-1]), gradient)
 
     return levenberg_marquardt(
-        start, linearise, PosedFrames.retract, lambda mask, new, old: new.where(mask, old),
-        LMSettings(max_iterations=iterations),
+        start, linearise, PosedFrames.retract, LMSettings(max_iterations=iterations),
+        lambda mask, new, old: new.where(mask, old),
     ).state  # fmt: skip

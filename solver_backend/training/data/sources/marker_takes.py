@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.training.data.sources.marker_fit import MarkerFit, fit_markers
@@ -79,14 +79,8 @@ def _fit(subject: str, files: list[Path], kept: Path | None) -> list[MarkerTake]
     residual = np.split(1000 * np.nanmean(fit.residual_m, axis=1), ends[:-1])
     names = [path.stem for path in files]
     if kept:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        temporary = kept.with_name(kept.name + ".part")
-        with temporary.open("wb") as stream:
-            np.savez_compressed(
-                stream, names=np.array(names), ends=ends, rotations=np.concatenate(rotations),
-                residual_mm=np.concatenate(residual),
-            )  # fmt: skip
-        os.replace(temporary, kept)
+        arrays = {"names": np.array(names), "ends": ends, "rotations": np.concatenate(rotations)}
+        write_npz(kept, {**arrays, "residual_mm": np.concatenate(residual)}, overwrite=True)
     return [MarkerTake(n, subject, R, r) for n, R, r in zip(names, rotations, residual, strict=True)]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -19,7 +19,7 @@ from solver_backend.training.data.sources.marker_fit import MarkerFit
 from solver_backend.training.data.sources.marker_takes import fitted_takes, read_markers
 from solver_backend.training.engine.accuracy import joint_distances
 
-LABELS = MARKER_LAYOUTS["PLUGIN_GAIT_39"]
+LABELS = marker_layout("PLUGIN_GAIT_39")
 FRAMES = 6
 
 
