@@ -6,6 +6,7 @@ shape alone, so a take is a few matrix products.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -63,6 +64,23 @@ class Landmarks:
         anchors = np.tensordot(mix, weights[:, :, None] * rest[:, None], axes=1)
         directions = np.tensordot(mix, weights[:, :, None, None] * shapedirs[:, None], axes=1)
         return cls(names, mix @ weights, anchors, directions, posedirs)
+
+    def part(self, which: slice) -> Landmarks:
+        """Return some of the landmarks."""
+        posedirs = None if self.posedirs is None else self.posedirs[which]
+        return Landmarks(self.names[which], self.weights[which], self.anchors[which], self.shapedirs[which], posedirs)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
+        """Return the landmarks of all parts, one part after the other; rigid ones get correctives of zero."""
+        names = tuple(name for part in parts for name in part.names)
+        shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
+        skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
+        if skinned is None:
+            return cls(names, *shared)
+        rigid = [np.zeros((len(part), *skinned.shape[1:])) for part in parts]
+        posedirs = [zero if part.posedirs is None else part.posedirs for part, zero in zip(parts, rigid, strict=True)]
+        return cls(names, *shared, posedirs=np.concatenate(posedirs))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
 class LayoutFile:
     """What a file of marker layouts says (see ``docs/formats.md``)."""
 
+    kinds: dict[str, tuple[float, float]]
+    """How far markers of each kind of place stray from their rules: off the skin and along it, metres."""
     midline: dict[str, dict[str, Any]]
     """Rule of each place on the midline."""
     sided: dict[str, dict[str, Any]]
@@ -44,6 +46,11 @@ class LayoutFile:
         and ``Left ASIS`` are one place.
         """
         return next((self.names[key] for key in _keys(label) if key in self.names), None)
+
+    def spread_of(self, name: str) -> tuple[float, float]:
+        """Return how far a marker of this name or alias strays from its rule: off the skin and along it, metres."""
+        place = self.names[name]
+        return self.kinds[(self.midline.get(place) or self.sided[place[1:]])["kind"]]
 
     def is_virtual(self, label: str) -> bool:
         """Return whether a label is that of a computed point, no marker."""
@@ -71,6 +78,7 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
         if names.setdefault(alias, place) != place:
             raise BodyInvalid(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
     return LayoutFile(
+        {kind: (1e-3 * spread["off_mm"], 1e-3 * spread["along_mm"]) for kind, spread in values["kinds"].items()},
         values["midline"],
         values["sided"],
         {alias: place for alias, place in names.items() if alias not in places},

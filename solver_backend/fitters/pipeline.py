@@ -3,42 +3,50 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from solver_backend import __version__
-from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
-from solver_backend.exchange.errors import BackendMissing, TakeTooShort
+from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.global_method import solve_by_bundle
 from solver_backend.fitters.keyframes.resolve_range import solve_range
 from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
+from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.noise_aware.method import pose_prior, solve_noise_aware
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.settings import BY_FRAME, SolveSettings
 from solver_backend.fitters.single_frame.method import solve_by_frame
 from solver_backend.fitters.solution import Solution
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.types import Capture, Motion
+from solver_backend.types import Capture, MarkerSubject, Motion
 
-_METHODS = {"global": solve_by_bundle, "sliding": solve_by_sliding, "frame": solve_by_frame}
+_METHODS = {
+    "global": solve_by_bundle,
+    "sliding": solve_by_sliding,
+    "frame": solve_by_frame,
+    "noise-aware": solve_noise_aware,
+}
+_FIND_THE_SHAPE = ("noise-aware",)
+"""Methods whose own first stage finds the shape."""
 
 
 def solve(
     capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
-    prior: AutoencodingPrior | None = None,
+    prior: AutoencodingPrior | None = None, person: MarkerSubject | None = None,
 ) -> Solution:  # fmt: skip
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
@@ -47,16 +55,18 @@ def solve(
         settings: method, backend and the rest.
         progress: called as stages advance.
         prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
+        person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
         MarkersUnknown: too few markers have labels that a layout knows.
+        MarkersMirrored: left and right are exchanged, or an axis points the other way.
+        SubjectInvalid: the person is of another body, or wears other markers.
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
         BackendMissing: torch was asked for and is not installed.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
-    problem = prepare(capture, settings, progress)
-    problem = problem if prior is None else replace(problem, prior=prior)
+    problem = prepare(capture, settings, progress, prior, person)
     return solve_problem(problem, settings, progress, _sources(capture, settings))
 
 
@@ -71,19 +81,41 @@ def solve_problem(
         progress: called as stages advance.
         provenance: what the motion records besides.
     """
-    subject = learn_subject(problem, first_subject(problem, settings), settings, progress)
+    subject = first_subject(problem, settings)
+    if settings.method not in _FIND_THE_SHAPE:
+        subject = learn_subject(problem, subject, settings, progress)
     solved, convergence = _METHODS[settings.method](problem, subject, settings, progress)
+    prior = pose_prior() if settings.method == "noise-aware" else problem.prior
     record = {
         "solver": __version__,
         "settings": asdict(settings),
         "body": problem.body.id,
-        "prior": {"name": problem.prior.name, "weights": problem.prior.metadata.get("sha256")},
+        "prior": {"name": prior.name, "weights": prior.metadata.get("sha256")},
         **(provenance or {}),
         **problem.measurements.provenance,
         "status": convergence.status,
     }
     motion = build_motion(problem.measurements, solved, scale=settings.robust_scale, provenance=record)
     return Solution(motion, convergence.status)
+
+
+def calibrate_person(
+    captures: Sequence[Capture], settings: SolveSettings = SolveSettings(), progress: Progress = silent
+) -> MarkerSubject:
+    """Return the person who wears the same markers in one or several captures.
+
+    Raises:
+        NoDetections: a capture has no markers.
+        MarkersUnknown: too few markers have labels that a layout knows.
+        BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
+    """
+    for capture in captures:
+        if capture.markers is None:
+            raise NoDetections("The capture has no markers to calibrate.", where=capture.name, hint="Choose a C3D.")
+    clouds = [capture.markers for capture in captures if capture.markers is not None]
+    body, like = load_chosen_body(settings.body), _origin(settings.backend)
+    sources = {"sources": [source for capture in captures for source in capture.sources]}
+    return calibrated(clouds, body, load_sposer(), like, settings, progress, sources)
 
 
 def resolve_range(
@@ -97,37 +129,41 @@ def resolve_range(
         MotionInvalid: the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
-    problem = prepare(capture, settings, progress)
+    problem = prepare(capture, settings, progress, person=person_of(motion))
     return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
 
-def prepare(capture: Capture, settings: SolveSettings, progress: Progress) -> Problem:
-    """Return the views or the markers of a capture made ready for a solver.
+def prepare(
+    capture: Capture, settings: SolveSettings, progress: Progress, prior: AutoencodingPrior | None = None,
+    person: MarkerSubject | None = None,
+) -> Problem:  # fmt: skip
+    """Return the views of a capture made ready for a solver, or its markers where it has no keypoints.
 
     Raises:
-        TooFewViews, NoDetections, MarkersUnknown, TakeTooShort: as in ``solve``.
+        TooFewViews, NoDetections, MarkersUnknown, SubjectInvalid, TakeTooShort: as in ``solve``.
         BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
     if capture.keypoints is not None or capture.markers is None:
         capture.require_multiview()
-    if settings.method != "frame" and capture.num_frames < 4:
+    if settings.method not in BY_FRAME and capture.num_frames < 4:
         raise TakeTooShort(
             f"The bundle needs 4 frames, the take has {capture.num_frames}.", where=capture.name,
             hint="Use the method 'frame' for single images.",
         )  # fmt: skip
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
-    return Problem.of(body, load_sposer(), _measure(capture, body, like, settings, progress))
-
-
-def _measure(capture: Capture, body: Body, like: Array, settings: SolveSettings, progress: Progress) -> Measurements:
-    """Return what the capture measures: its views, or its markers where it has no keypoints."""
+    prior = load_sposer() if prior is None else prior
     if capture.keypoints is None and capture.markers is not None:
-        return measure_markers(known_markers_of(capture.markers), body, like)
-    return measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
+        if settings.method in _FIND_THE_SHAPE and person is None:
+            return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
+        return marker_problem(capture.markers, body, prior, like, settings, progress, person)
+    views = measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
+    return Problem.of(body, prior, views)
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the average person without bias, or one of the shape that the settings know."""
+    """Return the person who is known, else the average one without bias, of the shape that the settings know."""
+    if problem.measurements.subject is not None:
+        return problem.measurements.subject
     subject = Subject.average(problem.body, problem.measurements.landmarks, _origin(settings.backend))
     return subject if settings.betas is None else replace(subject, betas=constant(settings.betas, subject.betas))
 

@@ -7,7 +7,9 @@ from typing import Any
 
 from solver_backend.exchange.errors import JobInvalid
 
-METHODS = ("global", "sliding", "frame")
+METHODS = ("global", "sliding", "frame", "noise-aware")
+BY_FRAME = ("frame", "noise-aware")
+"""Methods that solve every frame on its own, and so even a single one."""
 BACKENDS = ("numpy", "torch")
 
 
@@ -17,24 +19,27 @@ class SolveSettings:
 
     method: str = "global"
     """'global': all latent keyframes of the take at once; 'sliding': window after window on the prior's manifold, as
-    published (thesis 6.3.2); 'frame': every frame on its own (eq. 6.5)."""
+    published (thesis 6.3.2); 'frame': every frame on its own (eq. 6.5); 'noise-aware': the same with a variance for
+    each landmark, estimated with the pose, as published (eq. 5.8)."""
     backend: str = "numpy"
     """'numpy' works everywhere; 'torch' uses torch's threads (results agree to 0.1 mm)."""
     window: int = 20
-    """Frames a window of the bundle; it holds a key at each end and one in the middle. 'sliding' takes the number as it
-    is, 'global' as a duration: so many frames at 60 a second."""
-    iterations: int = 8
-    """Linearisations at most for each step of the robust schedule."""
+    """Frames a window of 'sliding'; it holds a key at each end and one in the middle."""
+    iterations: int = 30
+    """Linearisations at most for each step of the robust schedule; most end sooner, when the cost no longer falls."""
     robust_scale: float = 4.0
     """Geman-McClure scale in standard deviations of the detector's noise."""
     refine_window: int = 10
-    """The same for the last passes of 'global': fast limbs need a key every few hundredths of a second."""
+    """The same for 'global', as a duration: so many frames at 60 a second. Fast limbs need a key every few hundredths
+    of a second."""
     residual_rotations: bool = True
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     body: str = "neutral"
     """Name of the body, or the path of a body file."""
+    layout: str = ""
+    """Path of a file that says which place each marker's label names; empty goes by the layouts that are known."""
     estimate_sync: bool = False
-    """Move each camera's detections by its estimated delay; without, only delays of two frames and more."""
+    """Where some camera is late, move the others by their delays too; without, only by sure ones from 0.3 frames on."""
     contacts: bool = True
     """Hold feet that stand to where they stand."""
     learn_noise: bool = True
@@ -60,6 +65,7 @@ class SolveSettings:
             "contacts": (isinstance(self.contacts, bool), "true or false"),
             "learn_noise": (isinstance(self.learn_noise, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
+            "layout": (isinstance(self.layout, str), "the path of a layout's file"),
             "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
         }

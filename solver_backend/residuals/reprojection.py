@@ -43,7 +43,7 @@ class ReprojectionTerm:
         Args:
             cameras: C calibrated cameras.
             keypoints: detections of the same C views.
-            sigma_px: (L,) standard deviation of each keypoint's noise.
+            sigma_px: standard deviation of each detection, broadcast against (C, F, L).
             like: array that says kind, type and device.
         """
         seen = keypoints.confidence > 0

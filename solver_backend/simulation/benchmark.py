@@ -46,6 +46,8 @@ class BenchmarkSettings:
     """Of shape, bias and noise."""
     sync_offset_frames: float = 0.0
     """Largest delay of a camera; each but the first draws its own, uniformly in ±."""
+    largest_delay_frames: float = 0.0
+    """Largest lateness of a camera; each but the first draws its own, uniformly from 0, beside the one above."""
     anatomy_mm: float = 8.0
     """Standard deviation per axis of what a detector means by a joint against what the body means: a solve of the
     recording assigns its landmarks 9.6 mm, of which a part is common to all people and in the landmarks' definition."""
@@ -57,11 +59,19 @@ class BenchmarkSettings:
     """The detector."""
 
 
-def benchmark_capture(take: Take, settings: BenchmarkSettings = BenchmarkSettings()) -> Capture:
+def benchmark_capture(
+    take: Take, settings: BenchmarkSettings = BenchmarkSettings(), body: Body | None = None
+) -> Capture:
     """Film a take; the truth goes along.
 
-    Truth: SMPL parameters, joints, keypoints3d; ``swapped`` and ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb,
-    first frame, one past the last), ``delay_frames`` (C,), and the cameras as they stood, ``R`` and ``t``.
+    Truth: SMPL parameters, joints, keypoints3d, and ``meant3d``, the points that the detector means; ``swapped`` and
+    ``outlier`` (C, F, K), ``swaps`` (N, 4: view, limb, first frame, one past the last), ``delay_frames`` (C,), and the
+    cameras as they stood, ``R`` and ``t``.
+
+    Args:
+        take: recorded motion.
+        settings: how it is filmed.
+        body: whose shapes the person's is drawn from; the one that ships if left out.
 
     Raises:
         TakeTooShort: fewer than four frames.
@@ -69,18 +79,21 @@ def benchmark_capture(take: Take, settings: BenchmarkSettings = BenchmarkSetting
     if len(take.rotations) < 4:
         raise TakeTooShort(f"A benchmark take needs 4 frames, this one has {len(take.rotations)}.", where=take.name)
     rng = np.random.default_rng(settings.seed)
-    person = cast_person(take, rng)
+    person = cast_person(take, rng, body)
     true = person.landmarks(JOINT_SET)
     pelvis = true.skeleton.joints[:, 0]
     cameras = around(pelvis, settings.num_views)
-    delays = np.r_[0.0, rng.uniform(-1, 1, len(cameras) - 1)] * settings.sync_offset_frames
-    filming = FilmSettings(JOINT_SET, take.fps, settings.detector, 1e-3 * settings.anatomy_mm, delays)
-    found = film(person, cameras, filming, rng)
+    share = rng.uniform(-1, 1, len(cameras) - 1)
+    late = settings.sync_offset_frames * share + settings.largest_delay_frames * 0.5 * (share + 1.0)
+    delays = np.r_[0.0, late]
+    offsets = 1e-3 * settings.anatomy_mm * rng.normal(size=(JOINT_SET.num_keypoints, 3))
+    found = film(person, cameras, FilmSettings(JOINT_SET, take.fps, settings.detector, offsets, delays), rng)
     body_pose = np.zeros((len(person.local), 3 * (NUM_JOINTS - 1)))
     body_pose[:, : 3 * NUM_BODY_JOINTS] = log_so3(person.local).reshape(len(person.local), -1)
     truth = {
         "betas": person.betas, "global_orient": log_so3(person.orient), "body_pose": body_pose,
         "transl": person.transl, "joints": true.skeleton.joints, "keypoints3d": true.points,
+        "meant3d": person.landmarks(JOINT_SET, offsets).points,
         "swapped": found.swapped, "outlier": found.outlier, "swaps": found.swaps, "delay_frames": delays,
         "R": cameras.R, "t": cameras.t,
     }  # fmt: skip
@@ -95,9 +108,9 @@ def benchmark_capture(take: Take, settings: BenchmarkSettings = BenchmarkSetting
     )
 
 
-def cast_person(take: Take, rng: np.random.Generator) -> Person:
+def cast_person(take: Take, rng: np.random.Generator, body: Body | None = None) -> Person:
     """Return somebody of random shape who does what was recorded, on the floor."""
-    body = load_body()
+    body = body or load_body()
     betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
     orient, transl = _on_the_floor(body, betas, take)
     return Person(body, betas, orient, take.rotations[:, 1:], transl)

@@ -86,8 +86,9 @@ class FilmSettings:
     """Frames per second."""
     detector: DetectorModel
     """The detector."""
-    anatomy_m: float = 0.0
-    """Standard deviation per axis of what the detector means by a joint against what the body means, metres."""
+    offsets: np.ndarray | None = None
+    """(K, 3) metres in the rest frames, from what the body means by a keypoint to what the detector means; None for
+    none."""
     delays: np.ndarray | None = None
     """(C,) frames by which views lag; None for none."""
 
@@ -102,7 +103,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
         rng: seeded source of randomness.
     """
     joint_set = settings.joint_set
-    posed = person.landmarks(joint_set, settings.anatomy_m * rng.normal(size=(joint_set.num_keypoints, 3)))
+    posed = person.landmarks(joint_set, settings.offsets)
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
     if settings.delays is not None:
         px = np.stack([delayed(track, delay) for track, delay in zip(px, settings.delays, strict=True)])

@@ -13,6 +13,9 @@ from solver_backend.solver.normal_equations import NormalEquations
 
 State = TypeVar("State")
 
+MOST_DAMPING = 1e4
+"""Where even a step so damped raises the cost, none lowers it."""
+
 
 @dataclass(frozen=True)
 class LMSettings:
@@ -21,7 +24,7 @@ class LMSettings:
     max_iterations: int = 20
     """Linearisations at most."""
     tolerance: float = 1e-4
-    """Stop when no step changes a problem's cost by more than this share, up or down."""
+    """A problem is solved when a step that lowers its cost lowers it by less than this share."""
     damping: float = 1e-3
     """First damping, relative to the diagonal of H (Marquardt 1963)."""
 
@@ -51,8 +54,8 @@ def levenberg_marquardt(
     state: State,
     linearise: Callable[[State], tuple[Array, NormalEquations]],
     retract: Callable[[State, Array], State],
-    select: Callable[[Array, State, State], State],
     settings: LMSettings = LMSettings(),
+    select: Callable[[Array, State, State], State] = lambda _, new, old: new,
 ) -> LMResult[State]:
     """Minimise ``sum_b f_b`` where problem b depends on its own unknowns alone.
 
@@ -63,12 +66,13 @@ def levenberg_marquardt(
         state: where to start.
         linearise: state -> ((B,) costs, normal equations).
         retract: (state, (B, n) tangent steps) -> state on the manifold.
-        select: ((B,) mask, new, old) -> state that takes the masked problems from new; the costs follow it.
         settings: stopping and damping.
+        select: ((B,) mask, new, old) -> state that takes the masked problems from new; the costs follow it. Not needed
+            for one problem, which takes a step or does not.
     """
     cost, system = linearise(state)
     xp = array_namespace(cost)
-    damping = xp.full_like(cost, settings.damping)
+    damping, settled = xp.full_like(cost, settings.damping), xp.zeros_like(cost, dtype=xp.bool)
     for iteration in range(1, settings.max_iterations + 1):
         candidate = retract(state, system.solve(damping))
         new_cost, new_system = linearise(candidate)
@@ -80,7 +84,8 @@ def levenberg_marquardt(
         elif bool(xp.any(better)):
             state, system = select(better, candidate, state), system.merged(better, new_system)
             cost = xp.where(better, new_cost, cost)
-        stuck = ~better & (damping > 1e4)
-        if bool(xp.all((change < settings.tolerance) | stuck)):
+        # A step that was refused says nothing of how near the minimum is, unless not even the shortest is taken.
+        settled = settled | (better & (change < settings.tolerance)) | (~better & (damping > MOST_DAMPING))
+        if bool(xp.all(settled)):
             return LMResult(state, cost, system, iteration, True)
     return LMResult(state, cost, system, settings.max_iterations, False)

@@ -12,7 +12,7 @@ from assets_procedural.anny_rig import TOPOLOGIES, Rig
 from solver_backend.body.body import DEFAULT_BODY, load_body
 from solver_backend.body.files.choices import list_bodies, load_chosen_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.errors import BackendMissing, JobInvalid
 from solver_backend.types import SMPL_JOINTS, JointSet
 
@@ -83,7 +83,7 @@ def test_the_baked_body_is_like_ours(tmp_path):
     assert body.stature_m == pytest.approx(1.70, abs=0.06)
     assert np.linalg.norm(body.joints_template - ours.joints_template, axis=1).max() < 0.08
     assert (body.weights > 0).sum(1).max() <= 6
-    assert len(marker_landmarks(body, MARKER_LAYOUTS["MANIFOLD_53"])) == 53
+    assert len(marker_landmarks(body, marker_layout("MANIFOLD_53"))) == 53
     for joint_set in JointSet:
         keypoint_landmarks(body, joint_set)
 

@@ -9,11 +9,16 @@ from solver_backend.body.body import load_body
 from solver_backend.body.files.smpl_files import load_smpl_file
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import Landmarks
-from solver_backend.body.markers import ALIASES, MARKER_LAYOUTS, MARKER_OFFSET_M, known_markers, marker_landmarks
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.markers import (
+    MARKER_OFFSET_M,
+    known_markers,
+    marker_landmarks,
+)
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.types import SMPL_JOINTS, JointSet
 
-ALL_MARKERS = tuple(sorted({name for layout in MARKER_LAYOUTS.values() for name in layout}))
+ALL_MARKERS = tuple(sorted({name for layout in load_layouts().layouts.values() for name in layout}))
 HOLLOWS = ("T4", "T10", "STRN", "SACR")
 """Over the furrows of spine and breast bone the skin beside is nearer to a marker than the skin below it."""
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -82,7 +87,7 @@ def test_necks_and_middles_are_midpoints(body):
 
 @pytest.mark.parametrize(("layout", "count"), [("CMU_41", 41), ("PLUGIN_GAIT_39", 39), ("MANIFOLD_53", 53)])
 def test_layouts_have_their_markers(layout, count):
-    names = MARKER_LAYOUTS[layout]
+    names = load_layouts().layouts[layout]
     assert len(names) == len(set(names)) == count and set(names) <= known_markers()
 
 
@@ -108,7 +113,8 @@ def test_markers_mirror_each_other(body):
 
 
 def test_aliases_are_the_same_places(body):
-    names, others = tuple(ALIASES), tuple(ALIASES.values())
+    aliases = load_layouts().aliases
+    names, others = tuple(aliases), tuple(aliases.values())
     np.testing.assert_array_equal(rest(marker_landmarks(body, names)), rest(marker_landmarks(body, others)))
 
 

@@ -58,3 +58,20 @@ def test_blocks_in_single_precision_steer_nearly_as_well():
     single = BlockTridiagonal(*(a.astype(np.float32) for a in (system.diagonal, system.upper)), system.g)
     expected = -np.linalg.solve(dense, system.g.reshape(-1))
     assert np.linalg.norm(single.solve(np.zeros(1))[0] - expected) < 1e-3 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "torch"])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_variance_is_negative_where_rounding_is_larger_than_what_is_known(seed, backend):
+    """Fifteen precise measurements of 24 unknowns: what they leave open is known to 1e-2, and their rounding is 1e2."""
+    rng, count, size = np.random.default_rng(seed), 4, 6
+    dense = np.zeros((count * size, count * size))
+    for i in range(count - 1):
+        seen = np.arange(i * size, (i + 2) * size)
+        a = 1e4 * rng.normal(size=(len(seen), 5))
+        dense[np.ix_(seen, seen)] += a @ a.T
+    cut = dense.astype(np.float32).reshape(count, size, count, size)
+    diagonal = np.stack([cut[i, :, i] for i in range(count)]) + np.float32(1e-2) * np.eye(size, dtype=np.float32)
+    system = BlockTridiagonal(diagonal, np.stack([cut[i, :, i + 1] for i in range(count - 1)]), np.zeros((count, size)))
+    variances = (system if backend == "numpy" else as_torch(system)).marginals()[0]
+    assert (np.diagonal(np.asarray(variances), axis1=1, axis2=2) > 0).all()

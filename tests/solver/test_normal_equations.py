@@ -45,7 +45,7 @@ def test_lm_solves_many_rosenbrock_valleys_at_once(backend):
     def select(mask, new, old):
         return xp.where(mask[:, None], new, old)
 
-    result = levenberg_marquardt(state, linearise, lambda p, d: p + d, select, LMSettings(200, 1e-12))
+    result = levenberg_marquardt(state, linearise, lambda p, d: p + d, LMSettings(200, 1e-12), select)
     np.testing.assert_allclose(np.asarray(result.state), 1.0, atol=1e-6)
 
 
@@ -56,5 +56,33 @@ def test_lm_never_ends_above_its_start():
         return cost, DenseBlocks(np.full((1, 1, 1), 1.0), g)
 
     start = np.array([[0.4]])
-    result = levenberg_marquardt(start, linearise, lambda p, d: p + d, lambda m, n, o: n, LMSettings(30))
+    result = levenberg_marquardt(start, linearise, lambda p, d: p + d, LMSettings(30))
     assert result.cost[0] < linearise(start)[0][0]
+
+
+def test_a_refused_step_is_no_convergence():
+    """The model is too flat by 0.2 %: a full step ends beyond the minimum, as high as it began and a little higher."""
+
+    def linearise(p):
+        return 0.5 * p[:, 0] ** 2, DenseBlocks(np.full((1, 1, 1), 0.499), p)
+
+    def refused(settings):
+        return levenberg_marquardt(np.ones((1, 1)), linearise, lambda p, d: p + d, settings)
+
+    assert refused(LMSettings(1, 1e-2)).cost[0] == 0.5
+    assert not refused(LMSettings(1, 1e-2)).converged
+    assert refused(LMSettings(3, 1e-2)).cost[0] < 0.5
+
+
+def test_problems_that_came_to_rest_do_not_wait_for_steps_that_rounding_refuses():
+    """One problem is at its minimum from the second step on, where costs no longer fall; the other needs a few more."""
+    scale = np.array([1.0, 0.2])
+
+    def linearise(p):
+        return 1.0 + 0.5 * p[:, 0] ** 2, DenseBlocks((1.0 / scale)[:, None, None] * np.ones((2, 1, 1)), p)
+
+    def select(mask, new, old):
+        return np.where(mask[:, None], new, old)
+
+    found = levenberg_marquardt(np.ones((2, 1)), linearise, lambda p, d: p + d, LMSettings(40, 1e-6), select)
+    assert found.converged and found.iterations < 36

@@ -57,12 +57,13 @@ def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | 
             where=where,
             hint="Read the file with flat hands.",
         )
-    means = [np.asarray(arrays[key], dtype=np.float64) for key in _HANDS]
+    means = [np.asarray(arrays[key]) for key in _HANDS]
     for key, mean in zip(_HANDS, means, strict=True):
-        if mean.size != 45 or not np.isfinite(mean).all():
-            raise BodyInvalid(f"{key} has shape {mean.shape}; 45 finite numbers are expected.", where=where)
+        if mean.dtype.kind not in "fiu" or mean.size != 45 or not np.isfinite(mean).all():
+            found = f"{mean.dtype} of shape {mean.shape}"
+            raise BodyInvalid(f"{key} is {found}; 45 finite numbers are expected.", where=where)
     face = len(body.parents) - 22 - 30
-    return np.concatenate([np.zeros((face, 3)), *(mean.reshape(15, 3) for mean in means)])
+    return np.concatenate([np.zeros((face, 3)), *(mean.reshape(15, 3).astype(np.float64) for mean in means)])
 
 
 def _read_npz(path: Path) -> dict[str, Any]:

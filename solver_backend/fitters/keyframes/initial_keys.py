@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
@@ -10,18 +11,34 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import quat_from_matrix
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:
-    """Return keyframes fitted to the located points of the seen frames nearest to them."""
-    seen = np.flatnonzero(problem.measurements.seen)
-    after = np.clip(np.searchsorted(seen, layout.key_times), 1, max(1, len(seen) - 1))
-    before, after = seen[after - 1], seen[np.minimum(after, len(seen) - 1)]
-    nearest = np.where(layout.key_times - before <= after - layout.key_times, before, after)
-    unique, inverse = np.unique(nearest, return_inverse=True)
+    """Return keyframes fitted to the located points of the seen frames nearest to them.
+
+    Those between frames that nobody saw lie on the geodesics from the last seen frame to the next.
+    """
+    before, after, share = _neighbours(np.flatnonzero(problem.measurements.seen), layout.key_times)
+    unique, inverse = np.unique(np.concatenate([before, after]), return_inverse=True)
     states = fit_to_points(problem, subject, unique)
-    index = np.asarray(inverse).reshape(-1)
-    residual = constant(np.zeros((layout.num_keys, 21, 3)), states.z)
-    keys = Keyframes(states.z[index], quat_from_matrix(states.root)[index], states.transl[index], residual)
-    return hemisphere_aligned(keys)
+    first, second = np.split(np.asarray(inverse).reshape(-1), 2)
+    residual, t = constant(np.zeros((layout.num_keys, 21, 3)), states.z), constant(share, states.z)
+    quat = quat_from_matrix(states.root)
+    xp = array_namespace(quat)
+    near = xp.sum(quat[first] * quat[second], axis=-1, keepdims=True) >= 0
+    transl = states.transl[first] + t[:, None] * (states.transl[second] - states.transl[first])
+    roots = slerp(quat[first], xp.where(near, quat[second], -quat[second]), t)
+    return hemisphere_aligned(Keyframes(slerp(states.z[first], states.z[second], t), roots, transl, residual))
+
+
+def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the seen frames before and after each time and its share of the way; twice the nearest where both are."""
+    index = np.searchsorted(seen, times)
+    before, after = seen[np.maximum(index - 1, 0)], seen[np.minimum(index, len(seen) - 1)]
+    before = np.where(index == 0, after, before)
+    gap = after - before > 1
+    nearest = np.where(times - before <= after - times, before, after)
+    share = np.where(gap, (times - before) / np.maximum(after - before, 1), 0.0)
+    return np.where(gap, before, nearest), np.where(gap, after, nearest), share

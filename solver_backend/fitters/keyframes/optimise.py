@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -75,9 +74,14 @@ class BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
 
-    def poses(self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None) -> PosedFrames:
-        """Return the poses that the keys make of these frame numbers, or of all frames of the layout."""
-        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals)
+    def poses(
+        self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, blended: bool = False
+    ) -> PosedFrames:
+        """Return the poses that the keys make of these frame numbers, or of all frames of the layout.
+
+        They lie on the windows' own curves, which is what is solved; or, as a take is handed over, on the blended one.
+        """
+        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals, blended=blended)
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES
@@ -163,13 +167,8 @@ def solve_keys(
             return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
 
         settings = LMSettings(schedule.iterations, schedule.tolerance)
-        result = levenberg_marquardt(keys, linearise, retract, _take, settings)
+        result = levenberg_marquardt(keys, linearise, retract, settings)
         keys = result.state
         solution = KeySolution(keys, float(result.cost[0]), Convergence.of(result))
     assert solution is not None
     return solution
-
-
-def _take(mask: Any, new: Keyframes, old: Keyframes) -> Keyframes:
-    """Return the new state of the one problem where it is better."""
-    return new if bool(mask[0]) else old

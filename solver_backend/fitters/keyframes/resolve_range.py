@@ -63,7 +63,13 @@ def solve_range(
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = problem.frames_of(settings.refine_window), settings.robust_scale
     judged, objective = before.select(sample), problem.objective.select(sample)
-    subject = refit_shape(subject, judged, objective, scale, ShapePrior(free_betas=False))
+    subject = refit_shape(
+        subject,
+        judged,
+        objective,
+        scale,
+        ShapePrior(free_betas=False, free_offsets=problem.measurements.subject is None),
+    )
     data = with_learned_noise(problem, subject, judged, settings)
     layout, free = _layout(frame_range, motion.num_frames, window)
     measured = bundle_objective(problem, layout, window, (data,), residuals=settings.residual_rotations)
@@ -76,7 +82,7 @@ def solve_range(
         found.append(solve_keys(model, layout, start, schedule, ~free))
         progress(STAGE, len(found), 3)
     best, contacts = min(found, key=lambda solution: solution.cost), None
-    if settings.contacts:
+    if settings.contacts and problem.measurements.subject is None:
         contacts = contacts_in_place(problem, subject, before, model.poses(best.keys, layout), layout, frame_range)
         points = (data, contacts.term(best.keys.z))
         standing = bundle_objective(problem, layout, window, points, residuals=model.residuals)

@@ -46,6 +46,10 @@ class SolvedRange:
         return frames[inside & ~np.isin(frames, list(fixed))]
 
 
+_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")
+"""Arrays of a motion that are not one value a frame."""
+
+
 def contacts_in_place(
     problem: Problem, subject: Subject, before: PosedFrames, frames: PosedFrames, layout: KeyframeLayout,
     frame_range: FrameRange,
@@ -87,7 +91,7 @@ def spliced(
     values: dict[str, Any] = {}
     for field in fields(Motion):
         old, new = getattr(motion, field.name), getattr(again, field.name)
-        if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name != "betas":
+        if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name not in _OF_THE_TAKE:
             values[field.name] = old.copy()
             index = (slice(None), moved) if field.name == "reprojection_px" else moved
             values[field.name][index] = new[index]

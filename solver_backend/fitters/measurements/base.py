@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from solver_backend.body.landmarks import Landmarks
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.types import JointSet
 
@@ -40,9 +41,12 @@ class Measurements:
     """Names of the points, where they are a detector's keypoints."""
     marker_labels: tuple[str, ...] | None = None
     """Names of the points, where they are optical markers."""
-    places_first: bool = False
-    """Where the points sit on the body is learned with its shape: markers sit where somebody put them. The bias of a
-    detector waits for poses that follow fast limbs."""
+    marker_sigma: np.ndarray | None = None
+    """(L,) standard deviation of each marker around where the body has it, per axis, metres."""
+    marker_flags: np.ndarray | None = None
+    """(F, L) bit mask of ``MARKER_*``."""
+    subject: Subject | None = None
+    """The person, where they are known before the solve: markers are calibrated first."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.landmarks import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
 from solver_backend.body.markers import marker_landmarks
@@ -20,14 +23,14 @@ SIGMA_M = 0.01
 """Standard deviation of a marker against the body, per axis: skin that slides, and placement while it is learned."""
 
 
-def known_markers_of(cloud: MarkerCloud) -> MarkerCloud:
-    """Return the markers whose labels a layout knows.
+def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
+    """Return the markers whose labels a layout knows, or whose place is told by hand (see ``name_markers``).
 
     Raises:
         MarkersUnknown: there are no labels, or fewer than ``LEAST_MARKERS`` of them are known.
     """
     labels = _require_labels(cloud)
-    names = name_markers(labels)
+    names = name_markers(labels, own)
     if len(names.known) < LEAST_MARKERS:
         read = [label for label in labels if label not in names.virtual]
         raise MarkersUnknown(
@@ -41,7 +44,9 @@ def known_markers_of(cloud: MarkerCloud) -> MarkerCloud:
     return replace(cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual)
 
 
-def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M) -> Measurements:
+def measure_markers(
+    cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M, own: Mapping[str, str] = MappingProxyType({})
+) -> Measurements:
     """Return what labelled markers measure.
 
     Args:
@@ -49,12 +54,29 @@ def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float 
         body: on whose skin they sit.
         like: array that says kind, type and device.
         sigma_m: standard deviation of a marker against the body, per axis.
+        own: places told by hand, see ``name_markers``.
 
     Raises:
         MarkersUnknown: there are no labels, one stands twice or is of no known layout.
         NoDetections: in no frame enough markers are there to place a body.
     """
-    places = _places(cloud)
+    return measured_at(
+        cloud, marker_landmarks(body, _places(cloud, own)), like, np.full(len(cloud.labels or ()), sigma_m)
+    )
+
+
+def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
+    """Return what markers measure whose landmarks are known.
+
+    Args:
+        cloud: F frames of L labelled markers.
+        landmarks: the L places of the markers on the body.
+        like: array that says kind, type and device.
+        sigma_m: (L,) standard deviation of each marker against the body, per axis.
+
+    Raises:
+        NoDetections: in no frame enough markers are there to place a body.
+    """
     points = np.asarray(cloud.positions, dtype=np.float64)
     located = np.isfinite(points).all(-1)
     points = np.where(located[..., None], points, np.nan)
@@ -62,15 +84,17 @@ def measure_markers(cloud: MarkerCloud, body: Body, like: Array, sigma_m: float 
         raise NoDetections("In no frame are there enough markers to place a body.", hint="Choose another recording.")
     filled = np.where(located[..., None], points, 0.0)
     return Measurements(
-        landmarks=marker_landmarks(body, places),
+        landmarks=landmarks,
         points=points,
         covariance=np.zeros((*points.shape, 3)),
         term=PositionTerm(constant(filled, like), constant(located * sigma_m**-2, like)),
         fps=cloud.fps,
         report=MarkerReport(points),
         marker_labels=cloud.labels,
-        places_first=True,
-        provenance={"markers": list(places), "sigma_mm": round(1000 * sigma_m, 3)},
+        provenance={
+            "markers": list(landmarks.names),
+            "sigma_mm": [round(1000 * float(value), 3) for value in sigma_m],
+        },
     )
 
 
@@ -99,10 +123,10 @@ def _require_labels(cloud: MarkerCloud) -> tuple[str, ...]:
     return cloud.labels
 
 
-def _places(cloud: MarkerCloud) -> tuple[str, ...]:
+def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     """Return the place of every marker."""
     labels, layouts = _require_labels(cloud), load_layouts()
-    names = name_markers(labels)
+    names = name_markers(labels, own)
     if unknown := sorted({label.rpartition(":")[2] for label in (*names.unknown, *names.virtual)}):
         raise MarkersUnknown(
             f"No layout knows the marker{'s' if len(unknown) > 1 else ''} {', '.join(unknown)}.",

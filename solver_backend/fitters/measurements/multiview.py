@@ -12,6 +12,7 @@ from solver_backend.cameras.triangulation.triangulate import Triangulation, tria
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
+from solver_backend.fitters.measurements.model_error import fit_sigma_px
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.geometry.arrays import Array
 from solver_backend.metrics.image import reprojection_px
@@ -43,9 +44,18 @@ def measure_views(
 
 
 def measurements_of(
-    capture: Capture, triangulation: Triangulation, body: Body, like: Array, faults: tuple[Fault, ...] = ()
-) -> Measurements:
+    capture: Capture, triangulation: Triangulation, body: Body, like: Array, faults: tuple[Fault, ...] = (), *,
+    model_error: bool = True,
+) -> Measurements:  # fmt: skip
     """Return the measurements of a capture that is triangulated and taken as it is.
+
+    Args:
+        capture: calibrated cameras and 2D keypoints.
+        triangulation: of these.
+        body: whose landmarks the keypoints are.
+        like: array that says kind, type and device.
+        faults: what was found before.
+        model_error: allow for what a body cannot follow beside the detector's noise (see ``fit_sigma_px``).
 
     Raises:
         NoDetections: in no frame enough points are known to place a body.
@@ -57,11 +67,12 @@ def measurements_of(
             hint="Check that the calibration belongs to this recording and that the cameras are synchronised.",
         )  # fmt: skip
     sigma_px = triangulation.sigma_px
+    fit_px = fit_sigma_px(cameras, triangulation.points, sigma_px) if model_error else sigma_px
     return Measurements(
         landmarks=keypoint_landmarks(body, keypoints.joint_set),
         points=triangulation.points,
         covariance=triangulation.covariance,
-        term=ReprojectionTerm.of(cameras, keypoints, sigma_px, like),
+        term=ReprojectionTerm.of(cameras, keypoints, fit_px, like),
         fps=keypoints.fps,
         report=ReprojectionReport(cameras, keypoints),
         joint_set=keypoints.joint_set,

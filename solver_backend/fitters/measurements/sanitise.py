@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.label_swaps import undo_swaps
-from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
+from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.exchange.progress import Progress
@@ -19,12 +19,10 @@ from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D
 
 STAGE = "Checking the cameras"
 STEPS = 5
-LEAST_DELAY_FRAMES = 0.5
+LEAST_DELAY_FRAMES = 0.3
 """Smaller delays are not worth a word ..."""
-LEAST_DELAY_SIGMAS = 12.0
-"""... nor those that are not sure: neighbouring frames err alike, so that the true deviation is larger."""
-LATE_FRAMES = 2.0
-"""A camera that is late by so much is moved unasked: by then fast limbs contradict the other views."""
+LEAST_DELAY_SIGMAS = 8.0
+"""... nor those that are not sure: a detector errs alike for longer than the deviation knows."""
 AWAY_S = 0.25
 """Shorter absences are not named, only bridged and flagged."""
 
@@ -53,7 +51,7 @@ def check_capture(
         capture: as it was read.
         triangulation: of that capture.
         progress: called as the checks advance.
-        estimate_sync: move each camera's detections by its estimated delay, however small.
+        estimate_sync: where some camera is late, move the others by their delays too, however small.
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
@@ -82,21 +80,30 @@ def check_capture(
 def _in_time(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, every: bool
 ) -> tuple[Keypoints2D, Triangulation, list[Fault]]:
-    """Return the detections, those of (every or very) late cameras moved, their triangulation, and what is late."""
-    delays = estimate_delays(cameras, keypoints, triangulation.sigma_px)
+    """Return the detections, those of late (or all) cameras moved, their triangulation, and what is late or unknown."""
+    delays = estimate_delays(cameras, keypoints, triangulation)
     late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
-    moved = late & (every | (np.abs(delays.frames) >= LATE_FRAMES))
-    faults = [
-        Fault(
-            FaultKind.UNSYNCHRONISED, cameras.names[v], 0, keypoints.num_frames - 1,
-            round(float(delays.frames[v]), 2), Remedy.REPAIRED if moved[v] else Remedy.REPORTED,
-        )
-        for v in np.flatnonzero(late)
-    ]  # fmt: skip
+    drifting = np.nan_to_num(delays.drift) != 0
+    moved = late | drifting
+    last = keypoints.num_frames - 1
+
+    def faults(kind: FaultKind, which: np.ndarray, figures: np.ndarray, remedy: Remedy) -> list[Fault]:
+        return [
+            Fault(kind, cameras.names[v], 0, last, round(float(figures[v]), 2), remedy) for v in np.flatnonzero(which)
+        ]
+
+    unknown = np.isnan(delays.frames) & (keypoints.num_frames >= LEAST_FRAMES)
+    found = faults(FaultKind.UNSYNCHRONISED, late & ~drifting, delays.frames, Remedy.REPAIRED)
+    found += faults(FaultKind.RATE_DIFFERS, drifting, 2 * delays.drift, Remedy.REPAIRED)
+    if unknown.all():
+        found.append(Fault(FaultKind.DELAY_UNKNOWN, "", 0, last, 0.0, Remedy.REPORTED))
+    else:
+        found += faults(FaultKind.DELAY_UNKNOWN, unknown, np.zeros(len(cameras)), Remedy.REPORTED)
     if moved.any():
-        keypoints = synchronised(keypoints, np.where(moved | every, np.nan_to_num(delays.frames), 0.0))
+        moving = moved | every
+        keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(last + 1)), 0.0))
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
-    return keypoints, triangulation, faults
+    return keypoints, triangulation, found
 
 
 def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:

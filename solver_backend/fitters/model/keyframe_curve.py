@@ -16,8 +16,9 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.codes import CODES, decoded, decoded_with_vjp, decoder_jacobian
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.spherical_mean import SphericalMean
 from solver_backend.fitters.model.tangent import PoseTangent, d_pose_d_state
 from solver_backend.geometry.arrays import Array, constant, zeros
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
@@ -107,6 +108,18 @@ class KeyframeCurve:
         between = codes(keys.z[:, None], t), quats(keys.quat[:, None], t)
         return cls(keys, *between, lagrange(t, keys.z.shape[1]), residuals)
 
+    @classmethod
+    def blended(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
+        """Return the curve whose velocities agree where windows meet.
+
+        Args:
+            keys: (W, 5) keys, see ``Keyframes.fives``.
+            shares: (W, n, 5) weights of these keys, see ``KeyframeLayout.blended_shares``.
+            residuals: let the residual rotations act.
+        """
+        weights = constant(shares, keys.z)
+        return cls(keys, SphericalMean.of(keys.z, weights), SphericalMean.of(keys.quat, weights), weights, residuals)
+
     @property
     def transl(self) -> Array:
         """(W·n, 3) metres: ``Σ_k w_k(t) x_k`` (thesis eq. 6.10)."""
@@ -192,22 +205,20 @@ def by_turns(quat: Array, by_quat: Array) -> Array:
 
 
 def key_poses(
-    prior: PosePrior, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, residuals: bool
-) -> PosedFrames:
+    prior: PosePrior, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, residuals: bool,
+    blended: bool = False,
+) -> PosedFrames:  # fmt: skip
     """Return the poses of these frame numbers, or of all frames of the layout."""
     window, time = layout.positions(layout.frames if frames is None else frames)
+
+    def curve(part: slice) -> KeyframeCurve:
+        if not blended:
+            return _curve_at(keys, window[part], time[part], residuals=residuals)
+        shares = layout.blended_shares(window[part], time[part])[:, None]
+        return KeyframeCurve.blended(keys.fives(window[part]), shares, residuals=residuals)
+
     parts = [slice(i, i + BLOCK_POSES) for i in range(0, len(time), BLOCK_POSES)]
-    return PosedFrames.concatenate(
-        [_curve_at(keys, window[part], time[part], residuals=residuals).poses(prior) for part in parts]
-    )
-
-
-def resampled(keys: Keyframes, layout: KeyframeLayout, finer: KeyframeLayout) -> Keyframes:
-    """Return keys at another layout's times, on the curves through the given keys."""
-    curve = _curve_at(keys, *layout.positions(finer.key_times), residuals=True)
-    z, quat, residual = _rows(curve.codes.value), _rows(curve.quats.value), curve.residual
-    assert residual is not None
-    return hemisphere_aligned(Keyframes(z, quat, curve.transl, residual))
+    return PosedFrames.concatenate([curve(part).poses(prior) for part in parts])
 
 
 def _curve_at(keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool) -> KeyframeCurve:

@@ -49,6 +49,32 @@ class KeyframeLayout:
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
+    def blended_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return (..., 5) weights of the keys 2w - 1 .. 2w + 3 on the blended curve at places of the same shape.
+
+        Between the keys k and k + 1, at the share u of the way, ``(1 - u) P_k(t) + u P_{k+1}(t)`` with the parabola
+        P_k through the keys k - 1, k, k + 1: the curve passes through its keys, and so do its velocities, P_k's at k.
+        The first and the last stretch are parabolas.
+
+        Reference: Overhauser 1968, "Analytic definition of curves and surfaces by parabolic blending".
+        """
+        late = (time >= 0.5).astype(int)
+        key, u, last = 2 * window + late, 2.0 * time - late, self.num_keys - 1
+        blend = np.where(key == 0, 1.0, np.where(key + 1 == last, 0.0, u))
+        times = self.key_times
+        times = np.concatenate([[2 * times[0] - times[1]], times, [2 * times[-1] - times[-2]]])
+        at = times[key + 1] + u * (times[key + 2] - times[key + 1])
+        shares = np.zeros((*time.shape, 5))
+        for after, part in ((0, 1.0 - blend), (1, blend)):
+            nodes = np.stack([times[key + after + i] for i in range(3)])
+            for i in range(3):
+                others = [j for j in range(3) if j != i]
+                weight = np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in others], axis=0)
+                column = (late + after + i)[..., None]
+                old = np.take_along_axis(shares, column, axis=-1)
+                np.put_along_axis(shares, column, old + (part * weight)[..., None], axis=-1)
+        return shares
+
     def rows(self, stride: int = 1) -> WindowRows:
         """Return every ``stride``-th frame of each window, each frame standing for the ones left out."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]

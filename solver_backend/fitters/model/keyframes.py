@@ -31,9 +31,23 @@ class Keyframes:
         """Return the keys at these indices."""
         return Keyframes(self.z[keys], self.quat[keys], self.transl[keys], self.residual[keys])
 
+    def where(self, mask: Array, other: Keyframes) -> Keyframes:
+        """Return these keys where the (K,) mask is true, and the other's elsewhere."""
+        xp = array_namespace(self.z)
+        return Keyframes(
+            xp.where(mask[:, None], self.z, other.z), xp.where(mask[:, None], self.quat, other.quat),
+            xp.where(mask[:, None], self.transl, other.transl),
+            xp.where(mask[:, None, None], self.residual, other.residual),
+        )  # fmt: skip
+
     def triples(self, windows: np.ndarray) -> Keyframes:
         """Return (W, 3) keys: those of each of these windows."""
         return self.select(index(2 * windows[:, None] + np.arange(3), self.z))
+
+    def fives(self, windows: np.ndarray) -> Keyframes:
+        """Return (W, 5) keys: of each of these windows, with one more on either side; the ends are repeated."""
+        keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
+        return self.select(index(keys, self.z))
 
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
         """Return the keys with those of a range taken from ``new``."""

@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.frame_flags import flagged
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
-from solver_backend.types import NUM_JOINTS, Motion
+from solver_backend.types import MARKER_FILLED, MARKER_SEEN, NUM_JOINTS, Motion
 
 
 def build_motion(
@@ -44,6 +46,7 @@ def build_motion(
     keyframes[np.round(solved.key_times).astype(int)] = True
     covariance = None if solved.covariance is None else to_numpy(solved.covariance)
     sigma = None if covariance is None else mean_sigma(covariance)
+    lost = lost_landmarks(points, measurements.points, measurements.covariance)
     return Motion(
         betas=to_numpy(subject.betas),
         global_orient=to_numpy(log_so3(frames.root)),
@@ -52,24 +55,34 @@ def build_motion(
         fps=measurements.fps,
         body=subject.body.id,
         joints=joints,
-        **_points(measurements, points),
+        **_points(measurements, points, subject, to_numpy(posed.skeleton.G)),
         joint_set=measurements.joint_set,
         joint_sigma=sigma,
         joint_covariance=covariance,
         keyframes=keyframes,
         contacts=solved.contacts,
-        flags=flagged(deviations, measurements.seen, sigma),
+        flags=flagged(deviations, measurements.seen, sigma, lost.any(axis=1)),
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
     )
 
 
-def _points(measurements: Measurements, points: np.ndarray) -> dict[str, Any]:
+def _points(measurements: Measurements, points: np.ndarray, subject: Subject, bones: np.ndarray) -> dict[str, Any]:
     """Return the motion's (F, L, 3) points as what they are: markers with their residuals, or keypoints."""
     if measurements.marker_labels is None:
         return {"keypoints3d": points}
-    residual = 1000 * np.linalg.norm(points - measurements.points, axis=-1)
-    return {"markers": points, "marker_labels": measurements.marker_labels, "marker_residual_mm": residual}
+    recorded, seen = measurements.points, measurements.located
+    flags = np.where(seen, MARKER_SEEN, MARKER_FILLED).astype(np.uint8)
+    return {
+        "markers": points,
+        "marker_labels": measurements.marker_labels,
+        "marker_residual_mm": 1000 * np.linalg.norm(points - recorded, axis=-1),
+        "marker_flags": flags if measurements.marker_flags is None else flags | measurements.marker_flags,
+        "marker_sigma": measurements.marker_sigma,
+        "cleaned_markers": filled(recorded, points, bone_rotations(subject.landmarks, bones), measurements.fps),
+        "offsets": to_numpy(subject.offsets),
+        "layout": subject.landmarks.names,
+    }
 
 
 def _rounded(value: float) -> float:

@@ -1,4 +1,4 @@
-"""Which frames deserve a look: nobody saw them, the body is far from the detections, or a joint is hardly known."""
+"""Which frames deserve a look: nobody saw them, the body or a limb is far off, or a joint is hardly known."""
 
 from __future__ import annotations
 
@@ -12,18 +12,23 @@ LOOSE, LOOSE_M = 2.0, 0.03
 """A joint is hardly known where its standard deviation is so many times its usual one in the take, and this large."""
 
 
-def flagged(normalised: np.ndarray, seen: np.ndarray, sigma: np.ndarray | None) -> np.ndarray:
+def flagged(
+    normalised: np.ndarray, seen: np.ndarray, sigma: np.ndarray | None, lost: np.ndarray | None = None
+) -> np.ndarray:
     """Return (F,) flags of the frames.
 
     Args:
         normalised: (C, F, K) residuals in standard deviations, NaN where nothing was detected.
         seen: (F,) bool, enough views see the person.
         sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
+        lost: (F,) bool, a limb is far from points that are well located, see ``lost_landmarks``.
     """
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
     unsure = _far(normalised)
     if sigma is not None:
         unsure |= (sigma > np.maximum(LOOSE * np.median(sigma, axis=0), LOOSE_M)).any(axis=1)
+    if lost is not None:
+        unsure |= lost
     flags[unsure] |= FLAG_UNSURE
     return flags
 

@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend import __version__
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
@@ -26,7 +26,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Motion
 
-LAYOUT = MARKER_LAYOUTS["MANIFOLD_53"]
+LAYOUT = "MANIFOLD_53"
 """Points of the skin that stand for the mesh."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Y up to Z up."""
@@ -127,7 +127,8 @@ def frames_of(motion: Motion, body: Body) -> PosedFrames:
 
 def skin_of(motion: Motion, body: Body) -> Subject:
     """Return the person with points of the skin as landmarks."""
-    return Subject(body, marker_landmarks(body, LAYOUT), motion.betas.astype(np.float64), np.zeros((len(LAYOUT), 3)))
+    names = marker_layout(LAYOUT)
+    return Subject(body, marker_landmarks(body, names), motion.betas.astype(np.float64), np.zeros((len(names), 3)))
 
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:

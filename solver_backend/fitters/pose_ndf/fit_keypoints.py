@@ -155,7 +155,7 @@ def fit_keypoints(
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
         objective = KeypointObjective(subject, prior, term, settings, scale)
         result = levenberg_marquardt(
-            state, objective.linearise, objective.retract, lambda _, new, old: new,
+            state, objective.linearise, objective.retract,
             LMSettings(max_iterations=settings.iterations, tolerance=1e-5),
         )  # fmt: skip
         state = result.state

@@ -34,7 +34,7 @@ def solve_sequence(
         frames = slice(first, min(first + CHUNK_FRAMES, count))
         part = replace(sequence, observed=sequence.observed[frames], seen=sequence.seen[frames], before=before)
         found = levenberg_marquardt(
-            start.select(frames), part.linearise, part.retract, lambda _, new, old: new,
+            start.select(frames), part.linearise, part.retract,
             LMSettings(max_iterations=iterations, tolerance=1e-5),
         )  # fmt: skip
         parts.append(found.state)

@@ -73,7 +73,7 @@ def fit_frames(
             equations = frame_equations(subject, posed(prior, s), objective, scale)
             return equations.cost, _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
 
-        result = levenberg_marquardt(states, linearise, FrameStates.retract, _where, settings)
+        result = levenberg_marquardt(states, linearise, FrameStates.retract, settings, _where)
         states = result.state
         progress("Fitting frames", done + 1, len(scales))
     assert result is not None

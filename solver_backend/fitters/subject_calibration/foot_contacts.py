@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -19,7 +20,9 @@ SHORTEST_S = 0.12
 """A foot that touches the floor for less does not stand."""
 BREAK_S = 0.1
 """A foot that leaves its place for less did not: no step is so short."""
-_FOOT_POINTS = ("big_toe", "small_toe", "heel")
+_FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")
+"""A detector's keypoints and places of markers, without their side."""
+_SIDES = (("left_", "L"), ("right_", "R"))
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Contacts:
         """Return (F, 2) bool: any point of the left, of the right foot is planted; None where no point is a foot's."""
         if not _foot_columns(names):
             return None
-        sides = [[k for k, name in enumerate(names) if name.startswith(side)] for side in ("left", "right")]
+        feet = _foot_columns(names)
+        sides = [[k for k in feet if names[k].startswith(side)] for side in _SIDES]
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def term(self, like: Array) -> PositionTerm:
@@ -79,7 +83,8 @@ def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float, fixed:
 
 
 def _foot_columns(names: tuple[str, ...]) -> list[int]:
-    return [k for k, name in enumerate(names) if name.split("_", 1)[-1] in _FOOT_POINTS]
+    feet = {side + point for side in chain(*_SIDES) for point in _FOOT_POINTS}
+    return [k for k, name in enumerate(names) if name in feet]
 
 
 def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:

@@ -16,12 +16,15 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 
 SAMPLE_FRAMES = 32
 """Frames from which the shape is learned."""
-PLACE_SIGMA_M = 0.01
-"""How far markers may first lie from their rules: with more, their places take what the shape should have."""
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
-    """Return the subject with the shape learned from a sample of frames, where the settings know none."""
+    """Return the subject with the shape learned from a sample of frames, where the settings know none.
+
+    A person who is known before the solve stays as they are.
+    """
+    if problem.measurements.subject is not None:
+        return problem.measurements.subject
     frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
     progress("Learning the body", 0, 3)
     if settings.betas is None:
@@ -32,11 +35,7 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress("Learning the body", 2, 3)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
-    shape_prior = ShapePrior(
-        offset_sigma_m=PLACE_SIGMA_M,
-        free_betas=settings.betas is None,
-        free_offsets=problem.measurements.places_first,
-    )
+    shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=False)
     subject, _ = fit_shape(subject, problem.prior, objective, states, scales, steps, shape_prior)
     progress("Learning the body", 3, 3)
     return subject

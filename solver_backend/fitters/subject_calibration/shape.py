@@ -72,12 +72,8 @@ def fit_shape(
         def linearise(s: _State, scale: float = scale) -> tuple[Array, Arrowhead]:
             return _arrowhead(prior, s, objective, scale, precision, mean)
 
-        state = levenberg_marquardt(state, linearise, retract, _take, settings).state
+        state = levenberg_marquardt(state, linearise, retract, settings).state
     return state.subject, state.frames
-
-
-def _take(mask: Array, new: _State, old: _State) -> _State:
-    return new if bool(mask[0]) else old
 
 
 def _arrowhead(
@@ -119,6 +115,8 @@ def refit_shape(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
     """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
+    if not (shape_prior.free_betas or shape_prior.free_offsets):
+        return subject
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
     xp = array_namespace(J)
     precision = _prior_precision(subject, shape_prior)

@@ -18,6 +18,7 @@ import pytest
 from solver_backend.body.files import pickle_machine
 from solver_backend.body.files.restricted_pickle import read_pickle
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
+from tests.support.pickle_bytes import array, attributes, pickled, sparse, stand_in, text
 
 OBJECT_ARRAY = (
     b"\x80\x02cnumpy\nndarray\nK\x00\x85R(K\x01K\x03\x85cnumpy\ndtype\nX\x02\x00\x00\x00O8K\x00K\x01\x87R\x89]tb."
@@ -27,36 +28,6 @@ DTYPE_STATE = (
     b"\x80\x02}X\x01\x00\x00\x00acnumpy\ndtype\nX\x02\x00\x00\x00f8K\x00K\x01\x87R"
     b"(K\x03X\x01\x00\x00\x00<NNNK\x7fK\x7fK\x00tbs."
 )
-
-
-def text(value: str) -> bytes:
-    raw = value.encode()
-    return b"X" + struct.pack("<I", len(raw)) + raw
-
-
-def array(shape: bytes, dtype: str, data: bytes) -> bytes:
-    """Return the operations that build one array; ``shape`` is operations that push a tuple."""
-    empty = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85C\x01b\x87R"
-    kind = (
-        b"cnumpy\ndtype\n"
-        + text(dtype)
-        + b"\x89\x88\x87R(K\x03"
-        + text("<")
-        + b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
-    )
-    return empty + b"(K\x01" + shape + kind + b"\x89" + b"B" + struct.pack("<I", len(data)) + data + b"tb"
-
-
-def stand_in(name: str, state: bytes) -> bytes:
-    return f"c{name}\n".encode() + b")\x81" + state + b"b"
-
-
-def attributes(**members: bytes) -> bytes:
-    return b"}" + b"".join(text(name) + value + b"s" for name, value in members.items())
-
-
-def pickled(value: bytes) -> bytes:
-    return b"\x80\x02}" + text("v_template") + value + b"s."
 
 
 def read(tmp_path: Path, content: bytes) -> dict[str, object]:
@@ -108,19 +79,11 @@ def test_shapes_that_do_not_fit_their_bytes_are_named(tmp_path: Path, shape: byt
 
 
 def test_sparse_matrix_with_indices_outside_is_named(tmp_path: Path) -> None:
-    def column(values: list[int]) -> bytes:
-        return array(b"K" + bytes([len(values)]) + b"\x85", "i4", np.array(values, "<i4").tobytes())
-
-    def matrix(indices: list[int], pointers: list[int], rows: bytes = b"K\x02") -> bytes:
-        shape = rows + b"K\x02\x86"
-        parts = {"_shape": shape, "data": column([1, 1]), "indices": column(indices), "indptr": column(pointers)}
-        return pickled(stand_in("scipy.sparse.csc\ncsc_matrix", attributes(**parts)))
-
-    found = read(tmp_path, matrix([0, 1], [0, 1, 2]))
+    found = read(tmp_path, sparse([0, 1], [0, 1, 2]))
     np.testing.assert_array_equal(found["v_template"], np.eye(2))
     wrong = [
-        matrix([0, 7], [0, 1, 2]), matrix([0, 1], [0, 5, 2]), matrix([0, 1], [0, 1]),
-        matrix([0, 1], [0, 1, 2], b"J\xff\xff\xff\x7f"),
+        sparse([0, 7], [0, 1, 2]), sparse([0, 1], [0, 5, 2]), sparse([0, 1], [0, 1]),
+        sparse([0, 1], [0, 1, 2], b"J\xff\xff\xff\x7f"),
     ]  # fmt: skip
     for content in wrong:
         with pytest.raises(BodyInvalid, match="parts that do not fit together"):

@@ -106,6 +106,13 @@ def test_code_hidden_in_an_object_array_is_refused(tmp_path):
         load_smpl_file(tmp_path / "evil.pkl")
 
 
+@pytest.mark.parametrize("hands", [np.array("x" * 50), np.array([b"\xff"] * 45), np.zeros(44)])
+def test_relaxed_hands_that_are_no_45_numbers_are_named(hands, tmp_path):
+    np.savez(tmp_path / "model.npz", **{**random_model("SMPL-H"), "hands_meanl": np.zeros(45), "hands_meanr": hands})
+    with pytest.raises(BodyInvalid, match="hands_meanr is .*; 45 finite numbers are expected"):
+        load_smpl_file(tmp_path / "model.npz", flat_hands=False)
+
+
 def spoil(arrays, **changes):
     return {k: v for k, v in {**arrays, **changes}.items() if v is not None}
 

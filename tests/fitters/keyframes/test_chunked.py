@@ -10,10 +10,11 @@ from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model import keyframe_curve
-from solver_backend.fitters.model.keyframe_curve import key_poses, resampled
+from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import pose
 from solver_backend.geometry.symmetric import mean_sigma, unpacked
+from tests.support.finer_keys import resampled
 from tests.support.stick_scene import FRAMES
 from tests.support.stick_scene import StickScene as Scene
 

@@ -76,13 +76,20 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
 
 
 def test_frames_that_nothing_changed_are_found_again(capture, solved):
-    """The same data, shape and noise: what is left is where keys stand and how feet are judged."""
+    """The same data, shape and noise: what is left is where keys stand and how feet are judged.
+
+    The take lies on the blended curve, what is solved again on its windows' own; so the first time moves most, and
+    every further time a third as far.
+    """
     again = resolve_range(capture, solved, FrameRange(FIRST, LAST), QUICK).motion
     moved = 1000 * np.linalg.norm(again.joints - solved.joints, axis=-1)[FIRST + 1 : LAST]
     assert moved.mean() < 4.0 and moved.max() < 25.0
     twice = resolve_range(capture, again, FrameRange(FIRST, LAST), QUICK).motion
     settled = 1000 * np.linalg.norm(twice.joints - again.joints, axis=-1)[FIRST + 1 : LAST]
-    assert settled.mean() < 0.25 and settled.max() < 1.0
+    assert settled.mean() < 0.25 * moved.mean() and settled.max() < 2.0
+    thrice = resolve_range(capture, twice, FrameRange(FIRST, LAST), QUICK).motion
+    still = 1000 * np.linalg.norm(thrice.joints - twice.joints, axis=-1)[FIRST + 1 : LAST]
+    assert still.mean() < 0.25 and still.max() < 1.0
 
 
 def test_pinned_poses_are_passed_through_exactly(capture, solved):
@@ -162,14 +169,15 @@ def test_settings_without_residual_rotations_also_work(capture, solved):
 
 def test_feet_that_stand_beyond_the_range_do_not_slip_at_its_ends():
     """The left foot stands throughout, the right one at the start; hips and knees were bent by hand in the range."""
-    capture, frame_range = cut(demo_capture(), 0, 120), FrameRange(65, 105)
-    solved = solve(capture, QUICK).motion
+    # With the four linearisations of QUICK a take that starts at its fine keys is not at rest, and its feet slip.
+    capture, frame_range, settled = cut(demo_capture(), 0, 120), FrameRange(65, 105), replace(QUICK, iterations=8)
+    solved = solve(capture, settled).motion
     pose = solved.body_pose.copy()
     pose[66:105, [0, 3, 9, 12]] += 0.3
     spoiled = replace(solved, body_pose=pose)
 
     def slip_mm(contacts: bool) -> float:
-        points = resolve_range(capture, spoiled, frame_range, replace(QUICK, contacts=contacts)).motion.keypoints3d
+        points = resolve_range(capture, spoiled, frame_range, replace(settled, contacts=contacts)).motion.keypoints3d
         stands = [points[3:117, BODY.index("left_big_toe")], points[43:86, BODY.index("right_big_toe")]]
         return 1000 * max(float(np.linalg.norm(stand - stand.mean(axis=0), axis=-1).max()) for stand in stands)
 

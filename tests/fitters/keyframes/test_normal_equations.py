@@ -8,13 +8,14 @@ import numpy as np
 
 from solver_backend.fitters.keyframes import normal_equations
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange, resampled
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations
 from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
+from tests.support.finer_keys import resampled
 from tests.support.random_keys import random_keys
 from tests.support.stick_scene import FRAMES, ROTATIONS, StickScene
 from tests.support.toy_prior import ToyPrior

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.errors import MarkersUnknown, NoDetections
-from solver_backend.fitters import Problem, Solution, SolveSettings, solve_problem
+from solver_backend.exchange.progress import silent
+from solver_backend.fitters import Solution, SolveSettings, solve_problem
+from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
 from solver_backend.fitters.measurements.markers import measure_markers
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -21,7 +23,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, MarkerCloud
 
-LABELS = MARKER_LAYOUTS["CMU_41"]
+LABELS = marker_layout("CMU_41")
 FRAMES, FPS = 90, 60.0
 AWAY = slice(40, 55)
 """Frames in which no marker is seen."""
@@ -29,7 +31,7 @@ AWAY = slice(40, 55)
 
 def solved(cloud: MarkerCloud) -> Solution:
     body = load_body()
-    problem = Problem.of(body, load_sposer(), measure_markers(cloud, body, np.zeros(1)))
+    problem = marker_problem(cloud, body, load_sposer(), np.zeros(1), SolveSettings(), silent)
     return solve_problem(problem, SolveSettings())
 
 
@@ -68,7 +70,7 @@ def test_the_motion_tells_what_it_tells_of_views(solution):
     assert motion.reprojection_px is None and motion.joint_set is None
     np.testing.assert_array_equal((motion.flags & FLAG_UNSEEN) > 0, np.isin(np.arange(FRAMES), np.r_[AWAY]))
     assert (motion.joint_sigma > 0).all() and motion.joint_sigma[AWAY].mean() > motion.joint_sigma[:30].mean()
-    assert motion.provenance["markers"] == list(LABELS) and motion.provenance["sigma_mm"] == 10.0
+    assert motion.provenance["markers"] == list(LABELS) and (np.array(motion.provenance["sigma_mm"]) >= 3.0).all()
     assert {"marker_median_mm", "marker_rmse_mm", "outliers_percent"} <= set(motion.provenance["statistics"])
     assert motion.provenance["status"] == solution.status
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, key_poses, resampled
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -147,10 +147,3 @@ def test_poses_at_scattered_frames_are_those_of_the_rows():
     at = [int(np.flatnonzero((ROWS.frames.reshape(-1) == f) & (ROWS.weight.reshape(-1) > 0))[0]) for f in frames]
     for name in ("root", "local", "transl"):
         np.testing.assert_allclose(getattr(found, name), getattr(rows, name)[at], atol=1e-12)
-
-
-def test_keys_resampled_at_their_own_times_stay():
-    keys = random_keys(LAYOUT.num_keys)
-    again = resampled(keys, LAYOUT, LAYOUT)
-    for name in ("z", "quat", "transl", "residual"):
-        np.testing.assert_allclose(getattr(again, name), getattr(keys, name), atol=1e-9)

@@ -45,3 +45,11 @@ def test_a_joint_that_is_well_known_everywhere_is_not_flagged_for_being_a_little
     spread = sigma()
     spread[40:44, 0] = 0.02
     assert not flagged(residuals(), SEEN, spread).any()
+
+
+def test_frames_with_a_lost_limb_are_unsure_though_their_median_is_as_usual():
+    detections, lost = residuals(), np.zeros(FRAMES, bool)
+    detections[:, 20:24, 7] += 40.0
+    lost[20:24] = True
+    assert not flagged(detections, SEEN, sigma()).any()
+    assert (np.flatnonzero(flagged(detections, SEEN, sigma(), lost) == FLAG_UNSURE) == np.arange(20, 24)).all()

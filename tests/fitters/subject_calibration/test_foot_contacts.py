@@ -63,3 +63,10 @@ def test_a_stand_outlasts_a_twitch_and_stays_where_frames_are_fixed():
     assert contacts.planted[2:47, 1].all()
     np.testing.assert_allclose(contacts.anchors[2:47, 1, 0], 0.2, atol=1e-9)
     assert find_contacts(points, NAMES, FPS).anchors[10, 1, 0] > 0.205
+
+
+def test_markers_of_the_feet_tell_contacts_too():
+    places = ("LFHD", "LTOE", "LHEE", "RMT5")
+    found, named = find_contacts(walk(), places, FPS), find_contacts(walk(), NAMES, FPS)
+    np.testing.assert_array_equal(found.planted, named.planted)
+    np.testing.assert_array_equal(found.feet(places), named.feet(NAMES))

@@ -1,0 +1,77 @@
+"""A layout of one's own: which place each label of a recording names, as a file that is saved, edited and read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.body.markers import ON_BONE
+from solver_backend.exchange.errors import FileDamaged, FileMissing, MarkersUnknown
+from solver_backend.exchange.outputs import write_text
+from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
+
+FORMAT, VERSION = "manifold_mocap_labels", 1
+_LARGEST_BYTES = 1_000_000
+
+
+def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:
+    """Write which place each label is taken for, null where the solve finds the bone by itself.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``write_text``.
+    """
+    named = [label for label in labels if not is_unnamed(label)]
+    names = name_markers(named)
+    left_out = {*names.virtual, *names.doubled}
+    places = {label: "" if label in left_out else names.known.get(label) for label in named}
+    values = {"format": FORMAT, "version": VERSION, "places": places}
+    return write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=overwrite)
+
+
+def read_label_places(path: Path | str) -> dict[str, str]:
+    """Return the place of each label of a file; empty where a marker is to be left out.
+
+    A place is a name of the layouts, or ``@`` and the joint of the bone that the marker is on. Labels with null are not
+    among them: they are left to the solve.
+
+    Raises:
+        FileMissing, FileDamaged: the file is not there, or no layout of labels.
+        MarkersUnknown: a place is none.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileMissing("There is no such file.", where=str(path), hint="Check the path of the layout.")
+    values = _json(path)
+    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
+        raise FileDamaged(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+    places = values.get("places")
+    if not isinstance(places, dict) or not all(item is None or isinstance(item, str) for item in places.values()):
+        raise FileDamaged("'places' is to hold a name, an empty text or null for each label.", where=str(path))
+    return {label: _place(label, place, path) for label, place in places.items() if place is not None}
+
+
+def _json(path: Path) -> Any:
+    if path.stat().st_size > _LARGEST_BYTES:
+        raise FileDamaged("The file is too large for a layout.", where=str(path))
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise FileDamaged(f"The file is not JSON ({error}).", where=str(path)) from error
+
+
+def _place(label: str, place: str, path: Path) -> str:
+    bones = SMPL_JOINTS[: 1 + NUM_BODY_JOINTS]
+    if not place or (place.startswith(ON_BONE) and place[len(ON_BONE) :] in bones):
+        return place
+    found = load_layouts().place_of(place)
+    if found is None:
+        raise MarkersUnknown(
+            f"The place {place!r} of the label {label} is none.", where=str(path),
+            hint="Write a marker's name such as LASI, @ and a joint such as @left_knee, an empty text to leave the "
+            "marker out, or null to let the solve find its bone.",
+        )  # fmt: skip
+    return found

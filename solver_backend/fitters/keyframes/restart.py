@@ -1,0 +1,86 @@
+"""Keys around a limb that the body lost are started anew, from the points that show it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.fitters.keyframes.chunked import CHUNK_WINDOWS
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.subject import pose
+from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.runs import true_runs
+
+BESIDE = 3
+"""Windows on both sides that are solved along; the outermost keys of them stay."""
+
+
+def restarted(
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, start: Keyframes
+) -> Keyframes | None:
+    """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
+
+    Args:
+        measurements: what locates the points.
+        model: what makes poses of the keys.
+        layout: windows of the keys.
+        keys: a solution.
+        start: keys fitted to the points of single frames.
+    """
+    lost = _lost_windows(measurements, model, layout, keys)
+    return _anew(lost, keys, start) if lost.any() else None
+
+
+def regained(
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution, start: Keyframes,
+    schedule: Schedule,
+) -> KeySolution:  # fmt: skip
+    """Return a solution whose lost limbs were solved again, where that lowers the cost; the rest of the take stays.
+
+    What is lost for longer than a chunk is no lost limb, and stays too.
+
+    Args:
+        measurements: what locates the points.
+        model: what the keys are judged by.
+        layout: windows of the keys.
+        found: the solution.
+        start: keys fitted to the points of single frames.
+        schedule: of the solution's last pass.
+    """
+    lost, keys = _lost_windows(measurements, model, layout, found.keys), found.keys
+    near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
+    for first, last in true_runs(near):
+        if last - first >= CHUNK_WINDOWS:
+            continue
+        part, some = layout.part(slice(first, last + 1)), slice(2 * first, 2 * last + 3)
+        judged, number = model.part(some), np.arange(part.num_keys)
+        fixed = (number < 3) & (first > 0) | (number >= part.num_keys - 3) & (last < layout.num_windows - 1)
+        again = _anew(lost[first : last + 1], keys.select(some), start.select(some))
+        solved = solve_keys(judged, part, again, schedule, fixed)
+        before = judged.equations(part.rows(schedule.stride), keys.select(some), schedule.scales[-1])[0]
+        if solved.cost < float(before):
+            keys = keys.replaced(some, solved.keys)
+    return replace(found, keys=hemisphere_aligned(keys))
+
+
+def _lost_windows(
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes
+) -> np.ndarray:
+    """Return (N,) bool: a limb is lost in the window."""
+    points = to_numpy(pose(model.subject, model.poses(keys, layout)).points)
+    frames = lost_landmarks(points, measurements.points, measurements.covariance).any(axis=1)
+    lost = np.zeros(layout.num_windows, dtype=bool)
+    lost[layout.positions(np.flatnonzero(frames))[0]] = True
+    return lost
+
+
+def _anew(lost: np.ndarray, keys: Keyframes, start: Keyframes) -> Keyframes:
+    """Return the keys with those of the lost windows taken from ``start``."""
+    anew = np.zeros(2 * len(lost) + 1, dtype=bool)
+    anew[(2 * np.flatnonzero(lost)[:, None] + np.arange(3)).reshape(-1)] = True
+    return hemisphere_aligned(start.where(constant(anew, keys.z) > 0, keys))

@@ -1,0 +1,59 @@
+"""Markers of unknown name: attached to the bone that they move with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.markers import ON_BONE
+from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
+
+LEAST_FRAMES = 8
+"""Frames in which a marker must be seen to tell its bone."""
+RESIDUAL_M = 0.03
+"""A marker that stays no closer to any bone's frame is worn by nobody (a wand, another person, a ghost)."""
+REACH_M = 0.45
+"""Nor is one that is so far from its bone's joint."""
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """What a marker moves with."""
+
+    place: str
+    """``@`` and the name of the bone's joint."""
+    offset: np.ndarray
+    """(3,) metres from the joint, in the bone's rest frame."""
+    sigma_m: float
+    """Standard deviation around it per axis, metres."""
+
+
+def attach(points: np.ndarray, joints: np.ndarray, rotations: np.ndarray) -> Attachment | None:
+    """Return the bone to which a marker has the most constant offset; None where it has none.
+
+    For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, the median of each axis, which single wrong points
+    do not move; the bone around whose offset the marker stays closest has it. Where another bone is as good within the
+    noise, the one whose joint is nearest is taken.
+
+    Args:
+        points: (F, 3) metres, NaN where missing.
+        joints: (F, 24, 3) metres.
+        rotations: (F, 24, 3, 3) global rotations of the bones.
+    """
+    seen = np.isfinite(points).all(-1)
+    if seen.sum() < LEAST_FRAMES:
+        return None
+    count = 1 + NUM_BODY_JOINTS
+    away = points[seen, None] - joints[seen, :count]
+    local = (np.swapaxes(rotations[seen, :count], -1, -2) @ away[..., None])[..., 0]
+    offset = np.median(local, axis=0)
+    spread = np.median(np.linalg.norm(local - offset, axis=-1), axis=0)
+    reach = np.linalg.norm(offset, axis=-1)
+    spread = np.where(reach > REACH_M, np.inf, spread)
+    near = np.flatnonzero(spread <= 1.1 * spread.min() + 1e-4)
+    best = int(near[np.argmin(reach[near])])
+    if not spread[best] < RESIDUAL_M:
+        return None
+    # The median length of a three-dimensional Gaussian is 1.54 standard deviations.
+    return Attachment(ON_BONE + SMPL_JOINTS[best], offset[best], float(spread[best] / 1.54))

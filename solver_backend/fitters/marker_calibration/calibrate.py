@@ -1,0 +1,109 @@
+"""Subject calibration from markers: shape, every marker's place and the poses of varied frames, in one problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.markers import placement_precision
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.marker_calibration.calibration_equations import PlacementPrior, calibration_equations
+from solver_backend.fitters.marker_calibration.calibration_state import CalibrationState
+from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
+from solver_backend.fitters.measurements.markers import SIGMA_M
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.single_frame.fit import fit_frames
+from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.robust import geman_mcclure, graduated_scales
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import Arrowhead
+
+FRAMES = 64
+"""Frames from which a person is learned."""
+STAGE = "Calibrating the person"
+PRIOR_FRAMES = 4.0
+"""Frames' worth of evidence that a marker strays as far as all are first taken to."""
+SIGMA_RANGE_M = (0.003, 0.03)
+"""Least and largest standard deviation of a marker."""
+ROBUST_SCALE = 4.0
+"""Of a marker's frames when its deviation is learned."""
+KNOWN = 1e12
+"""Precision of a shape that is given."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a calibration finds."""
+
+    subject: Subject
+    """The person, their markers as landmarks."""
+    sigma_m: np.ndarray
+    """(L,) standard deviation of each marker around where the body has it, per axis, metres."""
+    frames: np.ndarray
+    """Numbers of the frames that were looked at."""
+    poses: PosedFrames
+    """Their poses."""
+
+
+def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> Calibration:
+    """Return the person that varied frames of a take tell: shape, places of the markers, and how far these stray.
+
+    Args:
+        problem: markers made ready.
+        like: array that says kind, type and device.
+        settings: robust scale, iterations, and the shape where it is known.
+        progress: called as stages advance.
+    """
+    subject = Subject.average(problem.body, problem.measurements.landmarks, like)
+    if settings.betas is not None:
+        subject = replace(subject, betas=constant(settings.betas, subject.betas))
+    frames = varied_frames(problem.measurements.points, FRAMES)
+    progress(STAGE, 0, 3)
+    states = fit_to_points(problem, subject, frames)
+    progress(STAGE, 1, 3)
+    objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
+    states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
+    progress(STAGE, 2, 3)
+    placement, state = placement_prior(subject, settings), CalibrationState.of(subject, states)
+    for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
+
+        def linearise(s: CalibrationState, scale: float = scale) -> tuple[Array, Arrowhead]:
+            return calibration_equations(problem.prior, objective, placement, s, scale)
+
+        state = levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
+    progress(STAGE, 3, 3)
+    poses = state.poses(problem.prior)
+    sigma = marker_sigma(problem.measurements.term.select(frames), pose(state.subject, poses).points)
+    return Calibration(state.subject, sigma, frames, poses)
+
+
+def marker_sigma(term: DataTerm, points: Array) -> np.ndarray:
+    """Return (L,) standard deviations per axis, metres: ``s² = (Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``.
+
+    w is Geman-McClure's weight and s₀ what was assumed: the mean of the variance's posterior under an inverse-gamma
+    prior worth n frames.
+
+    Args:
+        term: markers of the frames that were looked at.
+        points: (F, L, 3) where the body has them.
+    """
+    found = term.residuals(points)
+    error, squared = to_numpy(found.error)[0], to_numpy(found.squared)[0]
+    share = to_numpy(found.measured)[0] * geman_mcclure(squared, ROBUST_SCALE)[1]
+    square = (share * (error**2).sum(-1) / 3).sum(0) + PRIOR_FRAMES * SIGMA_M**2
+    return np.clip(np.sqrt(square / (share.sum(0) + PRIOR_FRAMES)), *SIGMA_RANGE_M)
+
+
+def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
+    """Return what is known of shape and places: people's spread, and how far each kind of marker strays."""
+    like = subject.betas
+    shape = np.full(10, 1.0 if settings.betas is None else KNOWN)
+    mean = np.zeros(10) if settings.betas is None else np.asarray(settings.betas, dtype=np.float64)
+    places = placement_precision(subject.body, subject.landmarks.names)
+    return PlacementPrior(constant(shape, like), constant(mean, like), constant(places, like))

@@ -1,0 +1,86 @@
+"""Markers that jump: only there can a label change its marker, so only there are labels tested."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.geometry.runs import true_runs
+
+NEIGHBOURS = 6
+"""Markers around each, which move nearly as it does."""
+JUMP_M = 0.025
+"""A marker that leaves its neighbours by so much more in one frame than before and after jumps ..."""
+GAP_JUMP_M = 0.06
+"""... and one that is so much nearer or farther from them after a gap than before it."""
+STILL_S = 0.5
+"""A marker that is exactly where it was for so long, while its neighbours move, is no marker ..."""
+MOVED_M = 0.02
+"""... if they move so far."""
+
+
+def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
+    """Return (M, n) the markers that are nearest to each, by the median distance in frames spread over the take."""
+    some = points[np.unique(np.linspace(0, len(points) - 1, 60).astype(int))]
+    distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
+    known = np.isfinite(distance).any(axis=0)
+    median = np.full(known.shape, np.inf)
+    median[known] = np.nanmedian(distance[:, known], axis=0)
+    np.fill_diagonal(median, np.inf)
+    return np.argsort(median, axis=1, kind="stable")[:, : min(count, points.shape[1] - 1)]
+
+
+def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Return (M,) bool: the markers that jump away from their neighbours somewhere in the take.
+
+    Args:
+        points: (F, M, 3) metres, NaN where missing.
+        around: (M, n) neighbours of each.
+    """
+    moved = np.diff(points, axis=0)
+    jumps = np.zeros(points.shape[1], dtype=bool)
+    for m, near in enumerate(around):
+        alone = np.linalg.norm(moved[:, m] - _middle(moved[:, near]), axis=-1)
+        alone = np.nan_to_num(alone)
+        beside = np.maximum(np.append(alone[1:], 0.0), np.append(0.0, alone[:-1]))
+        spikes = alone > JUMP_M + beside
+        # A point that is out for one frame leaves and comes back: both displacements are large.
+        out = (alone[:-1] > 2 * JUMP_M) & (alone[1:] > 2 * JUMP_M)
+        jumps[m] = spikes.any() or out.any() or _jumps_in_gaps(points, m, near)
+    return jumps
+
+
+def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F, M) bool: the marker is exactly where it was for a while in which its neighbours move."""
+    still = np.zeros(points.shape[:2], dtype=bool)
+    same = (np.diff(points, axis=0) == 0).all(-1)
+    for m in np.flatnonzero(same.any(axis=0)):
+        for first, last in true_runs(same[:, m]):
+            beside = points[first : last + 2, around[m]]
+            span = np.linalg.norm(beside - beside[:1], axis=-1)
+            if last - first + 1 >= STILL_S * fps and np.isfinite(span).any() and np.nanmedian(span.max(0)) > MOVED_M:
+                still[first : last + 2, m] = True
+    return still
+
+
+def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray) -> bool:
+    """Return whether the marker's distances to its neighbours change over a gap."""
+    seen = np.isfinite(points[:, marker]).all(-1)
+    for first, last in true_runs(~seen):
+        if first == 0 or last == len(points) - 1:
+            continue
+        ends = points[[first - 1, last + 1]]
+        distance = np.linalg.norm(ends[:, near] - ends[:, marker, None], axis=-1)
+        change = np.abs(distance[1] - distance[0])
+        if np.isfinite(change).any() and np.nanmedian(change) > GAP_JUMP_M:
+            return True
+    return False
+
+
+def _middle(values: np.ndarray) -> np.ndarray:
+    """Return the median of (F, n, 3) over n without what is missing, 0 where all is."""
+    known = np.isfinite(values)
+    ordered = np.sort(values, axis=1)  # what is missing comes last
+    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
+    low, high = ((count - 1) // 2, count // 2)
+    middle = 0.5 * (np.take_along_axis(ordered, low, 1) + np.take_along_axis(ordered, high, 1))
+    return np.nan_to_num(middle[:, 0])

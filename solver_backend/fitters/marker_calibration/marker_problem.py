@@ -1,0 +1,148 @@
+"""Markers of a take made ready for a solver: named, calibrated or of a known person, and cleaned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.label_places import read_label_places
+from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
+from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, Calibration, calibrate
+from solver_backend.fitters.marker_calibration.handedness import check_handedness
+from solver_backend.fitters.marker_calibration.label_faults import clean_labels, findings_of
+from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
+from solver_backend.fitters.marker_calibration.rough_motion import rough_markers
+from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
+from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.types import MARKER_GHOST, MarkerCloud, MarkerSubject
+
+
+def marker_problem(
+    cloud: MarkerCloud, body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings, progress: Progress,
+    person: MarkerSubject | None = None,
+) -> Problem:  # fmt: skip
+    """Return what a solver starts from: the markers of a person whose shape and markers' places are known.
+
+    Args:
+        cloud: labelled markers.
+        body: whose shape is sought.
+        prior: decoder of poses.
+        like: array that says kind, type and device.
+        settings: of the solve.
+        progress: called as stages advance.
+        person: from an earlier calibration; None calibrates on the take.
+
+    Raises:
+        MarkersUnknown, NoDetections: too few markers are known, or seen.
+        MarkersMirrored: they are a mirror image of a body's.
+        SubjectInvalid: the person is of another body or wears other markers.
+    """
+    if person is None:
+        person = calibrated([cloud], body, prior, like, settings, progress)
+    person, columns = matched(person, cloud.labels or ())
+    residual = None if cloud.residual is None else cloud.residual[:, columns]
+    worn = replace(cloud, positions=cloud.positions[:, columns], labels=person.labels, residual=residual)
+    subject = subject_of(person, body, like)
+
+    check_handedness(worn.positions, subject.landmarks)
+
+    def ready(markers: MarkerCloud) -> Problem:
+        measured = measured_at(markers, subject.landmarks, like, person.sigma_m)
+        return Problem.of(body, prior, replace(measured, subject=subject, marker_sigma=person.sigma_m))
+
+    return _cleaned(ready(worn), worn, ready, progress)
+
+
+def _cleaned(
+    problem: Problem, cloud: MarkerCloud, ready: Callable[[MarkerCloud], Problem], progress: Progress
+) -> Problem:
+    """Return the problem without the markers' wrong labels, if any marker jumps or stands still."""
+    points, subject = problem.measurements.points, problem.measurements.subject
+    assert subject is not None and cloud.labels is not None
+    around = neighbours_of(points)
+    still = frozen(points, around, cloud.fps)
+    tested = jumping(points, around)
+    if not (still.any() or tested.any()):
+        return problem
+    progress("Checking the labels", 0, 1)
+    points = np.where(still[..., None], np.nan, points)
+    moving = ready(replace(cloud, positions=points))
+    cleaned = clean_labels(points, rough_markers(moving, subject), around, tested, cloud.fps)
+    again = ready(replace(cloud, positions=cleaned.points))
+    flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
+    found = [fault.as_dict() for fault in findings_of(still, cleaned.faults, cloud.labels)]
+    provenance = {**again.measurements.provenance, "findings": found}
+    progress("Checking the labels", 1, 1)
+    return replace(again, measurements=replace(again.measurements, marker_flags=flags, provenance=provenance))
+
+
+def calibrated(
+    clouds: Sequence[MarkerCloud], body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings,
+    progress: Progress, provenance: dict[str, Any] | None = None,
+) -> MarkerSubject:  # fmt: skip
+    """Return the person who wears the same markers in one or several takes.
+
+    Raises:
+        MarkersUnknown, NoDetections: too few markers are known, or seen.
+        MarkersMirrored: they are a mirror image of a body's.
+        FileMissing, FileDamaged: the settings' layout cannot be read.
+    """
+    cloud = joined(clouds)
+    own = read_label_places(settings.layout) if settings.layout else {}
+    known = known_markers_of(cloud, own)
+    problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
+    check_handedness(problem.measurements.points, problem.measurements.landmarks)
+    found = calibrate(problem, like, settings, progress)
+    record = {"frames": found.frames.tolist(), **(provenance or {})}
+    person = record_of(found.subject, known.labels or (), found.sigma_m, record)
+    names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
+    return with_attached(person, found, cloud, names.unknown)
+
+
+def with_attached(
+    person: MarkerSubject, found: Calibration, cloud: MarkerCloud, unknown: Sequence[str]
+) -> MarkerSubject:
+    """Return the person with the markers of unknown labels that move with one of the bones."""
+    frames, subject = found.poses, found.subject
+    skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
+    joints, rotations = to_numpy(skeleton.joints), to_numpy(skeleton.G)
+    added: dict[str, Attachment] = {}
+    for column, label in enumerate(cloud.labels or ()):
+        if label in unknown:
+            attachment = attach(cloud.positions[found.frames, column], joints, rotations)
+            added |= {} if attachment is None else {label: attachment}
+    if not added:
+        return person
+    sigma = [min(max(item.sigma_m, SIGMA_RANGE_M[0]), SIGMA_RANGE_M[1]) for item in added.values()]
+    return replace(
+        person,
+        labels=(*person.labels, *added),
+        places=(*person.places, *(item.place for item in added.values())),
+        offsets=np.concatenate([person.offsets, [item.offset for item in added.values()]]),
+        sigma_m=np.append(person.sigma_m, sigma),
+        skin_m=np.append(person.skin_m, np.full(len(added), np.nan)),
+    )
+
+
+def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
+    """Return the frames of several takes one after the other; a marker that a take lacks is missing there."""
+    if len(clouds) == 1:
+        return clouds[0]
+    labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.labels or ()))
+    parts = []
+    for cloud in clouds:
+        part = np.full((len(cloud.positions), len(labels), 3), np.nan)
+        part[:, [labels.index(label) for label in cloud.labels or ()]] = cloud.positions[:, : len(cloud.labels or ())]
+        parts.append(part)
+    return MarkerCloud(np.concatenate(parts), clouds[0].fps, labels)

@@ -1,0 +1,76 @@
+"""From the curves that were solved to one curve whose velocities agree: keys for the blended curve."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.fitters.model.keyframe_curve import lagrange
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.sphere import spherical_normalisation
+
+_STEPS = 60
+_TOLERANCE = 1e-10
+_CODE, _QUAT, _TRANSL = slice(0, 32), slice(32, 36), slice(36, 39)
+
+
+def blended_keys(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
+    """Return the keys whose blended curve lies nearest to the parabolas through the given ones.
+
+    ``argmin_y Σ_f |Σ_k b_k(f) y_k - Σ_k w_k(f) x_k|²`` over the frames f, with the blended curve's weights b (see
+    ``KeyframeLayout.blended_shares``) and Lagrange's w; neighbouring keys lie close together, so codes and quaternions
+    are taken as points of space and brought back to their spheres.
+
+    Args:
+        keys: 2 N + 1 keys, solved on the parabolas of N windows.
+        layout: of these windows.
+    """
+    given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
+    flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
+    rows = layout.rows()
+    shares = layout.blended_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
+    found = _nearest(flat, rows, shares)
+    quat = found[:, _QUAT] / np.linalg.norm(found[:, _QUAT], axis=1, keepdims=True)
+    residual = found[:, _TRANSL.stop :].reshape(given[3].shape)
+    parts = spherical_normalisation(found[:, _CODE]), quat, found[:, _TRANSL], residual
+    return Keyframes(*(constant(part, keys.z) for part in parts))
+
+
+def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
+    """Return (K, d) keys, by conjugate gradients from the given ones (Hestenes and Stiefel 1952).
+
+    Keys that the frames do not tell, as where they are denser than frames, stay.
+    """
+    weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
+    normal = weighted_T @ shares
+    triples = np.stack([flat[i : len(flat) - 2 + i : 2] for i in range(3)], axis=1)
+    x = np.pad(flat, ((1, 1), (0, 0)))
+    error = _summed(weighted_T @ (lagrange(rows.time) @ triples)) - _applied(normal, x)
+    direction, square = error, (error * error).sum(axis=0)
+    enough = _TOLERANCE**2 * np.maximum(square, 1e-30)
+    for _ in range(_STEPS):
+        going = square > enough
+        if not going.any():
+            break
+        along = _applied(normal, direction)
+        step = np.where(going, square / np.maximum((direction * along).sum(axis=0), 1e-300), 0.0)
+        x, error = x + step * direction, error - step * along
+        former, square = square, (error * error).sum(axis=0)
+        direction = error + square / np.maximum(former, 1e-300) * direction
+    return x[1:-1]
+
+
+def _applied(normal: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the (N, 5, 5) matrices of the windows applied to (2 N + 3, d) keys, one more at either end."""
+    fives = np.stack([x[i : len(x) - 4 + i : 2] for i in range(5)], axis=1)
+    return _summed(normal @ fives)
+
+
+def _summed(by_keys: np.ndarray) -> np.ndarray:
+    """Return (2 N + 3, d): (N, 5, d) summed where windows share a key."""
+    count = len(by_keys)
+    summed = np.zeros((2 * count + 3, by_keys.shape[-1]))
+    for k in range(5):
+        summed[k : k + 2 * count - 1 : 2] += by_keys[:, k]
+    return summed

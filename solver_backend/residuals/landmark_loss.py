@@ -1,0 +1,109 @@
+"""What a landmark's squared distance costs: with fixed variances, with learned ones (thesis 5.3), by Barron's loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+LARGEST_EXPONENT = 300.0
+"""Log-variances are cut here, so that no trial step of a line search overflows."""
+
+
+@dataclass(frozen=True)
+class LandmarkCost:
+    """A loss of F frames of L landmarks, and its derivatives."""
+
+    cost: np.ndarray
+    """(F,)."""
+    by_squared: np.ndarray
+    """(F, L) by the squared distances."""
+    by_own: np.ndarray
+    """(F, n) by the loss's own unknowns."""
+
+
+class LandmarkLoss(Protocol):
+    """Anything that judges squared distances, and may have unknowns of its own in every frame."""
+
+    def unknowns(self, num_landmarks: int) -> int:
+        """Return n, how many it has in a frame."""
+        ...
+
+    def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
+        """Return the cost of (F, L) squared distances in units of a first variance.
+
+        Args:
+            squared: r², anything where not seen.
+            seen: (F, L) bool.
+            own: (F, n) the unknowns.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class FixedVariances:
+    """``½ Σ r²``: every landmark is as reliable as the others."""
+
+    def unknowns(self, num_landmarks: int) -> int:
+        """Return 0."""
+        return 0
+
+    def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
+        """Return the cost of (F, L) squared distances."""
+        used = seen.astype(np.float64)
+        return LandmarkCost(0.5 * (used * squared).sum(-1), 0.5 * used, np.zeros_like(own))
+
+
+@dataclass(frozen=True)
+class LearnedVariances:
+    """``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s of each frame's landmarks (thesis 5.2, 5.3, 5.5)."""
+
+    weight: float
+    """λ of the prior that draws s to 0, the first variance (thesis 5.5)."""
+
+    def unknowns(self, num_landmarks: int) -> int:
+        """Return L."""
+        return num_landmarks
+
+    def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
+        """Return the cost of (F, L) squared distances and (F, L) log-variances s."""
+        used = seen.astype(np.float64)
+        precision = used * np.exp(np.clip(-own, -LARGEST_EXPONENT, LARGEST_EXPONENT))
+        cost = (0.5 * (precision * squared + used * own) + self.weight * own * own).sum(-1)
+        by_own = 0.5 * (used - precision * squared) + 2.0 * self.weight * own
+        return LandmarkCost(cost, 0.5 * precision, by_own)
+
+
+@dataclass(frozen=True)
+class AdaptiveLoss:
+    """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` of a fixed shape α.
+
+    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's; the lower, the less outliers count. Its limits at 2 and
+    0 are taken.
+
+    Reference: Barron 2019, "A general and adaptive robust loss function", eqs. 1, 8 and 9.
+    """
+
+    alpha: float
+    """Shape."""
+    scale: float = 1.0
+    """c, in first standard deviations."""
+
+    def unknowns(self, num_landmarks: int) -> int:
+        """Return 0."""
+        return 0
+
+    def __call__(self, squared: np.ndarray, seen: np.ndarray, own: np.ndarray) -> LandmarkCost:
+        """Return the cost of (F, L) squared distances."""
+        used, inverse = seen.astype(np.float64), self.scale**-2
+        ratio, distance = inverse * np.where(seen, squared, 0.0), abs(self.alpha - 2.0)
+        if distance == 0.0:
+            cost, slope = 0.5 * ratio, np.full_like(ratio, 0.5)
+        elif self.alpha == 0.0:
+            cost, slope = np.log1p(0.5 * ratio), 0.5 / (1.0 + 0.5 * ratio)
+        else:
+            base = ratio / distance + 1.0
+            cost = distance / self.alpha * (base ** (0.5 * self.alpha) - 1.0)
+            slope = 0.5 * base ** (0.5 * self.alpha - 1.0)
+        return LandmarkCost((used * cost).sum(-1), inverse * used * slope, np.zeros_like(own))

@@ -1,0 +1,149 @@
+"""Limited-memory BFGS for many small problems at a time, each with its own steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Objective = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""(b, n) points and the (b,) numbers of the problems they belong to -> (b,) costs and (b, n) gradients."""
+
+
+@dataclass(frozen=True)
+class QuasiNewtonSettings:
+    """When to stop and how to step."""
+
+    max_iterations: int = 200
+    """Steps at most."""
+    tolerance: float = 1e-4
+    """A problem is done when a step lowers its cost by less than this share of the cost, or of 1 where that is more."""
+    memory: int = 12
+    """Pairs that are remembered."""
+    decrease: float = 1e-4
+    """Share of the predicted decrease that a step must meet (Armijo)."""
+    curvature: float = 0.9
+    """Share of the starting slope that may be left (Wolfe)."""
+    max_trials: int = 20
+    """Steps tried along a line."""
+
+
+@dataclass(frozen=True)
+class QuasiNewtonResult:
+    """Where B problems ended."""
+
+    x: np.ndarray
+    """(B, n)."""
+    cost: np.ndarray
+    """(B,)."""
+    iterations: int
+    """Steps of the problem that took most."""
+    converged: np.ndarray
+    """(B,) bool: a step no longer lowered the cost by more than the tolerance."""
+
+
+def independent_lbfgs(
+    objective: Objective, start: np.ndarray, scale: np.ndarray, settings: QuasiNewtonSettings = QuasiNewtonSettings()
+) -> QuasiNewtonResult:
+    """Minimise ``f_b(x_b)`` of every problem b by itself; all that still move are evaluated together.
+
+    ``x ← x - t H ∇f`` with H from the last pairs, ``H_0 = γ diag(scale)``, and t by bisection until the weak Wolfe
+    conditions hold.
+
+    Args:
+        objective: costs and gradients; a cost that is not finite counts as too long a step.
+        start: (B, n).
+        scale: (B, n) guess of the inverse second derivatives, positive.
+        settings: when to stop.
+
+    Reference: Nocedal and Wright 2006, algorithm 7.4; Lewis and Overton 2013, "Nonsmooth optimization via quasi-Newton
+    methods", algorithm 2.6.
+    """
+    x, moving = np.array(start, dtype=np.float64), np.arange(len(start))
+    cost, gradient = objective(x, moving)
+    converged, pairs, iteration = np.zeros(len(x), dtype=bool), _Pairs.empty(settings.memory, x, scale), 0
+    for iteration in range(1, settings.max_iterations + 1):
+        direction = pairs.direction(gradient[moving], moving)
+        found = _wolfe_step(objective, x[moving], cost[moving], gradient[moving], direction, moving, settings)
+        pairs.add(iteration, moving, found[0] - x[moving], found[2] - gradient[moving])
+        fall = cost[moving] - found[1]
+        x[moving], cost[moving], gradient[moving] = found
+        done = fall <= settings.tolerance * np.maximum(np.abs(cost[moving]), 1.0)
+        converged[moving[done]] = True
+        moving = moving[~done]
+        if not len(moving):
+            break
+    return QuasiNewtonResult(x, cost, iteration, converged)
+
+
+def _wolfe_step(
+    objective: Objective, x: np.ndarray, cost: np.ndarray, gradient: np.ndarray, direction: np.ndarray,
+    problems: np.ndarray, settings: QuasiNewtonSettings,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the points, costs and gradients one step further; a problem without a lower trial stays."""
+    slope = (gradient * direction).sum(-1)
+    step, low, high = np.ones(len(x)), np.zeros(len(x)), np.full(len(x), np.inf)
+    best = x.copy(), cost.copy(), gradient.copy()
+    trying = np.arange(len(x))
+    for _ in range(settings.max_trials):
+        trial = x[trying] + step[trying, None] * direction[trying]
+        new_cost, new_gradient = objective(trial, problems[trying])
+        enough = new_cost <= cost[trying] + settings.decrease * step[trying] * slope[trying]
+        flat = (new_gradient * direction[trying]).sum(-1) >= settings.curvature * slope[trying]
+        lower = enough & (new_cost <= best[1][trying])
+        for kept, new in zip(best, (trial, new_cost, new_gradient), strict=True):
+            kept[trying[lower]] = new[lower]
+        low[trying[enough]], high[trying[~enough]] = step[trying[enough]], step[trying[~enough]]
+        trying = trying[~(enough & flat)]
+        if not len(trying):
+            break
+        bounded = np.isfinite(high[trying])
+        step[trying] = np.where(bounded, 0.5 * (low[trying] + np.where(bounded, high[trying], 0.0)), 2.0 * low[trying])
+    return best
+
+
+@dataclass
+class _Pairs:
+    """The last steps and changes of the gradient of every problem."""
+
+    steps: np.ndarray
+    """(m, B, n)."""
+    changes: np.ndarray
+    """(m, B, n)."""
+    curvature: np.ndarray
+    """(m, B) 1 / (sᵀ y), 0 where there is no pair."""
+    gamma: np.ndarray
+    """(B,) scale of H_0."""
+    scale: np.ndarray
+    """(B, n) its diagonal."""
+    newest: int = 0
+    """Where the last pair stands."""
+
+    @classmethod
+    def empty(cls, memory: int, x: np.ndarray, scale: np.ndarray) -> _Pairs:
+        shape = (memory, *x.shape)
+        return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
+
+    def add(self, iteration: int, problems: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
+        """Remember a pair of these problems where its curvature is positive."""
+        product = (step * change).sum(-1)
+        sound = product > 1e-10 * np.sqrt((step * step).sum(-1) * (change * change).sum(-1))
+        self.newest = iteration % len(self.steps)
+        self.steps[self.newest, problems], self.changes[self.newest, problems] = step, change
+        self.curvature[self.newest, problems] = np.where(sound, 1.0 / np.where(sound, product, 1.0), 0.0)
+        spread = (change * self.scale[problems] * change).sum(-1)
+        self.gamma[problems[sound]] = (product / np.where(spread > 0, spread, 1.0))[sound]
+
+    def direction(self, gradient: np.ndarray, problems: np.ndarray) -> np.ndarray:
+        """Return ``-H g`` of these problems by the two-loop recursion."""
+        order = [(self.newest - k) % len(self.steps) for k in range(len(self.steps))]
+        q, shares = -gradient, {}
+        for k in order:
+            shares[k] = self.curvature[k, problems] * (self.steps[k, problems] * q).sum(-1)
+            q = q - shares[k][:, None] * self.changes[k, problems]
+        q = self.gamma[problems, None] * self.scale[problems] * q
+        for k in reversed(order):
+            back = self.curvature[k, problems] * (self.changes[k, problems] * q).sum(-1)
+            q = q + (shares[k] - back)[:, None] * self.steps[k, problems]
+        return q

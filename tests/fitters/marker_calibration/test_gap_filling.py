@@ -1,0 +1,75 @@
+"""Gaps filled by the body: joined to both ends, and as long as what markers are off lasts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.baselines.rigid_filling import fill_rigidly
+from solver_backend.fitters.marker_calibration.gap_filling import filled, lasting_frames
+from solver_backend.geometry.rotations import exp_so3
+
+FRAMES, FPS = 400, 60.0
+
+
+def process(tau: float, count: int = 4, seed: int = 1) -> np.ndarray:
+    """Return (F, M, 3) Ornstein-Uhlenbeck noise of 5 mm that lasts tau frames."""
+    rng, share = np.random.default_rng(seed), np.exp(-1 / tau)
+    values = np.zeros((FRAMES, count, 3))
+    values[0] = rng.normal(size=(count, 3))
+    for f in range(1, FRAMES):
+        values[f] = share * values[f - 1] + np.sqrt(1 - share**2) * rng.normal(size=(count, 3))
+    return 0.005 * values
+
+
+@pytest.mark.parametrize("tau", [8.0, 40.0])
+def test_how_long_errors_last_is_read_from_the_take(tau):
+    assert lasting_frames(process(tau, count=60), 12) == pytest.approx(tau, rel=0.25)
+
+
+@pytest.mark.parametrize("tau", [5.0, 60.0])
+def test_gaps_are_joined_and_no_worse_than_a_line(tau):
+    rng, off = np.random.default_rng(7), process(tau, count=30)
+    turn = exp_so3(np.cumsum(0.02 * rng.normal(size=(FRAMES, 1, 3)), axis=0)) * np.ones((1, 30, 1, 1))
+    solved = np.cumsum(0.01 * rng.normal(size=(FRAMES, 1, 3)), axis=0) + rng.normal(size=(30, 3))
+    truth = solved + (turn @ off[..., None])[..., 0]
+    measured, gap = truth.copy(), slice(100, 130)
+    measured[gap] = np.nan
+    found = filled(measured, solved, turn, FPS)
+    np.testing.assert_array_equal(found[:100], truth[:100])
+    ours, body = (np.linalg.norm(points - truth, axis=-1)[gap] for points in (found, solved))
+    way = np.linspace(0, 1, 32)[1:-1, None, None]
+    line = off[99] * (1 - way) + off[130] * way
+    straight = np.linalg.norm(line - off[gap], axis=-1)
+    # What lasts five frames is gone in the middle of the gap, where the body alone is best and a line is worst.
+    assert ours.mean() < 1.1 * body.mean() and ours.mean() < 1.02 * straight.mean()
+    assert ours[[0, -1]].mean() < 0.8 * body[[0, -1]].mean()
+
+
+def test_a_gap_at_the_end_has_one_side():
+    measured = np.full((20, 1, 3), 0.02)
+    measured[15:] = np.nan
+    found = filled(measured, np.zeros((20, 1, 3)), np.broadcast_to(np.eye(3), (20, 1, 3, 3)), FPS)
+    assert np.isfinite(found).all() and found[15, 0, 0] == pytest.approx(0.02, rel=0.1)
+    assert (np.diff(found[14:, 0, 0]) < 0).all()
+
+
+def test_a_gap_of_minutes_is_the_body_in_its_middle():
+    count = 20_000
+    measured = 0.005 * np.random.default_rng(5).normal(size=(count, 1, 3))
+    measured[500:-500] = np.nan
+    found = filled(measured, np.zeros_like(measured), np.broadcast_to(np.eye(3), (count, 1, 3, 3)), FPS)
+    assert np.isfinite(found).all() and np.abs(found[5000:-5000]).max() < 1e-12
+    assert np.linalg.norm(found[500] - found[499]) < 0.5 * np.linalg.norm(found[499])
+
+
+def test_the_trades_filling_is_exact_for_a_rigid_cluster():
+    rng = np.random.default_rng(3)
+    shape = 0.2 * rng.normal(size=(6, 3))
+    turn = exp_so3(np.cumsum(0.05 * rng.normal(size=(80, 3)), axis=0))
+    truth = (turn[:, None] @ shape[..., None])[..., 0] + np.cumsum(0.01 * rng.normal(size=(80, 1, 3)), axis=0)
+    measured = truth.copy()
+    measured[30:50, 2], measured[70:, 4] = np.nan, np.nan
+    np.testing.assert_allclose(fill_rigidly(measured), truth, atol=1e-9)
+    measured[30:50] = np.nan
+    assert np.isfinite(fill_rigidly(measured)).all()

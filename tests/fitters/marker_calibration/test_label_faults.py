@@ -1,0 +1,90 @@
+"""Wrong labels, ghosts and markers that stand still: found where they are, and of no weight in the solve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.body.markers import marker_layout
+from solver_backend.fitters import Solution, solve
+from solver_backend.fitters.marker_calibration.label_faults import clean_labels
+from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
+from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SEEN, MARKER_SWAPPED, Capture
+from tests.support.worn_markers import worn_markers
+
+LABELS = marker_layout("PLUGIN_GAIT_39")
+FPS, FRAMES = 60.0, 90
+SWAP, GHOST, STILL = slice(20, 32), slice(50, 58), slice(40, 90)
+WRISTS = [LABELS.index("LWRA"), LABELS.index("LWRB")]
+KNEE, TOE = LABELS.index("RKNE"), LABELS.index("LELB")
+
+
+@pytest.fixture(scope="module")
+def worn():
+    return worn_markers(LABELS, FRAMES, fps=FPS)
+
+
+@pytest.fixture(scope="module")
+def spoilt(worn) -> np.ndarray:
+    points = worn.cloud.positions.copy()
+    points[SWAP, WRISTS] = points[SWAP, WRISTS[::-1]]
+    points[GHOST, KNEE] += (0.0, 0.25, 0.1)
+    points[STILL, TOE] = points[STILL.start, TOE]
+    return points
+
+
+@pytest.fixture(scope="module")
+def solution(worn, spoilt) -> Solution:
+    return solve(Capture("take", markers=replace(worn.cloud, positions=spoilt)))
+
+
+def test_a_clean_take_is_not_tested(worn):
+    points = worn.cloud.positions
+    around = neighbours_of(points)
+    assert not jumping(points, around).any() and not frozen(points, around, FPS).any()
+
+
+def test_what_jumps_is_found(spoilt):
+    around = neighbours_of(spoilt)
+    jumps = jumping(spoilt, around)
+    assert jumps[[*WRISTS, KNEE]].all() and jumps.sum() <= 6
+    still = frozen(spoilt, around, FPS)
+    assert still[STILL, TOE].all() and still.sum() == STILL.stop - STILL.start
+
+
+def test_faults_are_named_and_flagged(solution):
+    flags = solution.motion.marker_flags
+    expected = np.zeros_like(flags)
+    expected[SWAP, WRISTS[0]] = expected[SWAP, WRISTS[1]] = MARKER_SWAPPED
+    expected[GHOST, KNEE] = expected[STILL, TOE] = MARKER_GHOST
+    np.testing.assert_array_equal(flags & (MARKER_SWAPPED | MARKER_GHOST), expected)
+    np.testing.assert_array_equal((flags & MARKER_FILLED) > 0, expected == MARKER_GHOST)
+    np.testing.assert_array_equal((flags & MARKER_SEEN) > 0, expected != MARKER_GHOST)
+    found = {(f["kind"], f["detail"], f["first"], f["last"]) for f in solution.motion.provenance["findings"]}
+    assert found == {
+        ("markers_exchanged", "LWRA and LWRB", 20, 31),
+        ("marker_ghost", "RKNE", 50, 57),
+        ("marker_still", "LELB", 40, 89),
+    }
+
+
+def test_faults_hardly_move_the_body(worn, solution):
+    clean = solve(Capture("take", markers=worn.cloud)).motion
+    moved = 1000 * np.linalg.norm(solution.motion.joints - clean.joints, axis=-1)
+    assert moved.mean() < 5.0
+    off = 1000 * np.linalg.norm(solution.motion.cleaned_markers - worn.cloud.positions, axis=-1)
+    assert off[SWAP][:, WRISTS].max() < 1e-6
+    assert off[GHOST, KNEE].mean() < 15.0 and np.isfinite(solution.motion.cleaned_markers).all()
+
+
+def test_a_label_that_holds_its_neighbours_point_is_given_back():
+    rng = np.random.default_rng(5)
+    base = np.linspace(0, 0.6, 7)[:, None] * [1.0, 0.3, 0.0]
+    points = base + np.cumsum(0.01 * rng.normal(size=(60, 1, 3)), axis=0)
+    spoilt = points.copy()
+    spoilt[20:30, 2], spoilt[20:30, 3] = points[20:30, 3], np.nan
+    cleaned = clean_labels(spoilt, points + 0.01, neighbours_of(points, 4), np.ones(7, dtype=bool), 60.0)
+    np.testing.assert_array_equal(cleaned.points[20:30, 3], points[20:30, 3])
+    assert np.isnan(cleaned.points[20:30, 2]).all() and len(cleaned.faults) == 1
