@@ -2,6 +2,7 @@
 
 from solver_backend.baselines.base import Baseline, BaselineResult
 from solver_backend.baselines.bundlemocap import BundleMoCap, BundleMoCapPlusPlus
+from solver_backend.baselines.marker_fits import AdaptiveRobust, MoSh
 from solver_backend.baselines.muvs import DCT, MuVS
 from solver_backend.baselines.triangulated import TriangulatedButterworth
 from solver_backend.baselines.whole_sequence import DMMR, ETC
@@ -10,10 +11,12 @@ __all__ = [
     "DCT",
     "DMMR",
     "ETC",
+    "AdaptiveRobust",
     "Baseline",
     "BaselineResult",
     "BundleMoCap",
     "BundleMoCapPlusPlus",
+    "MoSh",
     "MuVS",
     "TriangulatedButterworth",
 ]

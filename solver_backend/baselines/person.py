@@ -63,6 +63,8 @@ def prepare(capture: Capture) -> Prepared:
     cameras, keypoints = capture.require_multiview()
     body, like = load_body(), np.zeros(1)
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
-    problem = Problem.of(body, load_sposer(), measurements_of(capture, triangulation, body, like))
+    # The weights of the baselines were tuned with the detector's noise alone.
+    measurements = measurements_of(capture, triangulation, body, like, model_error=False)
+    problem = Problem.of(body, load_sposer(), measurements)
     subject = Subject.average(body, problem.measurements.landmarks, like)
     return Prepared(problem, learn_subject(problem, subject, SolveSettings(), silent))

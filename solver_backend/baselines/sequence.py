@@ -137,9 +137,9 @@ class Sequence:
             return s.retract(step.reshape(-1, DOF))
 
         def select(mask: np.ndarray, new: States, old: States) -> States:
-            return new if mask.size == 1 and mask[0] else old.replaced(np.flatnonzero(mask), _masked(new, mask))
+            return old.replaced(np.flatnonzero(mask), _masked(new, mask))
 
-        return levenberg_marquardt(states, linearise, retract, select, LMSettings(max_iterations=iterations)).state
+        return levenberg_marquardt(states, linearise, retract, LMSettings(max_iterations=iterations), select).state
 
 
 def _masked(states: States, mask: np.ndarray) -> States:

@@ -14,7 +14,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.body.markers import MARKER_LAYOUTS, marker_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.geometry.rotations import exp_so3
 from tests.benchmarks.metric import Metric
 
@@ -24,7 +24,7 @@ FRAMES, RUNS = 1000, 11
 def run() -> list[Metric]:
     """Time both array backends."""
     body = load_body()
-    names = MARKER_LAYOUTS["MANIFOLD_53"]
+    names = marker_layout("MANIFOLD_53")
     landmarks = marker_landmarks(body, names)
     rng = np.random.default_rng(0)
     state = {

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
+LENGTHS = re.compile(r"time|.*_t[xyz]")
+"""Columns that are no angles."""
+
 
 def read_mot(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a motion file by name.
+    """Return the columns of a motion file by name, angles in degrees.
 
     Raises:
-        ValueError: the header does not end, angles are not in degrees, or rows are ragged.
+        ValueError: the header does not end or does not say what angles are in, or rows are ragged.
     """
     header, _, body = path.read_text(encoding="utf-8").partition("endheader")
-    if "inDegrees=yes" not in header.replace(" ", ""):
-        raise ValueError(f"{path.name}: angles in degrees are expected.")
+    units = re.search(r"inDegrees=(yes|no)", header.replace(" ", ""))
+    if units is None:
+        raise ValueError(f"{path.name}: the header does not say whether angles are in degrees.")
     names, *rows = [line.split() for line in body.strip().splitlines()]
     if not rows or any(len(row) != len(names) for row in rows):
         raise ValueError(f"{path.name}: the rows do not fit the {len(names)} columns.")
-    return dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))
+    columns = dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))
+    if units[1] == "no":
+        columns |= {name: np.degrees(values) for name, values in columns.items() if not LENGTHS.fullmatch(name)}
+    return columns

@@ -17,7 +17,11 @@ def test_columns_come_by_name(tmp_path: Path) -> None:
     path = tmp_path / "a.mot"
     path.write_text(HEADER + "time\tknee_angle_r\tknee_angle_l\n0.0\t10.5\t-2\n0.1\t11.5\t-3\n", encoding="utf-8")
     assert read_mot(path)["knee_angle_r"].tolist() == [10.5, 11.5]
-    path.write_text(HEADER.replace("yes", "no") + "time\n0\n", encoding="utf-8")
+    radians = HEADER.replace("yes", "no")
+    path.write_text(radians + "time knee_angle_r pelvis_tx\n2.0 0.5 0.5\n", encoding="utf-8")
+    found = {name: float(values[0]) for name, values in read_mot(path).items()}
+    assert found == {"time": 2.0, "knee_angle_r": pytest.approx(np.degrees(0.5)), "pelvis_tx": 0.5}
+    path.write_text(HEADER.replace("inDegrees=yes", "") + "time\n0\n", encoding="utf-8")
     with pytest.raises(ValueError, match="degrees"):
         read_mot(path)
     path.write_text(HEADER + "time a\n0\n", encoding="utf-8")

@@ -50,7 +50,7 @@ def filmed(take: str, settings: BenchmarkSettings = BenchmarkSettings(), bad: st
     path = capture_path(take, settings, bad)
     if path.exists():
         return read_capture(path)
-    capture = benchmark_capture(_take(take), settings)
+    capture = benchmark_capture(take_of(take), settings)
     if bad is not None:
         capture = BAD[bad](capture)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -64,7 +64,8 @@ def capture_path(take: str, settings: BenchmarkSettings, bad: str | None = None)
     return FOLDER / f"{stem}_{settings.num_views}views_{_key(take, settings, bad)}.npz"
 
 
-def _take(spec: str) -> benchmark.Take:
+def take_of(spec: str) -> benchmark.Take:
+    """Return the take that "NAME:START+FRAMES*TIMES" says, see ``filmed``."""
     name, _, part = spec.partition(":")
     start, _, frames = part.partition("+")
     frames, _, times = frames.partition("*")
@@ -86,7 +87,7 @@ def _key(take: str, settings: BenchmarkSettings, bad: str | None) -> str:
 
 
 def _walker() -> benchmark.Take:
-    return _take(WALKER)
+    return take_of(WALKER)
 
 
 BAD: dict[str, Callable[[Capture], Capture]] = {

@@ -13,8 +13,6 @@ from solver_backend.priors.weights import ASSETS
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = "solver_backend"
 WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz")
-TABLES = ("marker_layouts.json",)
-"""Data that modules read when they are imported."""
 
 
 @cache
@@ -23,7 +21,7 @@ def code_version(module: str) -> str:
     digest = hashlib.sha256()
     for path in sorted(closure(module)):
         digest.update(path.read_bytes())
-    for name in WEIGHTS + TABLES:
+    for name in WEIGHTS:
         if (ASSETS / name).exists():
             digest.update((ASSETS / name).read_bytes())
     return digest.hexdigest()

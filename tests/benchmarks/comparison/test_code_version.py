@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.benchmarks.comparison import code_version as versions
-from tests.benchmarks.comparison.code_version import ASSETS, ROOT, TABLES, closure, code_version
+from tests.benchmarks.comparison.code_version import ROOT, closure, code_version
 from tests.benchmarks.comparison.methods import compared
 
 
@@ -25,7 +25,7 @@ def test_code_is_what_a_method_imports() -> None:
 
 @pytest.mark.parametrize("module", sorted({method.module for method in compared()}))
 def test_nothing_is_missing_where_only_the_closure_is(tmp_path: Path, module: str) -> None:
-    for path in [*closure(module), *(ASSETS / name for name in TABLES)]:
+    for path in closure(module):
         copy = tmp_path / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, copy)

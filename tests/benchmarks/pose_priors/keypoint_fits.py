@@ -78,7 +78,7 @@ def latent_fit(prior: PosePrior, seen: Sighting, pull: float, settings: Keypoint
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
         objective = _LatentObjective(prior, seen.term, pull, settings, scale)
         state = levenberg_marquardt(
-            state, objective.linearise, objective.retract, lambda _, new, old: new,
+            state, objective.linearise, objective.retract,
             LMSettings(max_iterations=settings.iterations, tolerance=1e-5),
         ).state  # fmt: skip
     return _error_mm(seen, state[0], state[2])

@@ -33,7 +33,7 @@ class LatentChain:
     def solve(self, iterations: int = 15) -> np.ndarray:
         """Return the decoded poses (F, 21, 3, 3)."""
         found = levenberg_marquardt(
-            self.encoded, self.linearise, lambda z, step: z + step.reshape(z.shape), lambda _, new, old: new,
+            self.encoded, self.linearise, lambda z, step: z + step.reshape(z.shape),
             LMSettings(max_iterations=iterations, tolerance=1e-5),
         )  # fmt: skip
         return self.prior.decode(found.state)

@@ -1,0 +1,57 @@
+"""Ten benchmark captures of 300 frames and four views, all cameras but the first late by 0-10 frames, drawn by seed.
+
+How far the estimated delays are from the true ones, in frames, against the first camera. Needs the motions kept beside
+the repository (or MOCAP_SHARED_DATA). ``python -m tests.benchmarks.bench_delays`` prints every seed.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.view_checks.synchronisation import estimate_delays
+from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.types import Capture
+from tests.benchmarks.comparison.validation_takes import take_named
+from tests.benchmarks.metric import Metric
+
+TAKES = (("13_29", 600), ("salsa_07", 20), ("03_03", 60), ("salsa_11", 270), ("13_29", 1200))
+SEEDS, FRAMES = 10, 300
+LARGEST_FRAMES = 10.0
+BOUND_FRAMES = 0.3
+
+
+def run() -> list[Metric]:
+    """Estimate the delays of every seed."""
+    error = np.abs(np.stack([errors(seed) for seed in range(SEEDS)]))
+    return [
+        Metric("largest_error", float(np.nan_to_num(error, nan=LARGEST_FRAMES).max()), "frames", abs_tol=0.02),
+        Metric("median_error", float(np.median(error[:, 1:])), "frames", abs_tol=0.02),
+        Metric("unknown", float(np.isnan(error).sum()), "cameras"),
+        Metric("beyond_bound", float((error > BOUND_FRAMES).sum()), "cameras"),
+    ]
+
+
+def errors(seed: int) -> np.ndarray:
+    """Return (C,) frames by which estimated delays are too large, of cameras that are late by 0-10 frames."""
+    capture = late_capture(seed)
+    cameras, keypoints = capture.require_multiview()
+    found = estimate_delays(cameras, keypoints, triangulate(cameras, keypoints.xy, keypoints.confidence))
+    wrong = found.frames - capture.truth["delay_frames"]
+    return wrong - wrong[0]
+
+
+def late_capture(seed: int) -> Capture:
+    """Return the capture of a seed: another take, person, noise and delays each."""
+    name, start = TAKES[seed % len(TAKES)]
+    take = take_named(name, FRAMES, start)
+    settings = BenchmarkSettings(seed=seed, largest_delay_frames=LARGEST_FRAMES)
+    return replace(benchmark_capture(take, settings), name=f"{name}_seed{seed}")
+
+
+if __name__ == "__main__":
+    for number in range(SEEDS):
+        sys.stdout.write(f"seed {number}: {np.round(errors(number), 2)} frames\n")

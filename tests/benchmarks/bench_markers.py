@@ -1,0 +1,97 @@
+"""Optical markers: hidden samples filled in, a spoiled take, joints beside a recording's own skeleton, and speed.
+
+Hidden samples: 15 % of the real samples in bursts of half a second, filled by a rigid cluster of neighbours (as it is
+the trade) and by the body. Spoiled: 4 mm of noise, 10 % missing, 3 ghosts and 6 exchanges of labels. The skeleton's
+joints "steady" are without each joint's constant offset in its bone; beside it stands how far they move in the frames
+of the recording's own markers, which no skeleton of rigid bones can undercut. Angles are against OpenSim's of the
+same markers. Needs the recordings (MOCAP_SHARED_DATA).
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.fitters import solve
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud, Motion
+from tests.benchmarks.marker_takes import coverage, joint_angles, speed
+from tests.benchmarks.marker_takes.held_out import held_out, pooled, report
+from tests.benchmarks.marker_takes.rigid_bones import motion_in_bones
+from tests.benchmarks.marker_takes.spoiled import moved_mm
+from tests.benchmarks.marker_takes.takes import cmu, folder, held_out_takes, ui_prmd
+from tests.benchmarks.metric import Metric
+from tests.support.cmu_marker_take import read_take
+from tests.support.recordings import recordings_folder
+
+
+def run() -> list[Metric]:
+    """Measure and print the tables."""
+    folder()
+    return [*_held_out(), *_spoiled(), *_skeleton(), *_angles(), *_coverage(), *_speed()]
+
+
+def _held_out() -> list[Metric]:
+    found = {layout: pooled([held_out(take) for take in takes]) for layout, takes in held_out_takes().items()}
+    text, metrics = report(found)
+    sys.stdout.write(text + "\n")
+    return metrics
+
+
+def _spoiled() -> list[Metric]:
+    takes = {"cmu": cmu("02_01"), "plug_in_gait": ui_prmd(folder() / "ui_prmd" / "m03_s05_e02.npz")}
+    return [
+        Metric(f"spoiled_{name}_mm", float(moved_mm(take).mean()), "mm", rel_tol=0.2) for name, take in takes.items()
+    ]
+
+
+def _skeleton() -> list[Metric]:
+    take = read_take(recordings_folder())
+    motion = solve(Capture("02_01", markers=MarkerCloud(take.markers, 120.0, take.labels))).motion
+    steady = _steady_mm(motion, take.joints)
+    bones = motion_in_bones(take.labels, take.markers, take.joints)
+    for name in steady:
+        sys.stdout.write(
+            f"  {name:<16} steady {steady[name]:6.1f} mm   in the markers' own frames {bones[name]:6.1f}\n"
+        )
+    return [
+        Metric("skeleton_steady_mm", float(np.mean([*steady.values()])), "mm"),
+        Metric("skeleton_in_markers_mm", float(np.mean([*bones.values()])), "mm"),
+    ]
+
+
+def _steady_mm(motion: Motion, joints: dict[str, np.ndarray]) -> dict[str, float]:
+    """Return each joint's mean distance to the reference without its constant offset in its parent's frame."""
+    body, count = load_body(), motion.num_frames
+    local = exp_so3(motion.body_pose.reshape(count, -1, 3))[:, :21]
+    skeleton = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), local, motion.transl)
+    steady = {}
+    for name, reference in joints.items():
+        j = SMPL_JOINTS.index(name)
+        bone = skeleton.G[:, body.parents[j]]
+        error = (np.swapaxes(bone, 1, 2) @ (skeleton.joints[:, j] - reference)[..., None])[..., 0]
+        steady[name] = 1000 * float(np.linalg.norm(error - error.mean(0), axis=-1).mean())
+    return steady
+
+
+def _angles() -> list[Metric]:
+    metrics = []
+    for trial, angles in joint_angles.differences().items():
+        for angle, (offset, rms) in angles.items():
+            sys.stdout.write(f"  {trial:<18} {angle:<6} offset {offset:+6.1f}°  RMS around it {rms:5.1f}°\n")
+            metrics.append(Metric(f"{trial} {angle}".replace(" ", "_").replace("/", "_"), rms, "°", rel_tol=0.15))
+    return metrics
+
+
+def _coverage() -> list[Metric]:
+    return [Metric(key, value, "%", "higher", abs_tol=4.0) for key, value in coverage.held().items()]
+
+
+def _speed() -> list[Metric]:
+    return [
+        Metric(name.replace(" ", "_").replace(",", ""), value, "frames/s", "higher", rel_tol=0.4)
+        for name, value in speed.measured().items()
+    ]

@@ -1,0 +1,58 @@
+"""Three solved takes (walk, squat, dance; four views each) on a Rigify and two Mixamo-named rigs of other proportions.
+
+Largest distances of hands and feet from the scaled actor's over all frames, largest difference of the twist of hinges,
+and the way of standing toes by the actor's, measured in Blender from what the rigs show; processor seconds for 1,000
+frames are of the whole verb, the rig read and checked, from the longest take.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import bpy
+
+from blender_addon._exchange.motion_file import read_motion
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.conventions.timing import TakeTiming
+from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.retarget import retarget
+from solver_backend.fitters import solve
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.native.motion_file import write_motion
+from tests.benchmarks.comparison.captures import filmed
+from tests.benchmarks.metric import Metric
+from tests.support.retarget_measures import score
+from tests.support.retarget_rigs import map_of_rig, mixamo, rigify
+
+TAKES = {"walk": "08_01:0+139", "squat": "13_29:2050+240", "dance": "salsa_07:20+300"}
+RIGS: dict[str, Callable] = {
+    "mixamo_short": mixamo, "mixamo_tall_a": lambda: mixamo("tall", arms_down_deg=40.0), "rigify": rigify,
+}  # fmt: skip
+
+
+def run() -> list[Metric]:
+    """Solve each take and lay it on each rig."""
+    body, metrics, seconds = read_body(default_body_path()), [], []
+    for name, take in TAKES.items():
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"{name}.npz"
+            write_motion(path, solve(filmed(take), SolveSettings()).motion)
+            motion = read_motion(path)
+        for kind, make in RIGS.items():
+            bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+            rig, limbs = make()
+            timing, start = TakeTiming(1, motion.fps), time.process_time()
+            retarget(actor_of_motion(motion, body), rig, bpy.context.scene, map_of_rig(rig), timing)
+            seconds.append((time.process_time() - start) * 1000 / motion.num_frames)
+            found = score(rig, limbs, motion, body, timing.scene_frames(motion.num_frames, motion.fps))
+            key = f"{name}_{kind}"
+            metrics += [
+                Metric(f"{key}_hands_mm", found.hands_mm, "mm", abs_tol=1.0),
+                Metric(f"{key}_feet_mm", found.feet_mm, "mm", abs_tol=1.0),
+                Metric(f"{key}_twist_deg", found.twist_deg, "°", abs_tol=0.5),
+                Metric(f"{key}_skating_ratio", found.skating / found.skating_actor, "", abs_tol=0.02),
+            ]
+    return [*metrics, Metric("cpu_s_1000_frames", max(seconds[-len(RIGS) :]), "s", rel_tol=1.0)]

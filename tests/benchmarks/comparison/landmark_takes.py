@@ -1,0 +1,69 @@
+"""People of random shape who do what was recorded: true markers and joints, and what a solver gets of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.landmarks import measure_landmarks
+from solver_backend.simulation.benchmark import Take, cast_person
+from solver_backend.simulation.marker_noise import DataNoise, InferenceNoise
+from solver_backend.types import SMPL_JOINTS, JointSet
+
+LAYOUT = "MANIFOLD_53"
+NOISES = ("data", "inference", "both")
+"""Columns n_d and n_m of thesis table 5.2."""
+_FAR = ("wrist", "hand", "ankle", "foot")
+
+
+@dataclass(frozen=True)
+class LandmarkTake:
+    """F frames of a person whose markers and joints are known."""
+
+    name: str
+    body: Body
+    landmarks: Landmarks
+    """Of the 53 markers, then of the 24 joints."""
+    points: np.ndarray
+    """(F, 77, 3) where they are, metres."""
+    local: np.ndarray
+    """(F, 21, 3, 3) rotations of joints 1..21."""
+    fps: float
+
+    @classmethod
+    def of(cls, take: Take, seed: int) -> LandmarkTake:
+        """Cast a person."""
+        person = cast_person(take, np.random.default_rng(seed))
+        markers = marker_landmarks(person.body, marker_layout(LAYOUT))
+        landmarks = Landmarks.joined((markers, keypoint_landmarks(person.body, JointSet.SMPL_24)))
+        posed = pose_landmarks(person.body, landmarks, person.betas, person.orient, person.local, person.transl)
+        return cls(take.name, person.body, landmarks, posed.points, person.local, take.fps)
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(F, 24, 3) metres."""
+        return self.points[:, -len(SMPL_JOINTS) :]
+
+    def measured(self, noise: str, *, joints: bool, seed: int) -> Measurements:
+        """Return what a solver gets: markers, with joints or without, made worse by one of ``NOISES``."""
+        rng = np.random.default_rng(seed)
+        points = self.points.copy()
+        if noise != "inference":
+            points = DataNoise()(points, rng)
+        if noise != "data":
+            points = InferenceNoise()(points, self.points, reach_of(self.body, self.landmarks), self.fps, rng)
+        keep = len(self.landmarks) - (0 if joints else len(SMPL_JOINTS))
+        return measure_landmarks(self.landmarks.part(slice(0, keep)), points[:, :keep], self.fps, np.zeros(1))
+
+
+def reach_of(body: Body, landmarks: Landmarks) -> np.ndarray:
+    """Return (L,) 0 for landmarks on trunk and head, a half on the limbs, 1 on hands and feet."""
+    bones = [SMPL_JOINTS[b] if b < len(SMPL_JOINTS) else "hand" for b in landmarks.weights.argmax(axis=1)]
+    half = ("elbow", "knee", "shoulder", "hip")
+    return np.array([1.0 if b.endswith(_FAR) else 0.5 if b.endswith(half) else 0.0 for b in bones])

@@ -1,0 +1,1 @@
+"""What the benchmark of optical markers measures, one file a question."""

@@ -1,0 +1,84 @@
+"""How near filled gaps are to what was recorded there: 15 % of the samples hidden in bursts of half a second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.baselines.rigid_filling import fill_rigidly
+from solver_backend.fitters import SolveSettings, solve
+from solver_backend.types import Capture, MarkerCloud
+from tests.benchmarks.metric import Metric
+
+SHARE, BURST_S = 0.15, 0.5
+BOUNDS = {"mean": 0.55, "p95": 0.4}
+"""Ours against the trade's filling, as a share."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Distances of hidden markers to what filled them in, millimetres."""
+
+    rigid: np.ndarray
+    """By a rigid cluster of neighbours."""
+    body: np.ndarray
+    """To where the solved body has them."""
+    ours: np.ndarray
+    """By the body, joined to both ends of the gap."""
+
+    def figures(self, which: str) -> tuple[float, float, float]:
+        """Return mean, median and 95th percentile."""
+        error = getattr(self, which)
+        return float(error.mean()), float(np.median(error)), float(np.quantile(error, 0.95))
+
+
+def hidden(cloud: MarkerCloud, seed: int) -> np.ndarray:
+    """Return (F, M) bool: samples that were measured and are hidden."""
+    rng, seen = np.random.default_rng(seed), np.isfinite(cloud.positions).all(-1)
+    length, found = max(2, round(BURST_S * cloud.fps)), np.zeros_like(seen)
+    while (found & seen).sum() < SHARE * seen.sum():
+        marker, start = rng.integers(seen.shape[1]), rng.integers(-length // 2, len(seen) - length // 2)
+        found[max(start, 0) : start + length, marker] = True
+    return found & seen
+
+
+def held_out(cloud: MarkerCloud, seed: int = 0, settings: SolveSettings = SolveSettings()) -> HeldOut:
+    """Return how near the fillings of one take come, over the markers that the solve takes."""
+    hide = hidden(cloud, seed)
+    shown = np.where(hide[..., None], np.nan, cloud.positions)
+    motion = solve(Capture("take", markers=replace(cloud, positions=shown, residual=None)), settings).motion
+    assert motion.marker_labels is not None and motion.cleaned_markers is not None and motion.markers is not None
+    labels = cloud.labels or ()
+    columns = [labels.index(label) for label in motion.marker_labels]
+    truth, judged = cloud.positions[:, columns], hide[:, columns]
+    rigid = fill_rigidly(shown)[:, columns]
+
+    def distances(points: np.ndarray) -> np.ndarray:
+        return 1000 * np.linalg.norm(points - truth, axis=-1)[judged]
+
+    return HeldOut(distances(rigid), distances(motion.markers), distances(motion.cleaned_markers))
+
+
+def pooled(found: list[HeldOut]) -> HeldOut:
+    """Return the distances of several takes as one."""
+    return HeldOut(*(np.concatenate([getattr(item, name) for item in found]) for name in ("rigid", "body", "ours")))
+
+
+def report(found: dict[str, HeldOut]) -> tuple[str, list[Metric]]:
+    """Return the table as text, and the shares of ours in the trade's."""
+    lines = [f"{'hidden markers, mm':<22}{'filling':<12}{'mean':>8}{'median':>8}{'95 %':>8}{'of rigid':>14}"]
+    metrics: list[Metric] = []
+    for layout, item in found.items():
+        base = item.figures("rigid")
+        for which, name in (("rigid", "rigid"), ("body", "body alone"), ("ours", "ours")):
+            mean, median, far = item.figures(which)
+            shares = f"{mean / base[0]:.2f} / {far / base[2]:.2f}"
+            lines.append(f"{layout:<22}{name:<12}{mean:8.2f}{median:8.2f}{far:8.2f}{shares:>14}")
+        key = layout.replace(" ", "_").lower()
+        mean, _, far = item.figures("ours")
+        metrics += [
+            Metric(f"{key}_mean_share", mean / base[0], "", rel_tol=0.1),
+            Metric(f"{key}_p95_share", far / base[2], "", rel_tol=0.15),
+        ]
+    return "\n".join(lines), metrics

@@ -1,0 +1,26 @@
+"""Prints how far the body misses a person whom exact detections show: ``python -m tests.benchmarks.model_error``.
+
+Held-out motions, which the prior does not know, one strange body each; the takes of other benchmarks are not touched.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from solver_backend.simulation.model_error import exact_capture, measure_model_error
+from tests.benchmarks.comparison.validation_takes import take_named
+
+TAKES = (("salsa_02", 150, 300), ("salsa_14", 150, 400), ("salsa_26", 150, 500), ("03_02", 150, 60), ("08_05", 90, 10))
+"""Name, frames, first frame: three dances, a walk over obstacles, a walk."""
+
+
+def main() -> int:
+    """Measure and print a row a keypoint."""
+    captures = [exact_capture(take_named(*take), seed) for seed, take in enumerate(TAKES)]
+    for part, error in measure_model_error(captures).items():
+        sys.stdout.write(f'    "{part}": {error:.1f},\n')
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,38 @@
+"""Whether a prior holds feet, toes and hands at the ends of their ranges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.joint_limits import JOINT_LIMITS, MARGIN_DEG, from_swing_and_twist, swing_and_twist
+from solver_backend.exchange.joint_sets import SMPL_JOINTS
+from solver_backend.priors.base import AutoencodingPrior
+from tests.benchmarks.pose_priors.prior_tables import Table
+
+_ENDS = {
+    "on tiptoe": ("left_ankle", 0, 1), "foot drawn up": ("left_ankle", 0, 0), "toes bent up": ("left_foot", 0, 0),
+    "toes curled": ("left_foot", 0, 1), "hand bent up": ("left_wrist", 2, 1), "hand bent down": ("left_wrist", 2, 0),
+    "hand to the thumb": ("left_wrist", 1, 0), "hand to the little finger": ("left_wrist", 1, 1),
+}  # fmt: skip
+"""Joint, angle about x, y or z, and whether its least or greatest."""
+
+
+def held_at_ends(prior: AutoencodingPrior, poses: np.ndarray) -> Table:
+    """Return for the left foot and hand the angle of a range's end, in degrees, and what of it is decoded.
+
+    Args:
+        prior: what encodes and decodes.
+        poses: (N, 21, 3, 3), in which one angle at a time is put to its end, without the ranges' margin.
+    """
+    rows: Table = {}
+    for name, (joint, axis, side) in _ENDS.items():
+        column = SMPL_JOINTS.index(joint) - 1
+        end = JOINT_LIMITS[column, axis, side] - np.radians(MARGIN_DEG) * (2 * side - 1)
+        angles = swing_and_twist(poses)
+        angles[:, column, axis] = end
+        asked = poses.copy()
+        asked[:, column] = from_swing_and_twist(angles)[:, column]
+        decoded = np.degrees(swing_and_twist(prior.reconstruct(asked))[:, column, axis])
+        low, middle, high = np.percentile(decoded, (10, 50, 90))
+        rows[name] = {"end °": np.degrees(end), "decoded °": middle, "10 % °": low, "90 % °": high}
+    return rows
