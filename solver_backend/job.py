@@ -68,9 +68,8 @@ class Job(JobFile):
         missing = [key for key in ("capture", "out") if not values.get(key)]
         if missing:
             raise JobInvalid(f"The job lacks {' and '.join(missing)}.", where="job", hint="Both are paths of files.")
-        report, fps, name = (
-            _typed(values, key, kind) for key, kind in (("report", str), ("fps", (int, float)), ("joint_set", str))
-        )
+        report, subject, name = (_typed(values, key, str) for key in ("report", "subject", "joint_set"))
+        fps = _typed(values, "fps", (int, float))
         return cls(
             capture=folder / _typed(values, "capture", str),
             out=folder / _typed(values, "out", str),
@@ -82,6 +81,7 @@ class Job(JobFile):
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),
             subject_prefix=_typed(values, "subject_prefix", str),
+            subject=None if subject is None else folder / subject,
             settings=_settings(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
         )
@@ -137,12 +137,14 @@ def _settings(values: Mapping[str, Any], folder: Path) -> SolveSettings:
 
     Args:
         values: the job's settings.
-        folder: what the path of a body file is relative to.
+        folder: what the paths of a body file and of a layout are relative to.
     """
     for item in fields(SolveSettings):
         kind = (int, float) if isinstance(item.default, float) else type(item.default)
         _typed(values, item.name, list if item.default is None else kind)
     settings = SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
+    if settings.layout:
+        settings = replace(settings, layout=str(folder / settings.layout))
     return replace(settings, body=str(folder / settings.body)) if is_path(settings.body) else settings
 
 

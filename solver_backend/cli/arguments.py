@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 from solver_backend import __version__
 from solver_backend.cli.exit_codes import EPILOG
+from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
 
@@ -27,7 +28,18 @@ def parse(argv: list[str]) -> argparse.Namespace:
     Raises:
         CommandLineInvalid: it makes no sense; the hint is the usage.
     """
-    return _parser().parse_args(argv)
+    return _parser().parse_args(_with_signed_axis(argv))
+
+
+def _with_signed_axis(argv: list[str]) -> list[str]:
+    """Return the arguments with ``--up-axis -y`` in one, for argparse takes an axis with a sign for an option."""
+    joined: list[str] = []
+    for argument in argv:
+        if joined and joined[-1] == "--up-axis" and argument.lower() in ("-x", "-y", "-z"):
+            joined[-1] = f"--up-axis={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -47,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
+    add_marker_verbs(verbs, writing, common)
     return parser
 
 
@@ -80,7 +93,9 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="file or folder of the capture")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write")
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
-    solve.add_argument("--method", help="global (default), sliding or frame")
+    solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
+    solve.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
+    solve.add_argument("--method", help="global (default), sliding, frame or noise-aware")
     solve.add_argument("--backend", help="numpy (default) or torch")
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
     solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
@@ -94,6 +109,22 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
     )
     info.add_argument("capture", type=Path, metavar="CAPTURE")
 
+    calibrate = verbs.add_parser(
+        "calibrate", parents=[reading, writing, common], help="learn shape and places of the markers from marker takes"
+    )
+    calibrate.add_argument("captures", nargs="+", type=Path, metavar="TAKE", help="one or several takes of one person")
+    calibrate.add_argument("--out", type=Path, required=True, metavar="SUBJECT.npz")
+    calibrate.add_argument("--body", metavar="NAME|PATH", help="body to calibrate; neutral (default) ships, see bodies")
+    calibrate.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
+
+    layout = verbs.add_parser(
+        "layout",
+        parents=[reading, writing, common],
+        help="write which place each marker's label is taken for, to be edited",
+    )
+    layout.add_argument("capture", type=Path, metavar="TAKE")
+    layout.add_argument("--out", type=Path, required=True, metavar="LAYOUT.json")
+
     convert = verbs.add_parser("convert", parents=[reading, writing, common], help="write any capture as one file")
     convert.add_argument("capture", type=Path, metavar="CAPTURE")
     convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
@@ -102,6 +133,7 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
 
     demo = verbs.add_parser("demo-capture", parents=[writing, common], help="write the embedded synthetic capture")
     demo.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+    demo.add_argument("--markers", action="store_true", help="optical markers instead of keypoints in four views")
 
 
 def _add_train(verbs: Any, common: _Parser) -> None:
@@ -116,3 +148,7 @@ def _add_train(verbs: Any, common: _Parser) -> None:
     train.add_argument("--learning-rate", type=float, help="at its height")
     train.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the network is trained")
     train.add_argument("--hidden", type=int, default=512, help="width of SPoser's decoder layers")
+    train.add_argument(
+        "--from", dest="start", type=Path, metavar="WEIGHTS", help="weights to start from: sposer, lifter"
+    )
+    train.add_argument("--part", choices=("encoder",), help="train this part of SPoser alone, for --from's decoder")

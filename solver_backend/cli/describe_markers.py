@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.body.marker_names import name_markers
+from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.io.markers.take import gaps_of
-from solver_backend.io.recognition.marker_labels import is_unnamed, subjects_of
-from solver_backend.types import MarkerCloud
+from solver_backend.io.recognition.marker_labels import subjects_of
+from solver_backend.types import MarkerCloud, MarkerSubject
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
@@ -46,6 +46,29 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
             f"which {worst['missing_percent']:g} % of the frames do not see"
         )
     return lines, data
+
+
+def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
+    """Return text and JSON values of a calibrated person: shape, where markers sit, how far they stray."""
+    away = 1000 * np.linalg.norm(person.offsets, axis=-1)
+    sigma = 1000 * person.sigma_m
+    data = {
+        "body": person.body,
+        "betas": [round(float(value), 3) for value in person.betas],
+        "markers": {
+            label: {"place": place, "offset_mm": round(float(offset), 1), "sigma_mm": round(float(spread), 1)}
+            for label, place, offset, spread in zip(person.labels, person.places, away, sigma, strict=True)
+        },
+    }
+    far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm" for m in np.argsort(-away, kind="stable")[:5])
+    loose = ", ".join(f"{person.labels[m]} {sigma[m]:.1f} mm" for m in np.argsort(-sigma, kind="stable")[:5])
+    lines = [
+        f"Calibrated {len(person.labels)} markers on the body {person.body}",
+        f"  shape       {', '.join(f'{value:+.2f}' for value in person.betas)}",
+        f"  farthest    {far} from where their names say",
+        f"  loosest     {loose} around where the body has them",
+    ]
+    return "\n".join(lines), data
 
 
 def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:

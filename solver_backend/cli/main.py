@@ -14,6 +14,7 @@ from typing import TextIO
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
+from solver_backend.cli.marker_verbs import MARKER_VERBS
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.pose_arguments import POSE_VERBS
 from solver_backend.exchange.errors import MocapError, SolverFailed
@@ -72,7 +73,7 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    module = "pose_verbs" if name in POSE_VERBS else "verbs"
+    module = "pose_verbs" if name in POSE_VERBS else "marker_verbs" if name in MARKER_VERBS else "verbs"
     verbs = importlib.import_module(f"solver_backend.cli.{module}")
     return getattr(verbs, name.replace("-", "_"))
 

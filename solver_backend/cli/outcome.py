@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TextIO
 
 from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import ConsoleProgress, JsonProgress, Progress
 
 
@@ -29,14 +30,14 @@ class ForPeople:
 
     def result(self, outcome: Outcome) -> None:
         """Print the result."""
-        print(outcome.text, file=self._stream, flush=True)
+        print(plain(outcome.text, keep="\n"), file=self._stream, flush=True)
 
     def error(self, error: MocapError) -> None:
         """Print what went wrong, where, and what to try."""
         start = "\n" if sys.stderr.isatty() else ""
-        where = f"\n  where: {error.where}" if error.where else ""
-        hint = f"\n  try:   {error.hint}" if error.hint else ""
-        print(f"{start}error: {error.message}{where}{hint}", file=sys.stderr, flush=True)
+        where = f"\n  where: {plain(error.where)}" if error.where else ""
+        hint = f"\n  try:   {plain(error.hint)}" if error.hint else ""
+        print(f"{start}error: {plain(error.message)}{where}{hint}", file=sys.stderr, flush=True)
 
 
 class ForPrograms:

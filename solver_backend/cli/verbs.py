@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from solver_backend.cli.describe import describe_capture, describe_motion
+from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid
-from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown
+from solver_backend.exchange.outputs import atomic_output, check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import READING, Job, Resolve, joint_set_named, positive_fps
-from solver_backend.types import Capture
+from solver_backend.types import Capture, Motion
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -28,26 +30,73 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     capture = _load(job.capture, job.reading(), progress)
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
-    from solver_backend.io.native.motion_file import read_motion, write_motion
-    from solver_backend.report.page import write_report
+    from solver_backend.io.native.motion_file import read_motion
+    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.io.recognition.motion_checks import motion_problems
 
     start = time.monotonic()
     if job.resolve is None:
-        motion = solve_capture(capture, job.settings, progress).motion
+        person = None if job.subject is None else read_subject(job.subject)
+        motion = solve_capture(capture, job.settings, progress, person=person).motion
     else:
         earlier = read_motion(job.resolve.motion)
         motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
     timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
-    write_motion(job.out, timed, overwrite=job.overwrite)
-    if job.report is not None:
-        progress("Writing the report", 0, 1)
-        write_report(job.report, capture, timed, overwrite=job.overwrite)
-        progress("Writing the report", 1, 1)
+    _write_both(job, capture, timed, progress)
     text, data = describe_motion(timed, solve_s)
+    odd = motion_problems(timed)
+    text += "".join(f"\n  problem     {problem}" for problem in odd)
     written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
     files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
-    return Outcome(text + files, {**written, **data, "problems": list(capture.problems)})
+    return Outcome(text + files, {**written, **data, "problems": [*capture.problems, *odd]})
+
+
+def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
+    """Write the motion and its report, named one right after the other; the motion also where the report fails."""
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.report.page import report_html
+
+    with ExitStack() as named_last:
+        try:
+            if job.report is not None:
+                progress("Writing the report", 0, 1)
+                page = named_last.enter_context(atomic_output(job.report, overwrite=job.overwrite))
+                page.write_text(report_html(capture, motion), encoding="utf-8", newline="\n")
+                progress("Writing the report", 1, 1)
+        finally:
+            write_motion(job.out, motion, overwrite=job.overwrite)
+
+
+def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Learn a person from one or several marker takes and write the subject file."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    captures = [_load(path, _reading(args), progress) for path in args.captures]
+    from solver_backend.fitters.pipeline import calibrate_person
+    from solver_backend.io.native.subject_file import write_subject
+
+    chosen = {name: getattr(args, name) for name in ("body", "layout") if getattr(args, name) is not None}
+    settings = SolveSettings.from_dict(chosen)
+    person = calibrate_person(captures, settings, progress)
+    write_subject(args.out, person, overwrite=overwrite)
+    text, data = describe_person(person)
+    problems = [problem for capture in captures for problem in capture.problems]
+    return Outcome(f"{text}\n  written     {args.out}", {"subject": str(args.out), **data, "problems": problems})
+
+
+def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write which place each marker's label is taken for, as a file to be edited."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    capture = _read(args, progress)
+    if capture.markers is None or capture.markers.labels is None:
+        raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
+    from solver_backend.body.label_places import write_label_places
+
+    write_label_places(args.out, capture.markers.labels, overwrite=overwrite)
+    text, data = describe_capture(capture)
+    return Outcome(f"{text}\n  written     {args.out}", {"layout": str(args.out), **data})
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -76,9 +125,13 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the embedded synthetic capture, truth included."""
+    """Write the embedded synthetic capture, truth included, or the embedded take of markers."""
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
+    if args.markers:
+        from solver_backend.synthetic.marker_demo import DEMO_TAKE
+
+        return _write(args.out, _load(DEMO_TAKE, {}, progress), overwrite)
     from solver_backend.synthetic.demo import demo_capture as make_capture
 
     return _write(args.out, make_capture(), overwrite)
@@ -106,9 +159,9 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"Training needs the package {error.name}, which is not installed.",
             hint="pip install manifold-mocap[train]",
         ) from error
-    names = ("steps", "batch", "learning_rate", "device")
+    names = ("steps", "batch", "learning_rate", "part", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    options = {"seed": args.seed, "hidden": args.hidden, "work": args.work}
+    options = {"seed": args.seed, "hidden": args.hidden, "start": args.start, "work": args.work}
     settings = TrainingSettings(**chosen)
     finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **options)
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
@@ -118,7 +171,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _job(args: argparse.Namespace) -> Job:
     """Return the job of the command line: a job file, or the options that would stand in one."""
-    files, chosen = ("capture", "out", "report", "overwrite"), ("method", "backend", "body")
+    files, chosen = ("capture", "out", "report", "subject", "overwrite"), ("method", "backend", "body", "layout")
     names = (*files, *READING, *chosen, "resolve", "frames")
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:
@@ -133,6 +186,7 @@ def _job(args: argparse.Namespace) -> Job:
         capture=args.capture,
         out=args.out,
         report=args.report,
+        subject=args.subject,
         overwrite=bool(args.overwrite),
         **_reading(args),
         settings=SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given}),

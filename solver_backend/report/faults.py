@@ -53,7 +53,10 @@ def _text(group: list[Fault], fps: float) -> FaultText:
     fault = group[0]
     where = frames_text([(f.first, f.last) for f in group], fps)
     words = _WORDS[fault.kind]
-    what = words.what.format(camera=fault.camera, detail=fault.detail, size=abs(fault.figure))
+    named = fault.camera
+    if fault.kind is FaultKind.DELAY_UNKNOWN:
+        named = f"camera {fault.camera}" if fault.camera else "any camera"
+    what = words.what.format(camera=named, detail=fault.detail, size=abs(fault.figure))
     if fault.kind is FaultKind.UNSYNCHRONISED:
         what += " early" if fault.figure < 0 else " late"
     return FaultText(f"{what} in {where}: {_DONE[fault.remedy]}.", words.advice, fault.remedy is not Remedy.REPAIRED)
@@ -86,7 +89,15 @@ _WORDS: dict[FaultKind, _Words] = {
     ),
     FaultKind.UNSYNCHRONISED: _Words(
         "Camera {camera} runs {size:.1f} frames",
-        "Synchronise the recordings, or solve with estimate_sync.",
+        "Its detections were moved in time; synchronise the recordings to use every frame.",
+    ),
+    FaultKind.RATE_DIFFERS: _Words(
+        "Camera {camera} runs at another rate, by {size:.1f} frames over the take",
+        "Its detections were moved in time; record, or convert, all cameras at one rate.",
+    ),
+    FaultKind.DELAY_UNKNOWN: _Words(
+        "Whether {camera} is in step with the others cannot be told, for too little moves",
+        "Nothing to do if the recordings are synchronised; else let the person wave or step before all cameras.",
     ),
     FaultKind.CONTRADICTS: _Words(
         "Camera {camera} shows something else than the others",
@@ -94,5 +105,14 @@ _WORDS: dict[FaultKind, _Words] = {
     ),
     FaultKind.PERSON_AWAY: _Words(
         "No two cameras see the person", "The pose is bridged from its neighbours; animate the stretch by hand."
+    ),
+    FaultKind.MARKERS_EXCHANGED: _Words(
+        "The markers {detail} have each other's labels", "Nothing to do; correct the labels where the take is kept."
+    ),
+    FaultKind.MARKER_GHOST: _Words(
+        "The marker {detail} is recorded where it cannot be", "Look at it there: a reflection, or a wrong label."
+    ),
+    FaultKind.MARKER_STILL: _Words(
+        "The marker {detail} stands still while the person moves", "It fell off, or the recording repeats it."
     ),
 }

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.geometry.runs import true_runs
+from solver_backend.io.recognition.motion_checks import motion_problems
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.report.faults import fault_texts, faults_of, frames_text
 from solver_backend.report.statistics import Residuals, detected_share
@@ -35,6 +36,10 @@ def findings_of(capture: Capture, motion: Motion, residuals: Residuals | None) -
     found += [
         Finding(fault.what, fault.advice, "bad" if fault.bad else "look")
         for fault in fault_texts([f for f in faults_of(motion) if f.kind is not FaultKind.PERSON_AWAY], motion.fps)
+    ]
+    found += [
+        Finding(problem, "Look at the motion there; solve again with other settings or better detections.", "bad")
+        for problem in motion_problems(motion)
     ]
     found += _flagged(motion)
     if residuals is not None:

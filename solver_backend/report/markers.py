@@ -7,7 +7,7 @@ import numpy as np
 from solver_backend.report.markup import heat_table, section
 from solver_backend.report.plots import WIDTH, Line, Shade, strip_plot, time_plot
 from solver_backend.report.statistics import quantile
-from solver_backend.types import Motion
+from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SWAPPED, Motion
 
 
 def residual_over_time(motion: Motion, shades: list[Shade], key: str) -> str:
@@ -39,16 +39,27 @@ def marker_section(motion: Motion) -> str:
     values = np.stack([mean, *shares], axis=1)
     names = [label.rpartition(":")[2] for label in motion.marker_labels]
     left = heat_table(values, names, ["mean", "median", "95 % below"], strength=values / usual, unit="mm")
-    right = heat_table(seen[:, None], names, ["seen"], strength=(100 - seen[:, None]) / 40, unit="%", digits=0)
+    shares, heads = _shares(motion, seen)
+    faint = np.concatenate([(100 - shares[:, :1]) / 40, shares[:, 1:] / 10], axis=1)
+    right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)
     lead = (
         "How far the solved body's markers are from the recorded ones; each marker's place on the body was learned. "
         "A marker that stands out may be named wrongly, lie elsewhere than its name says, or be loose."
     )
     body = (
         f'<div class="pair"><div><h3>Residual in millimetres</h3>{left}</div>'
-        f"<div><h3>Frames in which the marker is seen, in percent</h3>{right}</div></div>"
+        f"<div><h3>Frames, in percent</h3>{right}</div></div>"
     )
     return section("Markers", body, lead, "markers")
+
+
+def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Return (M, n) percentages of the frames in which each marker is seen, filled, exchanged and thrown out."""
+    if motion.marker_flags is None:
+        return seen[:, None], ["seen"]
+    bits = {"filled": MARKER_FILLED, "exchanged": MARKER_SWAPPED, "thrown out": MARKER_GHOST}
+    parts = [100 * ((motion.marker_flags & bit) > 0).mean(axis=0) for bit in bits.values()]
+    return np.stack([seen, *parts], axis=1), ["seen", *bits]
 
 
 def gaps_section(motion: Motion, shades: list[Shade]) -> str:

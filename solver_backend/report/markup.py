@@ -8,10 +8,12 @@ from html import escape
 
 import numpy as np
 
+from solver_backend.exchange.plain_text import plain
+
 
 def text(value: object) -> str:
     """Return any value as text that is safe inside HTML."""
-    return escape(str(value))
+    return escape(plain(str(value), keep="\n\t"))
 
 
 def number(value: float, digits: int = 1) -> str:

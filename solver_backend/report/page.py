@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
 from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.report_file import REPORT_MARK
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
 from solver_backend.report.findings import findings_of
@@ -57,13 +60,27 @@ def report_html(capture: Capture, motion: Motion) -> str:
         sections.provenance_section(capture, motion),
     ]
     headline = tiles(headline_tiles(capture, motion, residuals))
+    style, script = _part("page.css"), _part("page.js")
     title = f"Solve of {text(capture.name)}"
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">{REPORT_MARK}'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{title}</title><style>{_part('page.css')}</style></head><body><main><h1>{title}</h1>"
+        f"<title>{title}</title><style>{style}</style></head><body><main><h1>{title}</h1>"
         f'<p class="sub">{text(_subtitle(capture, motion))}</p>{headline}{"".join(body)}</main>'
-        f"<script>{_part('page.js')}</script></body></html>\n"
+        f"<script>{script}</script></body></html>\n"
+    )
+
+
+def _policy(style: str, script: str) -> str:
+    """Return a policy under which nothing but the page's own style and script works, and nothing is fetched or sent.
+
+    The attributes ``style`` hold the shares of coloured cells, which no hash can name.
+    """
+    hashes = [b64encode(sha256(part.encode()).digest()).decode() for part in (style, script)]
+    return (
+        f"default-src 'none'; style-src-elem 'sha256-{hashes[0]}'; style-src-attr 'unsafe-inline'; "
+        f"script-src 'sha256-{hashes[1]}'; base-uri 'none'; form-action 'none'"
     )
 
 

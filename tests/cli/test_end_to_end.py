@@ -7,8 +7,10 @@ import json
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
+from solver_backend.report import page
 from solver_backend.synthetic.demo import demo_capture
 
 FRAMES = 48
@@ -50,3 +52,17 @@ def test_a_capture_becomes_a_motion_and_a_report(tmp_path, capsys):
     assert read_motion(again).provenance["resolved"] == [{"first": 10, "last": 30, "pins": []}]
     again.unlink()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["copy.npz", "motion.npz", "report.html", "take.npz"]
+
+
+def test_a_report_that_breaks_leaves_the_motion_whole_and_no_page(tmp_path, monkeypatch, capsys):
+    def broken(*_: object) -> str:
+        raise MotionInvalid("no page of this motion")
+
+    monkeypatch.setattr(page, "report_html", broken)
+    motion, report = tmp_path / "motion.npz", tmp_path / "report.html"
+    write_capture(tmp_path / "take.npz", demo_capture(8))
+    argv = ["solve", str(tmp_path / "take.npz"), "--out", str(motion), "--report", str(report), "--method", "frame"]
+    assert main(argv) != 0
+    assert "no page of this motion" in capsys.readouterr().err
+    assert read_motion(motion).rotvec.shape[0] == 8
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["motion.npz", "take.npz"]

@@ -8,13 +8,16 @@ import sys
 import numpy as np
 import pytest
 
+from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import Cancelled, NoDetections
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
+from solver_backend.io.recognition.motion_checks import motion_problems
 from solver_backend.types import JointSet
 from tests.support.cli_stand_ins import FRAMES, StandIns
+from tests.support.scenes import small_motion
 
 
 @pytest.fixture
@@ -66,7 +69,8 @@ def test_json_ends_in_exactly_one_result(stand_ins, tmp_path, capsys):
     assert last["event"] == "result"
     assert last["motion"] == str(out)
     assert last["frames"] == FRAMES
-    assert last["problems"] == ["One camera is dark.", "Ünicode."]
+    odd = motion_problems(small_motion(FRAMES))
+    assert odd and last["problems"] == ["One camera is dark.", "Ünicode.", *odd]
 
 
 def test_a_job_file_says_the_same_as_the_options(stand_ins, tmp_path, capsys):
@@ -205,3 +209,8 @@ def test_training_names_what_is_wrong(tmp_path, capsys):
     assert main(["train", "sposer", "--data", str(tmp_path), "--out", str(tmp_path / "out")]) == 3
     assert "No training clips" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_axis_with_a_sign_is_no_option() -> None:
+    assert parse(["info", "capture", "--up-axis", "-y"]).up_axis == "-y"
+    assert parse(["info", "capture", "--up-axis", "x"]).up_axis == "x"
