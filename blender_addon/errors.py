@@ -53,6 +53,24 @@ class TakeMissing(MocapError):
     code = "take_missing"
 
 
+class MapInvalid(MocapError):
+    """A rig's map or preset is damaged, unknown, or names too few bones of the rig."""
+
+    code = "map_invalid"
+
+
+class TargetUnsuitable(MocapError):
+    """The rig to retarget to cannot play a person's motion as it is."""
+
+    code = "target_unsuitable"
+
+
+class ActorMissing(MocapError):
+    """There is no body of ours with a motion to retarget from."""
+
+    code = "actor_missing"
+
+
 class SolverStopped(MocapError):
     """The solver ended with an error; code and exit code are its own.
 
@@ -65,6 +83,18 @@ class SolverStopped(MocapError):
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
         self.code = event.get("code", "error")
         self.exit_code = exit_code
+
+
+class TakeTooSlow(MocapError):
+    """A take of a batch took longer than it may."""
+
+    code = "take_too_slow"
+
+
+class TakeTooLarge(MocapError):
+    """A take of a batch took more memory than it may."""
+
+    code = "take_too_large"
 
 
 class BatchInvalid(MocapError):

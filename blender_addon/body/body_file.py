@@ -16,6 +16,7 @@ from .smpl_family import on_24_joints
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
 _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
+_TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "GPL-3.0-or-later"
 
@@ -75,7 +76,9 @@ def read_body(path: Path) -> BodyFile:
         raise BodyInvalid(
             "Blender reads bodies from .npz files, not from pickles.", where=str(path), hint="Take the model's .npz."
         )
-    arrays = on_24_joints(read_arrays(path, required=_REQUIRED, optional=_OPTIONAL), path)
+    stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
+    _require_numbers(stored, path)
+    arrays = on_24_joints(stored, path)
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
     _check(arrays, path)
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
@@ -96,6 +99,15 @@ def read_body(path: Path) -> BodyFile:
 
 def _ships_with_us(path: Path) -> bool:
     return path.resolve().parts[-len(_ASSET.parts) :] == _ASSET.parts
+
+
+def _require_numbers(arrays: dict[str, np.ndarray], path: Path) -> None:
+    for key in set(arrays) - _TEXTS:
+        if arrays[key].dtype.kind not in "fiub" or not arrays[key].ndim:
+            raise BodyInvalid(
+                f"{key} is {arrays[key].dtype} of shape {arrays[key].shape}; an array of numbers is expected.",
+                where=str(path), hint="Take the model's own .npz, as it was downloaded.",
+            )  # fmt: skip
 
 
 def _check(arrays: dict[str, np.ndarray], path: Path) -> None:

@@ -30,7 +30,7 @@ def on_24_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndar
         BodyInvalid: the arrays are no such body.
     """
     tree = np.asarray(arrays["kintree_table"])
-    count = tree.shape[-1] if tree.ndim == 2 else 0
+    count = tree.shape[1] if tree.ndim == 2 and len(tree) == 2 else 0
     if count not in _MIDDLE_FINGERS:
         return arrays
     parents, vertices = tree[0].astype(np.int64), len(arrays["v_template"])

@@ -16,7 +16,10 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
 
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
-MARKER_COLOUR: Colour = (0.85, 0.85, 0.9, 1.0)
+MARKER_COLOURS: tuple[Colour, ...] = (
+    (0.85, 0.85, 0.9, 1.0), (0.05, 0.62, 0.20, 1.0), (0.95, 0.55, 0.03, 1.0), (0.85, 0.05, 0.04, 1.0),
+)  # fmt: skip
+"""Optical markers: not solved; then near the solved body, off it and far off it."""
 FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))
 """Tiles and lines."""
 

@@ -14,6 +14,7 @@ from ..animation.curves import current_action
 from ..animation.retiming import is_take, laid_rate, same_rate
 from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport
+from ..scene.alone import alone
 
 _WHOLE = 1e-3
 """Difference of frames, and relative one of rates, that is none."""
@@ -163,14 +164,8 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
 @contextmanager
 def staged(take: ExportTake) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
     """Put the armature alone into a scene of its own while the block runs, so that frames pass without its meshes."""
-    stage = bpy.data.scenes.new(take.name)
-    stage.render.fps, stage.render.fps_base = take.scene.render.fps, take.scene.render.fps_base
-    stage.collection.objects.link(take.armature)
-    try:
-        with bpy.context.temp_override(scene=stage, view_layer=stage.view_layers[0]):
-            yield stage, bpy.context.evaluated_depsgraph_get()
-    finally:
-        bpy.data.scenes.remove(stage)
+    with alone(take.armature, take.scene) as stage:
+        yield stage
 
 
 def uniform_scale(take: ExportTake) -> float:

@@ -11,6 +11,8 @@ from ..export.formats import FORMATS
 from .exit_codes import EPILOG
 
 _FORMATS = tuple(FORMATS)
+SOLVERS_VERBS = ("solve", "calibrate", "export-markers")
+"""Verbs whose options are the solver's own."""
 
 
 def parser(program: str) -> argparse.ArgumentParser:
@@ -31,10 +33,14 @@ def parser(program: str) -> argparse.ArgumentParser:
         return verbs.add_parser(name, parents=[shared[option] for option in options.split()], help=text)
 
     verb("solve", "python common", "solve a capture; takes the solver's options, such as --job JOB.json")
+    verb("calibrate", "python common", "learn who wears the markers; takes the solver's options")
+    verb("export-markers", "python common", "write a motion's markers; takes the solver's options")
     taking = "motion body out writing common"
     _add_bake_options(verb("bake", taking, "write an animated body, its preview video and a contact sheet"))
     verb("render", taking, "write a preview video and a contact sheet alone")
     _add_export_options(verb("export", "body out writing common", "write a take in the formats of other programs"))
+    retargeted = verb("retarget", "body writing common", "lay a solved motion on another character's rig")
+    _add_retarget_options(retargeted)
     _add_body_options(verb("body", "body common", "write the posable body alone, as an asset"))
     _add_batch_options(verb("batch", "body out python common", "do all that for every capture of a folder, and resume"))
     return whole
@@ -82,6 +88,24 @@ def _add_export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("--armature", default="", help="which armature of a Blender file")
 
 
+def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
+    add = retarget.add_argument
+    add("source", type=Path, metavar="MOTION.npz|FILE.blend", help="motion file, or Blender file with a baked body")
+    add("--target", type=Path, required=True, metavar="RIG.blend", help="Blender file with the rig; it is not changed")
+    add("--object", default="", metavar="NAME", help="which armature of the target")
+    add("--out", type=_blend_file, metavar="OUT.blend", help="file to write; beside the motion, … _retargeted.blend")
+    add("--armature", default="", metavar="NAME", help="which body of a Blender file is the actor")
+    chosen = retarget.add_mutually_exclusive_group()
+    chosen.add_argument("--preset", default="", help="preset of the rig's kind; the one that fits")
+    chosen.add_argument("--map", type=Path, metavar="MAP.json", help="map of the rig's bones, instead of a preset")
+    add("--save-map", type=Path, metavar="MAP.json", help="write the map that was used, with its map pose")
+    add("--limbs", choices=("fk", "ik"), default="fk", help="what the rig's switches are set to; both are keyed")
+    way = retarget.add_mutually_exclusive_group()
+    way.add_argument("--in-place", action="store_true", help="leave out the way over the ground")
+    way.add_argument("--root-motion", action="store_true", help="let the root bone carry the way over the ground")
+    add("--frame-start", type=int, default=1, metavar="N", help="scene frame of the first frame; 1")
+
+
 def _add_body_options(body: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--out", type=_blend_file, required=True, metavar="FILE.blend",
@@ -93,11 +117,19 @@ def _add_body_options(body: argparse.ArgumentParser) -> None:
 
 
 def _add_batch_options(batch: argparse.ArgumentParser) -> None:
-    batch.add_argument("captures", type=Path, metavar="FOLDER", help="holds the captures: files .npz and folders")
+    batch.add_argument(
+        "captures", type=Path, metavar="FOLDER", help="holds the captures: files .npz, recordings of markers, folders"
+    )
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
     batch.add_argument("--render", action="store_true", help="write a video and a contact sheet of each take")
+    batch.add_argument("--take-seconds", type=_positive, metavar="S", help="end the solver of a take after so long")
+    batch.add_argument("--take-memory", type=_positive, metavar="MB", help="end it where it has more memory (Linux)")
     batch.add_argument("--export", nargs="+", choices=_FORMATS, default=[], help="formats to export to")
+    batch.add_argument(
+        "--export-markers", nargs="+", choices=("c3d", "trc"), default=[],
+        help="write the cleaned markers of takes of markers",
+    )  # fmt: skip
 
 
 def _blend_file(text: str) -> Path:

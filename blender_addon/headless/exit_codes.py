@@ -11,6 +11,8 @@ from ..errors import (
     ExportFailed,
     RenderFailed,
     SolverStopped,
+    TakeTooLarge,
+    TakeTooSlow,
 )
 
 BROKEN = 4
@@ -26,7 +28,9 @@ A batch has the code of its worst take.
 With --json, standard output carries one JSON object a line: any number of {"event": "progress", ...} and then exactly
 one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}.
 """
-_BROKEN = (RenderFailed, BlenderMissing, BackendMissing, BakeFailed, ExportFailed, ExporterMissing)
+_BROKEN = (
+    RenderFailed, BlenderMissing, BackendMissing, BakeFailed, ExportFailed, ExporterMissing, TakeTooSlow, TakeTooLarge,
+)  # fmt: skip
 
 
 def exit_code(error: MocapError) -> int:

@@ -8,23 +8,29 @@ import sys
 import traceback
 from collections.abc import Callable
 from importlib.util import find_spec
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from .._exchange.errors import Cancelled, MocapError
+from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
 from ..errors import BakeFailed, BlenderMissing
-from .arguments import parser
+from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake
+from .batch.limits import TakeLimits
 from .batch.request import BatchRequest
 from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
 from .quiet import own_streams
+from .retarget import RetargetRequest, run_retarget
 from .solver import run_solver
 
 MODULE = "python -m blender_addon"
+_BREAKS = "\n"
+"""Stay in what a person is told: tables have several lines."""
 _INTERVAL_S = 0.2
 """Least time between two progress lines of one stage."""
 
@@ -38,7 +44,7 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
     """
     parse = parser(program)
     options, rest = parse.parse_known_args(arguments)
-    if rest and options.verb != "solve":
+    if rest and options.verb not in SOLVERS_VERBS:
         parse.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     with own_streams(verbose=options.verbose) as (out, err):
@@ -50,13 +56,13 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
             if options.json:
                 lines.event(error.as_event())
             else:
-                err.write(f"\nerror: {error.message}{f' ({error.where})' if error.where else ''}\n")
-                err.write(f"  try: {error.hint}\n" if error.hint else "")
+                err.write(f"\nerror: {plain(error.message + (f' ({error.where})' if error.where else ''))}\n")
+                err.write(f"  try: {plain(error.hint)}\n" if error.hint else "")
             return exit_code(error)
         if options.json:
             lines.event(result)
         else:
-            err.writelines(f"{line}\n" for line in _said(result))
+            err.writelines(f"{plain(line, keep=_BREAKS)}\n" for line in _said(result))
             out.write("\n".join(result["outputs"]) + "\n")
     return result.get("exit_code", 0)
 
@@ -84,6 +90,16 @@ def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     result = run_solver("solve", options.rest, progress, python=options.python)
     outputs = [result[key] for key in ("motion", "report") if result.get(key)]
     return {**result, "outputs": outputs, "notes": list(result.get("problems", []))}
+
+
+def _calibrate(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    result = run_solver("calibrate", options.rest, progress, python=options.python)
+    return {**result, "outputs": [result["subject"]], "notes": list(result.get("problems", []))}
+
+
+def _export_markers(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    result = run_solver("export-markers", options.rest, progress, python=options.python)
+    return {**result, "outputs": [result["markers_file"]], "notes": []}
 
 
 def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -114,6 +130,16 @@ def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_export(request, progress)
 
 
+def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    request = RetargetRequest(
+        options.source, options.target, options.out or _beside(options.source), options.object, options.armature,
+        options.preset, options.map, options.save_map, options.limbs, options.in_place, options.root_motion,
+        options.body, options.frame_start, options.overwrite,
+    )  # fmt: skip
+    return run_retarget(request, progress)
+
+
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     return run_body(BodyRequest(options.out, options.body, options.betas), progress)
@@ -124,14 +150,16 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         _require_blender()
     formats = tuple(dict.fromkeys(options.export))
     request = BatchRequest(
-        options.captures, options.out, options.job, options.bake, options.render, formats, options.body, options.python
-    )
+        options.captures, options.out, options.job, options.bake, options.render, formats, options.body, options.python,
+        tuple(dict.fromkeys(options.export_markers)),
+        TakeLimits(options.take_seconds, options.take_memory),
+    )  # fmt: skip
     return run_batch(request, progress)
 
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
-    "solve": _solve, "bake": _bake, "render": _render, "export": _export, "body": _body,
-    "batch": _batch,
+    "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
+    "export": _export, "retarget": _retarget, "body": _body, "batch": _batch,
 }  # fmt: skip
 
 
@@ -141,12 +169,19 @@ def _require_blender() -> None:
         raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
 
 
+def _beside(source: Path) -> Path:
+    return source.with_name(f"{source.stem}_retargeted.blend")
+
+
 def _said(result: dict[str, Any]) -> list[str]:
     """Return what a person is told about a result, beside its files."""
     lines = []
     if "joints_deviation_mm" in result:
         joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
         lines.append(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
+    if "hands_and_feet_deviation_mm" in result:
+        off_mm, scale = result["hands_and_feet_deviation_mm"], result["scale"]
+        lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet are right to {off_mm:.2f} mm")
     lines += [f"note: {note}" for note in result["notes"]]
     return lines + ([result["table"]] if "table" in result else [])
 

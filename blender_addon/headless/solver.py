@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._exchange.errors import Cancelled
+from .._exchange.errors import Cancelled, MocapError
 from .._exchange.progress import Progress
 from ..errors import SolverStopped
 from ..solving.run import Run, start
@@ -17,7 +17,13 @@ _BROKEN = 4
 
 
 def run_solver(
-    verb: str, arguments: Sequence[str], progress: Progress, *, python: Path | None = None, folder: Path | None = None
+    verb: str,
+    arguments: Sequence[str],
+    progress: Progress,
+    *,
+    python: Path | None = None,
+    folder: Path | None = None,
+    over_limit: Callable[[int], MocapError | None] = lambda pid: None,
 ) -> dict[str, Any]:
     """Run the solver and return its result event.
 
@@ -27,15 +33,20 @@ def run_solver(
         progress: told what the solver tells.
         python: interpreter to use; None for this one.
         folder: working folder; None for this program's.
+        over_limit: asked again and again about the process; where it returns an error the solver is ended.
 
     Raises:
         BackendMissing: solver or interpreter are not there.
         SolverStopped: it ended with an error.
+        MocapError: what ``over_limit`` returned.
         Cancelled: it was cancelled, or this program was interrupted; the solver has ended then.
     """
     run = start(verb, arguments, python, folder or Path.cwd())
     try:
         while not run.finished:
+            if error := over_limit(run.process.pid):
+                run.process.kill()
+                raise error
             if run.poll():
                 _tell(run, progress)
             else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -50,7 +51,11 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
         write_targa(scene)
         if footage.is_video:
             strip = _strips(scene).new_movie(
-                name="footage", filepath=str(footage.files[0]), channel=1, frame_start=1, fit_method="STRETCH"
+                name="footage",
+                filepath=os.path.abspath(footage.files[0]),
+                channel=1,
+                frame_start=1,
+                fit_method="STRETCH",
             )
             if strip.fps > 0:
                 set_scene_frame_rate(scene, strip.fps)
@@ -119,7 +124,7 @@ def _strips(scene: bpy.types.Scene) -> Any:
 
 def _image_strip(scene: bpy.types.Scene, files: list[Path]) -> Any:
     strip = _strips(scene).new_image(
-        name="pictures", filepath=str(files[0]), channel=1, frame_start=1, fit_method="STRETCH"
+        name="pictures", filepath=os.path.abspath(files[0]), channel=1, frame_start=1, fit_method="STRETCH"
     )
     for file in files[1:]:
         strip.elements.append(file.name)

@@ -24,6 +24,7 @@ Colour = tuple[float, float, float]
 
 DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
 KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)
+MARKER_DOT: Colour = (0.92, 0.92, 0.96)
 
 
 @dataclass(frozen=True)
@@ -74,15 +75,21 @@ class Subject:
     def detections(self, view: View) -> tuple[np.ndarray, Colour]:
         """Return what was observed in a view, (F, K, 2) pixels of its undistorted picture, and its colour.
 
-        These are the camera's own detections, or else the triangulated keypoints as the view sees them.
+        These are the camera's own detections, or else the markers or the triangulated keypoints as the view sees them.
         """
-        frames = self.motion.num_frames
-        if self.capture is not None and self.capture.xy is not None and view.camera in self.capture.cameras:
-            rows = np.round(np.arange(frames) * self.capture.fps / self.motion.fps).astype(int)
-            xy = self.capture.xy[self.capture.cameras.index(view.camera)]
-            shown = np.full((frames, *xy.shape[1:]), np.nan)
-            shown[rows < len(xy)] = xy[rows[rows < len(xy)]]
-            return view.from_detections(shown), DETECTION_DOT
+        frames, capture = self.motion.num_frames, self.capture
+        if capture is not None and capture.xy is not None and view.camera in capture.cameras:
+            xy = capture.xy[capture.cameras.index(view.camera)]
+            return view.from_detections(self._by_frame(xy, capture.fps)), DETECTION_DOT
+        if capture is not None and capture.markers is not None:
+            return view.project(self._by_frame(capture.markers, capture.fps))[0], MARKER_DOT
         if self.motion.keypoints3d is not None:
             return view.project(self.motion.keypoints3d)[0], KEYPOINT_DOT
         return np.zeros((frames, 0, 2)), KEYPOINT_DOT
+
+    def _by_frame(self, rows: np.ndarray, fps: float) -> np.ndarray:
+        """Return the rows of a recording, of so many a second, for the motion's frames; NaN beyond its end."""
+        at = np.round(np.arange(self.motion.num_frames) * fps / self.motion.fps).astype(int)
+        shown = np.full((len(at), *rows.shape[1:]), np.nan)
+        shown[at < len(rows)] = rows[at[at < len(rows)]]
+        return shown

@@ -22,7 +22,7 @@ from .capture_stage import create_cameras, create_detections
 from .floor import create_floor
 from .overlay import PointLook, create_point_overlay
 
-_KEYPOINT_LOOK = PointLook(0.014, KEYPOINT_COLOUR)
+_KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def bake_take(
     notes += [action["keys_deviation"]] if "keys_deviation" in action else []
     if settings.asset:
         mark_as_asset(action)
-    cameras, detections = _bake_capture(scene, capture, timing, take, settings, notes)
+    cameras, detections = _bake_capture(scene, capture, motion, timing, take, settings, notes)
     overlays = (*_bake_keypoints(motion, timing, take), *detections)
     floor = None
     if settings.floor:
@@ -121,6 +121,7 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
 def _bake_capture(
     scene: bpy.types.Scene,
     capture: CaptureFile | None,
+    motion: MotionFile,
     timing: TakeTiming,
     take: bpy.types.Collection,
     settings: BakeSettings,
@@ -132,7 +133,7 @@ def _bake_capture(
     notes += missing
     if settings.set_scene and cameras:
         look_through(scene, cameras[0])
-    return cameras, create_detections(capture, cameras, timing, child_collection("Detections", take))
+    return cameras, create_detections(capture, cameras, timing, child_collection("Detections", take), motion)
 
 
 def _bake_keypoints(motion: MotionFile, timing: TakeTiming, take: bpy.types.Collection) -> tuple[bpy.types.Object, ...]:

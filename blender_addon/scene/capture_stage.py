@@ -8,15 +8,14 @@ import bpy
 import numpy as np
 
 from .._exchange.capture_file import CameraFile, CaptureFile
+from .._exchange.motion_file import MotionFile
 from ..conventions.collections import child_collection
-from ..conventions.materials import MARKER_COLOUR
 from ..conventions.timing import TakeTiming, set_up_time, show_frame
 from ..conventions.units import fit_units
 from .cameras import add_background, create_camera, look_through
 from .floor import create_floor
-from .overlay import PointLook, create_point_overlay, create_view_overlay
-
-_MARKER_LOOK = PointLook(0.008, MARKER_COLOUR)
+from .marker_cloud import create_marker_cloud, grade_markers
+from .overlay import create_view_overlay
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,17 @@ def create_cameras(
 
 
 def create_detections(
-    capture: CaptureFile, cameras: tuple[bpy.types.Object, ...], timing: TakeTiming, folder: bpy.types.Collection
+    capture: CaptureFile,
+    cameras: tuple[bpy.types.Object, ...],
+    timing: TakeTiming,
+    folder: bpy.types.Collection,
+    motion: MotionFile | None = None,
 ) -> tuple[bpy.types.Object, ...]:
-    """Create the points each camera detected, as that camera sees them, and the optical markers."""
+    """Create the points each camera detected, as it sees them, and the markers, coloured by a motion's residuals."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
-        cloud = create_point_overlay("Markers", capture.markers, capture.fps, timing, folder, _MARKER_LOOK)
+        cloud = create_marker_cloud(capture.markers, capture.marker_labels, capture.fps, timing, folder)
+        grade_markers(cloud, motion)
         overlays.append(cloud)
     if capture.xy is not None and capture.xy.size:
         for camera, source, xy in zip(cameras, capture.cameras, capture.xy, strict=True):

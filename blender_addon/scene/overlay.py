@@ -12,7 +12,7 @@ from .._exchange.lens import normalised, undistort
 from ..conventions.coordinates import camera_rays
 from ..conventions.materials import DETECTION_COLOUR, Colour, create_material
 from ..conventions.timing import TakeTiming
-from .point_player import MODIFIER, SEEN, PlayerSettings, create_player
+from .point_player import GRADE, MODIFIER, POINTS, SEEN, PlayerSettings, create_player
 
 _PLANE_M = 0.5
 """Distance of a view's detections from its camera."""
@@ -26,8 +26,8 @@ class PointLook:
 
     radius_m: float
     """Radius of a point."""
-    colour: Colour
-    """Linear RGBA."""
+    colours: tuple[Colour, ...]
+    """Linear RGBA; several where points are graded (see ``point_player.GRADE``)."""
 
 
 def create_point_overlay(
@@ -46,7 +46,7 @@ def create_point_overlay(
         fps: frames per second of the points.
         timing: where the take lies in the scene.
         collection: where the object is linked.
-        look: size and colour of a point.
+        look: size and colours of a point.
     """
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
@@ -54,13 +54,15 @@ def create_point_overlay(
     seen = np.isfinite(points).all(axis=-1).reshape(-1)
     mesh.vertices.foreach_set("co", np.where(seen[:, None], points.reshape(-1, 3), 0.0).astype(np.float32).ravel())
     mesh.attributes.new(SEEN, "FLOAT", "POINT").data.foreach_set("value", seen.astype(np.float32))
+    if len(look.colours) > 1:
+        mesh.attributes.new(GRADE, "FLOAT", "POINT")
     overlay = bpy.data.objects.new(name, mesh)
     collection.objects.link(overlay)
     settings = PlayerSettings(
         points=count, rows=rows, frame_start=timing.start, rows_per_frame=fps / timing.scene_fps,
-        radius_m=look.radius_m, material=create_material(name, look.colour),
+        radius_m=look.radius_m, materials=tuple(create_material(name, colour) for colour in look.colours),
     )  # fmt: skip
-    overlay["fps"] = fps
+    overlay["fps"], overlay[POINTS] = fps, count
     overlay.modifiers.new(MODIFIER, "NODES").node_group = create_player(name, settings)
     overlay.hide_render = True
     overlay.show_in_front = True
@@ -90,7 +92,7 @@ def create_view_overlay(
     """
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
-    look = PointLook(radius_m, DETECTION_COLOUR)
+    look = PointLook(radius_m, (DETECTION_COLOUR,))
     overlay = create_point_overlay(f"{source.name} detections", points, fps, timing, collection, look)
     overlay.parent = camera
     return overlay

@@ -17,6 +17,10 @@ MODIFIER = "Points of this frame"
 """Name of the modifier."""
 SEEN = "seen"
 """Name of the point attribute that is 0 where a point was not seen."""
+POINTS = "points"
+"""Custom property of an object that plays points: how many there are in a row."""
+GRADE = "grade"
+"""Name of the point attribute that says which of the materials a point takes, 0 for the first."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,8 @@ class PlayerSettings:
     """Rows that pass in one scene frame."""
     radius_m: float
     """Radius of a ball."""
-    material: bpy.types.Material
-    """Material of the balls."""
+    materials: tuple[bpy.types.Material, ...]
+    """Materials of the balls; where there are several, the mesh says by ``GRADE`` which one a point takes."""
 
 
 def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
@@ -47,12 +51,15 @@ def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
     cloud = tree.nodes.new("GeometryNodePoints")
     cloud.inputs["Count"].default_value = settings.points
     position = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
-    seen = tree.nodes.new("GeometryNodeInputNamedAttribute")
-    seen.data_type = "FLOAT"
-    seen.inputs["Name"].default_value = SEEN
+    seen = _named(tree, SEEN)
     moved = _linked(tree, "GeometryNodeSetPosition", Geometry=cloud.outputs[0])
     tree.links.new(_sampled(tree, "FLOAT_VECTOR", stored, position, index), moved.inputs["Position"])
-    unseen = _math(tree, "LESS_THAN", _sampled(tree, "FLOAT", stored, seen.outputs[0], index), 0.5)
+    if len(settings.materials) > 1:
+        grade = _named(tree, GRADE)
+        moved = _linked(tree, "GeometryNodeStoreNamedAttribute", Geometry=moved.outputs[0])
+        moved.inputs["Name"].default_value = GRADE  # by index, so before unseen points go
+        tree.links.new(_sampled(tree, "FLOAT", stored, grade, index), _enabled(moved.inputs, "Value"))
+    unseen = _math(tree, "LESS_THAN", _sampled(tree, "FLOAT", stored, seen, index), 0.5)
     kept = _linked(tree, "GeometryNodeDeleteGeometry", Geometry=moved.outputs[0], Selection=unseen)
     balls = _balls(tree, kept.outputs[0], settings)
     tree.links.new(balls, tree.nodes.new("NodeGroupOutput").inputs[0])
@@ -68,6 +75,14 @@ def player_of(obj: bpy.types.Object) -> bpy.types.NodeTree | None:
 def played_rate(obj: bpy.types.Object) -> float:
     """Return how many rows pass in one scene frame."""
     return float(_rate_socket(obj).default_value)
+
+
+def played_row(obj: bpy.types.Object, frame: float) -> int:
+    """Return the row that an object shows on a scene frame, as its node group finds it."""
+    socket = _rate_socket(obj)
+    first = socket.node.inputs[0].links[0].from_node.inputs[1].default_value
+    rows = len(obj.data.vertices) // max(1, obj[POINTS])
+    return min(max(0, round((frame - first) * float(socket.default_value))), rows - 1)
 
 
 def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
@@ -97,8 +112,20 @@ def _sampled(tree: bpy.types.NodeTree, data_type: str, geometry: Any, value: Any
     node.data_type = data_type
     node.domain = "POINT"
     for name, source in (("Geometry", geometry), ("Value", value), ("Index", index)):
-        tree.links.new(source, next(s for s in node.inputs if s.name == name and s.enabled))
+        tree.links.new(source, _enabled(node.inputs, name))
     return next(s for s in node.outputs if s.enabled)
+
+
+def _named(tree: bpy.types.NodeTree, name: str) -> Any:
+    attribute = tree.nodes.new("GeometryNodeInputNamedAttribute")
+    attribute.data_type = "FLOAT"
+    attribute.inputs["Name"].default_value = name
+    return next(s for s in attribute.outputs if s.enabled)
+
+
+def _enabled(sockets: Any, name: str) -> Any:
+    """Return the socket of the data type that a node is set to, among those of its other types."""
+    return next(s for s in sockets if s.name == name and s.enabled)
 
 
 def _balls(tree: bpy.types.NodeTree, points: Any, settings: PlayerSettings) -> Any:
@@ -106,9 +133,12 @@ def _balls(tree: bpy.types.NodeTree, points: Any, settings: PlayerSettings) -> A
     ball.inputs["Radius"].default_value = settings.radius_m
     ball.inputs["Subdivisions"].default_value = 2
     instances = _linked(tree, "GeometryNodeInstanceOnPoints", Points=points, Instance=ball.outputs[0])
-    real = _linked(tree, "GeometryNodeRealizeInstances", Geometry=instances.outputs[0])
-    painted = _linked(tree, "GeometryNodeSetMaterial", Geometry=real.outputs[0])
-    painted.inputs["Material"].default_value = settings.material
+    painted = _linked(tree, "GeometryNodeRealizeInstances", Geometry=instances.outputs[0])
+    for number, material in enumerate(settings.materials):
+        painted = _linked(tree, "GeometryNodeSetMaterial", Geometry=painted.outputs[0])
+        painted.inputs["Material"].default_value = material
+        if number:
+            tree.links.new(_math(tree, "GREATER_THAN", _named(tree, GRADE), number - 0.5), painted.inputs["Selection"])
     return painted.outputs[0]
 
 

@@ -49,7 +49,8 @@ def _kept(
         _take_view(old, data)
         old.matrix_world = new.matrix_world
     elif player_of(new) is not None:
-        old["fps"] = new["fps"]
+        for key, value in new.items():
+            old[key] = value
         old.modifiers[MODIFIER].node_group = player_of(new)
         old.parent = old.parent or new.parent  # a camera that was deleted left its detections behind
     for child in new.children:

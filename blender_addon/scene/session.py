@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import bpy
@@ -50,6 +51,6 @@ def save_file(path: Path) -> None:
         OutputNotWritable: Blender cannot write it.
     """
     try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
+        bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
     except RuntimeError as error:
         raise OutputNotWritable(f"Blender cannot save the file ({str(error).strip()}).", where=path.name) from error

@@ -7,6 +7,6 @@ from typing import Any
 PRESETS: dict[str, dict[str, Any]] = {
     "FAST": {"refine_window": 20, "iterations": 2, "learn_noise": False},
     "BALANCED": {},
-    "BEST": {"window": 16, "refine_window": 8, "iterations": 20, "robust_scale": 5.0},
+    "BEST": {"refine_window": 8, "iterations": 60, "robust_scale": 5.0},
 }
 """What each preset changes in the solver's own defaults."""

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from .._exchange.errors import sentence
+from .._exchange.events import what_is_wrong
+from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
 from .child import SolverProcess
 
@@ -74,10 +76,12 @@ class Run:
 
     def _take(self, item: str | dict[str, Any]) -> None:
         if isinstance(item, str):
-            self.log.append(item)
+            self.log.append(plain(item, keep="\t"))
             return
         kind = item["event"]
-        if kind == "progress":
+        if wrong := what_is_wrong(item, self.verb):
+            self._take_nonsense(wrong)
+        elif kind == "progress":
             if item["stage"] != self.stage:
                 self.log.append(f"{self.elapsed_s:7.1f} s  {item['stage']}")
             self.stage, self.done, self.total = item["stage"], item["done"], item["total"]
@@ -88,6 +92,17 @@ class Run:
         elif kind == "error":
             self.error = item
             self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(item)}")
+
+    def _take_nonsense(self, wrong: str) -> None:
+        """Keep as an error what another program, or another version of the solver, says in the solver's place."""
+        self.error = {
+            "event": "error",
+            "code": "solver_not_understood",
+            "message": f"The solver said something that is not understood: {wrong}.",
+            "where": "",
+            "hint": "Is another version of the solver installed in the chosen Python? The log holds what it said.",
+        }
+        self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(self.error)}")
 
 
 def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 _POSE_FOLDERS = frozenset({"pose-sync", "pose", "pose-2d", "pose_sync"})
 """Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
+MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
+"""Of recordings of optical markers, each of which is a capture by itself; some programs end them in .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
@@ -32,7 +34,8 @@ def safe_name(name: str) -> str:
 def capture_folder(base: Path, source: Path) -> Path:
     """Return the folder of a capture's files: its name, and a mark that tells captures of one name apart."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
-    return base / f"{safe_name(source.stem if source.suffix == '.npz' else source.name)}_{mark:04x}"
+    is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
+    return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"
 
 
 def next_take(folder: Path) -> TakeFiles:
@@ -43,17 +46,24 @@ def next_take(folder: Path) -> TakeFiles:
     return TakeFiles(number, folder / f"{stem}.npz", folder / f"{stem}.html", folder / f"{stem}.job.json")
 
 
+def next_subject(folder: Path) -> Path:
+    """Return the file of the next calibrated person; numbers that any file bears are not used again."""
+    found = [re.match(r"subject_(\d+)", path.name) for path in folder.glob("subject_*")]
+    return folder / f"subject_{1 + max((int(match[1]) for match in found if match), default=0):02d}.npz"
+
+
 def capture_root(path: Path) -> Path:
     """Return the capture that a dropped file belongs to.
 
     Blender hands over dropped files alone, never a folder: any file of a capture, a frame of detections, a
     calibration, a settings file, stands for its folder or the one around it, whichever holds cameras' detections.
-    Folders and capture files stand for themselves.
+    Folders, capture files and recordings of markers stand for themselves, as does a text that lies by no cameras.
     """
-    if path.is_dir() or path.suffix.lower() == ".npz":
+    if path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES):
         return path
     around = (folder.parent if folder.name.lower() in _POSE_FOLDERS else folder for folder in path.parents[:2])
-    return next((folder for folder in around if _holds_cameras(folder)), path.parent)
+    alone = path if path.suffix.lower() == ".txt" else path.parent
+    return next((folder for folder in around if _holds_cameras(folder)), alone)
 
 
 def _holds_cameras(folder: Path) -> bool:

@@ -183,8 +183,10 @@ def _links() -> Iterator[_Link]:
 
     for scene in bpy.data.scenes:
         if scene.library is None:
-            yield _Link(scene.mocap.capture, "file", follows=True)
-            yield _Link(scene.mocap.capture, "source", follows=False)
+            for capture in (*scene.mocap.captures, scene.mocap.blank):
+                yield _Link(capture, "file", follows=True)
+                yield _Link(capture, "source", follows=False)
+            yield _Link(scene.mocap.solve, "subject", follows=True)
             yield _Link(scene.mocap, "folder", follows=False)
             yield _Link(scene.mocap, "session", follows=False)
     for action in bpy.data.actions:

@@ -7,7 +7,9 @@ from typing import Any
 import bpy
 
 from ..solving.presets import PRESETS
+from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE
+from .retarget_properties import MocapRetarget
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
@@ -20,6 +22,7 @@ _METHOD_ITEMS = (
     ("global", "Whole Take", "All keyframes of the take at once"),
     ("sliding", "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
     ("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
+    ("noise-aware", "Noise-Aware", "Every frame on its own, each landmark's reliability estimated, as published"),
 )
 _BACKEND_ITEMS = (
     ("numpy", "NumPy", "Works everywhere"),
@@ -55,24 +58,6 @@ SCENE_SETUP_ITEMS = (
 )
 
 
-class MocapMessage(bpy.types.PropertyGroup):
-    """One sentence about a capture."""
-
-    text: bpy.props.StringProperty(name="Text")
-    is_problem: bpy.props.BoolProperty(name="Problem")
-
-
-class MocapCamera(bpy.types.PropertyGroup):
-    """One camera of the capture."""
-
-    seen_percent: bpy.props.FloatProperty(
-        name="Seen", description="Share of the keypoints it sees", subtype="PERCENTAGE"
-    )
-    has_footage: bpy.props.BoolProperty(name="Footage", description="Footage was found")
-    object: bpy.props.PointerProperty(type=bpy.types.Object, name="Camera")
-    detections: bpy.props.PointerProperty(type=bpy.types.Object, name="Detections")
-
-
 class MocapReading(bpy.types.PropertyGroup):
     """How a capture is read."""
 
@@ -90,6 +75,10 @@ class MocapReading(bpy.types.PropertyGroup):
     trim: bpy.props.BoolProperty(
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
     )
+    subject_prefix: bpy.props.StringProperty(
+        name="Subject",
+        description="Whose markers are read, by the prefix of their labels, where a file holds several people",
+    )
 
     def arguments(self) -> list[str]:
         """Return the options of the solver's command line."""
@@ -97,28 +86,9 @@ class MocapReading(bpy.types.PropertyGroup):
         for name in ("joint_set", "unit", "up_axis"):
             if (value := getattr(self, name)) != AUTO:
                 options.append(f"--{name.replace('_', '-')}={value}")  # one word, as -y is no option
+        if self.subject_prefix:
+            options.append(f"--subject-prefix={self.subject_prefix}")
         return [*options, "--trim"] if self.trim else options
-
-
-class MocapCapture(bpy.types.PropertyGroup):
-    """The capture of this scene."""
-
-    source: bpy.props.StringProperty(
-        name="Source", description="File or folder it was read from", subtype="FILE_PATH", options=RELATIVE
-    )
-    file: bpy.props.StringProperty(
-        name="Capture File", description="Capture file made of it", subtype="FILE_PATH", options=RELATIVE
-    )
-    name: bpy.props.StringProperty(name="Name")
-    frames: bpy.props.IntProperty(name="Frames")
-    fps: bpy.props.FloatProperty(name="Frame Rate")
-    frame_start: bpy.props.IntProperty(name="First Frame", default=1)
-    joint_set: bpy.props.StringProperty(name="Keypoints")
-    markers: bpy.props.IntProperty(name="Markers")
-    cameras: bpy.props.CollectionProperty(type=MocapCamera)
-    messages: bpy.props.CollectionProperty(type=MocapMessage)
-    collection: bpy.props.PointerProperty(type=bpy.types.Collection, name="Collection")
-    floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
 
 
 CHOSEN_BY_PRESETS = (
@@ -155,20 +125,24 @@ class MocapSolve(bpy.types.PropertyGroup):
         name="Weigh Views", description="Learn how reliable each keypoint is in each view", default=True
     )
     iterations: bpy.props.IntProperty(
-        name="Iterations", description="Linearisations at most for each robust step", default=8, min=1, max=200
+        name="Iterations", description="Linearisations at most for each robust step", default=30, min=1, max=200
     )
     robust_scale: bpy.props.FloatProperty(
         name="Outlier Scale", description="Standard deviations at which a detection starts to be doubted",
         default=4.0, min=0.1, max=100,
     )  # fmt: skip
     estimate_sync: bpy.props.BoolProperty(
-        name="Correct Delays", description="Move each camera's detections by its estimated delay; without, only "
-        "delays of two frames and more are corrected", default=False,
+        name="Correct Delays", description="Where some camera is late, move the others by their delays too; "
+        "without, only sure delays from 0.3 frames on are corrected", default=False,
     )  # fmt: skip
     backend: bpy.props.EnumProperty(name="Arrays", description="What computes", items=_BACKEND_ITEMS)
     body: bpy.props.StringProperty(
         name="Body", description="Name of a body, or the path of a body file; empty for the one that ships"
     )
+    subject: bpy.props.StringProperty(
+        name="Subject", subtype="FILE_PATH", options=RELATIVE,
+        description="Calibrated person who wears the markers; empty to learn shape and places from the take itself",
+    )  # fmt: skip
     keep_shape: bpy.props.BoolProperty(
         name="Keep Shape",
         description="Solve with the shape the body's sliders show; without it the shape is estimated anew",
@@ -188,44 +162,6 @@ class MocapSolve(bpy.types.PropertyGroup):
         return {**{name: getattr(self, name) for name in CHOSEN_BY_PRESETS}, **chosen}
 
 
-class MocapPin(bpy.types.PropertyGroup):
-    """A pose the solver must keep."""
-
-    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
-    job_values: bpy.props.StringProperty(name="Pose", description="The pose as it stands in the job file")
-
-
-def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    from .bone_colours import colour_bones
-
-    colour_bones(context.scene)
-
-
-class MocapReview(bpy.types.PropertyGroup):
-    """What is looked at."""
-
-    armature: bpy.props.PointerProperty(type=bpy.types.Object, name="Body", description="Armature of the solved body")
-    colours: bpy.props.BoolProperty(
-        name="Colour Bones",
-        description="Paint each bone by its joint's confidence on the current frame; shown in pose mode",
-        update=_recolour,
-    )
-    below: bpy.props.FloatProperty(
-        name="Doubtful Below", description="Confidence below which a frame deserves a look",
-        default=0.5, min=0.02, max=0.98,
-    )  # fmt: skip
-    first: bpy.props.IntProperty(name="First", description="First scene frame to solve again", default=1)
-    last: bpy.props.IntProperty(name="Last", description="Last scene frame to solve again", default=1)
-    pins: bpy.props.CollectionProperty(type=MocapPin)
-
-    @property
-    def take(self) -> bpy.types.Action | None:
-        """The solved action that the body plays now."""
-        animation = self.armature.animation_data if self.armature is not None else None
-        action = animation.action if animation is not None else None
-        return action if action is not None and "motion_file" in action else None
-
-
 class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
@@ -237,12 +173,52 @@ class MocapSettings(bpy.types.PropertyGroup):
         name="Session Folder", description="Where the takes of this unsaved scene wait until it is saved"
     )
     reading: bpy.props.PointerProperty(type=MocapReading)
-    capture: bpy.props.PointerProperty(type=MocapCapture)
+    captures: bpy.props.CollectionProperty(type=MocapCapture)
+    blank: bpy.props.PointerProperty(type=MocapCapture)
+    shown: bpy.props.IntProperty(name="Shown Capture", description="Capture that was imported or chosen last")
+    shown_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when it was chosen")
+    held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
     solve: bpy.props.PointerProperty(type=MocapSolve)
-    review: bpy.props.PointerProperty(type=MocapReview)
+    retarget: bpy.props.PointerProperty(type=MocapRetarget)
+
+    @property
+    def capture_index(self) -> int:
+        """Return which capture panels and operators are about, -1 where there is none.
+
+        That is the one the active object belongs to; the one imported or chosen last, until another object is active.
+        """
+        last = len(self.captures) - 1
+        if self.held >= 0:
+            return min(self.held, last)
+        active = active_object(self.id_data)
+        if active is not None and active != self.shown_at:
+            for index, capture in enumerate(self.captures):
+                if capture.owns(active):
+                    return index
+        return min(self.shown, last)
+
+    @property
+    def capture(self) -> MocapCapture:
+        """The capture that panels and operators are about, an empty one where there is none."""
+        index = self.capture_index
+        return self.blank if index < 0 else self.captures[index]
+
+    @property
+    def review(self) -> MocapReview:
+        """What is looked at of that capture."""
+        return self.capture.review
+
+    def show(self, index: int) -> None:
+        """Let panels be about a capture until an object of another one is made active."""
+        self.shown, self.shown_at = index, active_object(self.id_data)
 
 
-CLASSES = (
-    MocapMessage, MocapCamera, MocapReading, MocapCapture, MocapSolve, MocapPin, MocapReview, MocapSettings,
-)  # fmt: skip
+def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the active object of a scene, in the window's view layer where the scene is shown."""
+    shown = getattr(bpy.context, "scene", None) == scene
+    layer = bpy.context.view_layer if shown else scene.view_layers[0]
+    return layer.objects.active if layer is not None else None
+
+
+CLASSES = (*CAPTURE_CLASSES, MocapReading, MocapSolve, MocapSettings)
 """In the order of registration: what is pointed to comes first."""

@@ -10,14 +10,19 @@ import bpy
 from ..headless.blender_command import command
 from . import (
     bone_colours,
+    marker_view,
     preferences,
     project_files,
     properties,
+    retarget_properties,
 )
 from .operators import (
+    calibrate_subject,
+    export_markers,
     export_take,
     import_capture,
     import_motion,
+    retarget,
     review,
     solve,
     solver_operator,
@@ -27,6 +32,8 @@ from .operators import (
 from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
+from .panels import markers as marker_panel
+from .panels import retarget as retarget_panels
 from .panels import review as review_panels
 from .panels import shape as shape_panel
 from .panels import solve as solve_panels
@@ -57,6 +64,7 @@ def _pointer(owner: type, name: str, cls: type) -> Entry:
 
 
 TABLE: tuple[Entry, ...] = (
+    *map(_class, retarget_properties.CLASSES),
     *map(_class, properties.CLASSES),
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     _class(preferences.MOCAP_OT_test_python),
@@ -67,15 +75,21 @@ TABLE: tuple[Entry, ...] = (
     _class(import_capture.MOCAP_OT_import_capture),
     _class(import_capture.MOCAP_OT_demo_capture),
     _class(import_capture.MOCAP_FH_capture),
+    _class(calibrate_subject.MOCAP_OT_calibrate_subject),
     _class(solve.MOCAP_OT_solve),
     _class(solve.MOCAP_OT_resolve_range),
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
     *map(_class, takes.CLASSES),
     *map(_class, views.CLASSES),
+    *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
+    _class(export_markers.MOCAP_OT_export_markers),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
     _class(capture_panels.VIEW3D_PT_mocap_problems),
+    _class(marker_panel.MOCAP_UL_markers),
+    _class(marker_panel.VIEW3D_PT_mocap_markers),
+    _class(marker_panel.VIEW3D_PT_mocap_labels),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),
@@ -86,13 +100,16 @@ TABLE: tuple[Entry, ...] = (
     _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),
+    *map(_class, retarget_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
+    Entry(marker_view.drawing.start, marker_view.drawing.stop),
     _handler(bpy.app.handlers.save_pre, project_files.before_save),
     _handler(bpy.app.handlers.save_post, project_files.after_save),
     _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),
+    _draw(bpy.types.TOPBAR_MT_file_export, export_markers.draw_export_menu),
     Entry(command.register, command.unregister),
 )
 """In the order of registration."""

@@ -10,6 +10,7 @@ import bpy
 from .._exchange.capture_file import portable_path
 from .._exchange.errors import OutputNotWritable
 from .._exchange.job_file import JobFile
+from .._exchange.outputs import write_text
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of
@@ -29,17 +30,17 @@ def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[JobF
         TakeMissing: the capture, or the motion to solve again, is no longer on the disk.
     """
     settings = scene.mocap
-    capture = file_of(settings.capture.file)
-    if not capture.is_file():
-        raise TakeMissing("The capture file is gone.", where=str(capture), hint="Import the capture again.")
-    take = next_take(_folder_of_takes(scene, capture.parent))
-    values = settings.solve.values()
+    capture = capture_file(settings.capture)
+    take = next_take(folder_of_takes(scene, capture.parent))
+    values, subject = settings.solve.values(), _subject(settings) if frames is None else None
     mesh = body_mesh(settings.review.armature) if settings.review.armature is not None else None
-    if mesh is not None and (settings.solve.keep_shape or frames is not None):
+    if mesh is not None and subject is None and (settings.solve.keep_shape or frames is not None):
         values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
-    job = JobFile(
-        capture=capture, out=take.motion, report=take.report if settings.solve.report else None, settings=values
-    )
+    layout = written_layout(settings.capture, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
+    if layout is not None:
+        values["layout"] = layout.name
+    report = take.report if settings.solve.report else None
+    job = JobFile(capture=capture, out=take.motion, report=report, subject=subject, settings=values)
     if frames is not None:
         job = replace(job, resolve=resolve_of(frames))
     return job, take.job
@@ -49,11 +50,55 @@ def portable_job(job: JobFile, folder: Path) -> JobFile:
     """Return a job as a file in this folder says it: what lies in the folder by its name, so that it may move."""
     resolve = job.resolve and replace(job.resolve, motion=Path(portable_path(job.resolve.motion, folder)))
     report = job.report and Path(portable_path(job.report, folder))
+    subject = job.subject and Path(portable_path(job.subject, folder))
     capture, out = (Path(portable_path(path, folder)) for path in (job.capture, job.out))
-    return replace(job, capture=capture, out=out, report=report, resolve=resolve)
+    return replace(job, capture=capture, out=out, report=report, subject=subject, resolve=resolve)
 
 
-def _folder_of_takes(scene: bpy.types.Scene, beside_capture: Path) -> Path:
+def capture_file(capture: bpy.types.PropertyGroup) -> Path:
+    """Return the file of a capture's settings.
+
+    Raises:
+        TakeMissing: it is no longer on the disk.
+    """
+    path = file_of(capture.file)
+    if not path.is_file():
+        raise TakeMissing("The capture file is gone.", where=str(path), hint="Import the capture again.")
+    return path
+
+
+def written_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
+    """Write what markers are attached to by hand, and return the file, None where nothing is.
+
+    Raises:
+        OutputNotWritable: see ``write_text``.
+    """
+    import json
+
+    places = {item.name: item.place for item in capture.marker_items if item.place is not None}
+    if not places:
+        return None
+    values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
+    return write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
+
+
+def _subject(settings: bpy.types.PropertyGroup) -> Path | None:
+    """Return the file of the calibrated person of a recording of markers, None where there is none."""
+    if not settings.solve.subject or not settings.capture.marker_items:
+        return None
+    path = file_of(settings.solve.subject)
+    if not path.is_file():
+        hint = "Calibrate the subject again, or empty the field Subject."
+        raise TakeMissing("The file of the calibrated subject is gone.", where=str(path), hint=hint)
+    return path
+
+
+def folder_of_takes(scene: bpy.types.Scene, beside_capture: Path) -> Path:
+    """Return where takes of a capture go: beside it, or to the folder of captures if that cannot be written to.
+
+    Raises:
+        OutputNotWritable: neither can.
+    """
     try:
         return usable(beside_capture)
     except OutputNotWritable:

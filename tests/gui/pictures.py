@@ -17,7 +17,7 @@ def steps(user: Any) -> Any:
         bpy.data.objects.remove(obj)
     yield from user.open_tab("MoCap")
     yield from user.shot("start")
-    yield from user.press("mocap.demo_capture()")
+    yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
     yield from user.until(lambda: bpy.context.scene.mocap.capture.file, "the demo capture is there", 300)
     bpy.context.scene.frame_set(_SHOWN_FRAME)
     yield from user.press("mocap.view_camera(index=1)", 0.3)

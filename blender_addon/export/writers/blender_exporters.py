@@ -40,7 +40,7 @@ def run_exporter(
         ) from error
     fitting = {name: value for name, value in (newer_settings or {}).items() if name in known}
     try:
-        done = operator(filepath=str(path), check_existing=False, **settings, **fitting)
+        done = operator(filepath=os.path.abspath(path), check_existing=False, **settings, **fitting)
     except RuntimeError as error:
         _raise_if_disk(str(error), error)
         raise ExportFailed(f"Blender's exporter failed: {str(error).strip()}", where=path.name) from error

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ...errors import BatchInvalid
+from ...solving.take_paths import MARKER_SUFFIXES
+from .limits import TakeLimits
 
-READING = {"fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis"}
+READING = {
+    "fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis",
+    "subject_prefix": "--subject-prefix",
+}  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
 _SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
 
@@ -19,7 +24,7 @@ class BatchRequest:
     """What to do with every capture of a folder."""
 
     captures: Path
-    """Folder; each file ``.npz`` and each folder in it is a capture."""
+    """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture."""
     out: Path
     """Folder of the results: one folder a take, and the summary."""
     job: Path | None = None
@@ -34,10 +39,15 @@ class BatchRequest:
     """Body file; None for the one each motion is solved for."""
     python: Path | None = None
     """Python to solve with; None for this one."""
+    marker_formats: tuple[str, ...] = ()
+    """Formats to write the cleaned markers of takes of markers to."""
+    limits: TakeLimits = field(default_factory=TakeLimits)
+    """Of the solver for each take; a take that was done within others is not done again."""
 
     def choices(self) -> dict[str, Any]:
         """Return what decides what is made of a capture, as plain values."""
         plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": _shared(self.job)}
+        plain |= {"markers": self.marker_formats} if self.marker_formats else {}
         return {**plain, "body": str(self.body), "python": str(self.python)}
 
 
@@ -54,7 +64,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
     found = [
         path
         for path in sorted(request.captures.iterdir())
-        if (path.is_dir() or path.suffix.lower() == ".npz")
+        if (path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES))
         and not path.name.startswith(".")
         and path.resolve() != request.out.resolve()
     ]
@@ -64,7 +74,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
         raise BatchInvalid(
             f"Two captures are called {', '.join(twice)}." if twice else "The folder holds no captures.",
             where=str(request.captures),
-            hint="Each file .npz and each folder in it is a capture with a name of its own.",
+            hint=f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders, each with a name of its own.",
         )
     return found
 

@@ -30,6 +30,7 @@ def run_batch(request: BatchRequest, progress: Progress) -> dict[str, Any]:
         OutputNotWritable: the folder of the results cannot be written to.
         Cancelled: the work was interrupted; finished takes are kept.
     """
+    request.limits.require_possible()
     choices = request.choices()
     captures = find_captures(request)
     takes = []

@@ -6,6 +6,7 @@ import json
 import time
 import traceback
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from ..bake import BakeRequest, run_bake
 from ..exit_codes import BROKEN, exit_code
 from ..export import ExportRequest, run_export
 from ..solver import run_solver
+from .limits import TakeWatch
 from .record import fingerprint, read_record, write_record
 from .request import READING, BatchRequest, take_name
 
@@ -82,9 +84,12 @@ def _made(
     said = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
     reading = [text for option in said.items() for text in option]
     reading += ["--trim"] if shared.get("trim") else []
-    run_solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading], progress, python=request.python)
+    solver = partial(
+        run_solver, progress=progress, python=request.python, over_limit=TakeWatch(request.limits).over_limit
+    )
+    solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
-    solved = run_solver("solve", ["--job", str(job_file)], progress, python=request.python)
+    solved = solver("solve", ["--job", str(job_file)])
     outputs, notes = [str(copy), str(job_file), str(motion), str(page)], list(solved.get("problems", []))
     if request.bake or request.render:
         wanted = BakeRequest(
@@ -103,8 +108,20 @@ def _made(
         exports = folder / "export"
         exported = run_export(ExportRequest(motion, exports, request.formats, request.body, overwrite=True), progress)
         outputs += exported["outputs"]
+    outputs += _exported_markers(request, motion, solved, progress)
     figures = {key: value for key, value in solved.items() if key != "event"}
     return {"solve": figures, "outputs": outputs, "notes": notes}
+
+
+def _exported_markers(request: BatchRequest, motion: Path, solved: dict[str, Any], progress: Progress) -> list[str]:
+    """Write the cleaned markers of a take that was solved from markers, and return the files."""
+    paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
+    if solved.get("marker_median_mm") is None:
+        return []
+    for path in paths:
+        options = [str(motion), "--out", str(path), "--overwrite"]
+        run_solver("export-markers", options, progress, python=request.python)
+    return [str(path) for path in paths]
 
 
 def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: dict[str, Any]) -> Path:

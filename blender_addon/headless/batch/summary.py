@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-_HEAD = ("take", "status", "frames", "residual px", "unsure", "bridged", "seconds", "what happened")
+_HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
+_RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
+"""Figures of a solve that say how far it is from what was measured, by their unit."""
 
 
 def worst_first(takes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -25,9 +27,11 @@ def table(takes: Sequence[dict[str, Any]]) -> str:
 
 def _row(take: dict[str, Any]) -> tuple[str, ...]:
     solved = take.get("solve") or {}
-    figures = (solved.get(key) for key in ("frames", "reprojection_median_px", "unsure_frames", "unseen_frames"))
+    frames, unsure, bridged = (_text(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
+    unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
+    residual = f"{_residual(take):.2f} {unit}" if unit else "-"
     said = take["error"]["message"] if take.get("error") else ""
-    return (take["take"], take["status"], *map(_text, figures), _text(take.get("seconds")), said)
+    return (take["take"], take["status"], frames, residual, unsure, bridged, _text(take.get("seconds")), said)
 
 
 def _padded(cell: str, width: int, column: int) -> str:
@@ -41,7 +45,8 @@ def _text(value: float | None) -> str:
 
 
 def _residual(take: dict[str, Any]) -> float:
-    return (take.get("solve") or {}).get("reprojection_median_px") or 0.0
+    solved = take.get("solve") or {}
+    return next((solved[key] for key in _RESIDUALS if solved.get(key) is not None), 0.0)
 
 
 def _doubtful(take: dict[str, Any]) -> float:

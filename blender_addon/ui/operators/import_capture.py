@@ -9,11 +9,12 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ...conventions.file_paths import absolute, stored
+from ...solving.take_paths import MARKER_SUFFIXES
 from ..locations import RELATIVE, files_folder, usable
 from .solver_operator import SolverOperator
 
-SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml")
-"""Of the files a capture is made of: our own, detections, calibrations, settings."""
+SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
+"""Of the files a capture is made of: our own, detections, calibrations, settings; and recordings of markers."""
 
 
 class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
@@ -23,8 +24,11 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
     bl_label = "Import Capture"
     bl_description = (
         "Read a capture, say what was recognised, and add its cameras, footage, detections and floor. "
-        "Choose a folder (a Pose2Sim trial, or folders of OpenPose JSON with a calibration) or any file in it"
+        "Choose a folder (a Pose2Sim trial, or folders of OpenPose JSON with a calibration) or any file in it, "
+        "or a recording of optical markers (C3D, TRC, CSV, TSV)"
     )
+
+    is_of_capture = False
 
     filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
@@ -54,7 +58,9 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         settings, source = context.scene.mocap, capture_root(chosen)
         folder = usable(capture_folder(files_folder(context.scene), source))
         out = ["--out", str(folder / "capture.npz"), "--overwrite"]
-        settings.capture.source = stored(source)
+        if not settings.capture.file:
+            settings.capture.source = stored(source)  # so that Read Again works where reading fails
+        self._source = source
         return self.launch(context, "convert", [str(source), *out, *settings.reading.arguments()], folder)
 
     def _chosen(self) -> Path:
@@ -69,9 +75,11 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
         stage = take_capture(context.scene, result)
+        context.scene.mocap.capture.source = stored(self._source)
         frame_capture(context, stage)
         problems = len(result["problems"])
-        found = f"{len(stage.cameras)} cameras, {result['frames']} frames"
+        seen_by = f"{len(stage.cameras)} cameras" if stage.cameras else f"{result['markers']} markers"
+        found = f"{seen_by}, {result['frames']} frames"
         found += f"; {set_up_said(context.scene, take_over=take_over)}"
         self.report(
             {"WARNING"} if problems else {"INFO"},
@@ -85,14 +93,26 @@ class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
 
     bl_idname = "mocap.demo_capture"
     bl_label = "Try the Demo Capture"
-    bl_description = "Make a synthetic capture of a walking person and set it up: nothing of your own is needed"
+    bl_description = "Make a synthetic capture of a moving person and set it up: nothing of your own is needed"
+
+    is_of_capture = False
+
+    kind: bpy.props.EnumProperty(
+        name="Kind",
+        items=(
+            ("CAMERAS", "Cameras", "Keypoints in four views"),
+            ("MARKERS", "Markers", "Optical markers, as in a C3D file"),
+        ),
+    )
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start making it."""
         from ...solving.take_paths import capture_folder
 
-        folder = usable(capture_folder(files_folder(context.scene), Path("demo")))
-        return self.launch(context, "demo-capture", ["--out", str(folder / "capture.npz"), "--overwrite"], folder)
+        markers = self.kind == "MARKERS"
+        folder = usable(capture_folder(files_folder(context.scene), Path("demo_markers" if markers else "demo")))
+        out = ["--out", str(folder / "capture.npz"), "--overwrite", *(["--markers"] if markers else [])]
+        return self.launch(context, "demo-capture", out, folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage."""
@@ -120,4 +140,4 @@ class MOCAP_FH_capture(bpy.types.FileHandler):
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Import."""
-    self.layout.operator(MOCAP_OT_import_capture.bl_idname, text="Motion Capture (.npz, folder)")
+    self.layout.operator(MOCAP_OT_import_capture.bl_idname, text="Motion Capture (.npz, .c3d, .trc, .csv, folder)")

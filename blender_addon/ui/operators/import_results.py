@@ -8,9 +8,11 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from ..._exchange.capture_file import read_capture
 from ..._exchange.motion_file import read_motion
+from ..._exchange.plain_text import plain
 from ...animation.takes import SolveFiles
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
@@ -19,10 +21,12 @@ from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.capture_stage import CaptureStage, set_stage
-from ...scene.point_player import player_of
+from ...scene.marker_cloud import marker_positions
 from ...scene.replaced_stage import replace_stage
 from ...scene.users_state import is_untouched, undisturbed
+from ..marker_view import colour_markers
 from ..project_files import bring_home
+from .marker_results import take_markers
 
 
 def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage:
@@ -36,16 +40,22 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         MocapError: the capture file is missing or wrong.
     """
     file = read_capture(Path(result["capture"]))
-    capture, review = scene.mocap.capture, scene.mocap.review
+    settings, path = scene.mocap, Path(result["capture"])
+    known = next((i for i, capture in enumerate(settings.captures) if file_of(capture.file) == path), None)
+    former = None if known is None else settings.captures[known]
     take_over = takes_over(scene, scene.mocap.reading.scene_setup)
-    is_again = capture.collection is not None and file_of(capture.file) == Path(result["capture"])
-    start = capture.frame_start if is_again and not take_over else scene.frame_start
+    again = former if former is not None and former.collection is not None else None
+    start = scene.frame_start if again is None or take_over else again.frame_start
     stage = set_stage(scene, file, frame_start=start, take_over=take_over)
-    if is_again:
-        stage = replace_stage(scene, stage, _former(capture, stage), capture.collection)
-    capture.name, capture.file = result["name"], stored(result["capture"])
+    if again is not None:
+        stage = replace_stage(scene, stage, _former(again, stage), again.collection)
+    capture = former or settings.captures.add()  # which moves the others: no earlier reference to one is valid
+    settings.show(len(settings.captures) - 1 if known is None else known)
+    review = capture.review
+    capture.name, capture.file = plain(result["name"]), stored(result["capture"])
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], start
-    capture.joint_set, capture.markers = result["joint_set"] or "", result["markers"] or 0
+    capture.joint_set = result["joint_set"] or ""
+    take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
     for problem in (*result["problems"], *stage.notes):
@@ -59,7 +69,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         item.name, item.object, item.detections = said["name"], camera, views.get(camera)
         item.seen_percent = said["seen_percent"] or 0.0
         item.has_footage = bool(camera.data.background_images)
-    if not is_again:
+    if again is None:
         review.armature = None
         review.pins.clear()
     review.first = start
@@ -73,21 +83,24 @@ def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.t
     items = {item.name: item for item in capture.cameras}
     cameras = [items.get(camera.data["capture_camera"]) for camera in stage.cameras]
     views = dict(zip(stage.cameras, cameras, strict=True))
-    known = [item.detections for item in items.values()]
-    markers = next((o for o in capture.collection.all_objects if player_of(o) is not None and o not in known), None)
     overlays = [
-        markers if overlay.parent is None else (item := views[overlay.parent]) and item.detections
+        capture.cloud if overlay.parent is None else (item := views[overlay.parent]) and item.detections
         for overlay in stage.overlays
     ]
     return [*(item and item.object for item in cameras), *overlays, capture.floor]
 
 
 def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
-    """Turn the viewport to where the cameras look."""
+    """Turn the viewport to where the cameras look or, without any, to the markers."""
     space = context.space_data
-    if space is None or space.type != "VIEW_3D" or not stage.cameras:
+    if space is None or space.type != "VIEW_3D":
         return
     centres = np.array([camera.matrix_world.translation for camera in stage.cameras])
+    for cloud in stage.overlays if not stage.cameras else ():
+        points = marker_positions(cloud, context.scene.frame_current_final).values()
+        centres = np.array([cloud.matrix_world @ Vector(point) for point in points])
+    if not len(centres):
+        return
     middle = centres.mean(axis=0)
     space.region_3d.view_perspective = "PERSP"
     space.region_3d.view_location = (middle[0], middle[1], middle[2] / 2)
@@ -111,6 +124,7 @@ def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Acti
         armature, action = add_take(scene, name, motion, body, armature, parent, start)
     files.write(action)
     settings.review.armature = armature
+    colour_markers(scene)
     bring_home()
     return action
 
@@ -162,4 +176,4 @@ def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
 
 def _say(capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool) -> None:
     message = capture.messages.add()
-    message.text, message.is_problem = text, is_problem
+    message.text, message.is_problem = plain(text), is_problem

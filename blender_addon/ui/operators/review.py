@@ -6,7 +6,7 @@ import math
 
 import bpy
 
-from ..._exchange.errors import FileMissing
+from ..._exchange.errors import FileDamaged, FileMissing
 from ..bone_colours import colour_bones
 from .base import MocapOperator, NeedsBody, NeedsTake
 
@@ -117,12 +117,20 @@ class MOCAP_OT_open_report(NeedsTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Open it in the system's browser."""
+        from ..._exchange.report_file import is_report
         from ...animation.takes import take_file
 
         path = take_file(context.scene.mocap.review.take, "report_file")
         if not path.is_file():
             raise FileMissing(
                 "This take has no report.", where=str(path), hint="Solve again with Report switched on under Advanced."
+            )
+        motion = take_file(context.scene.mocap.review.take, "motion_file")
+        if not is_report(path, motion.parent):
+            raise FileDamaged(
+                "This is no report that a solve wrote beside the take, and is not opened.",
+                where=str(path),
+                hint="Solve again with Report switched on, or open it yourself if you trust it.",
             )
         return bpy.ops.wm.path_open(filepath=str(path))
 

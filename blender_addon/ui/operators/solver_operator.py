@@ -55,6 +55,9 @@ class SolverOperator(MocapOperator):
     Escape is not taken: the run is cancelled by the panel's button alone.
     """
 
+    is_of_capture = True
+    """Its run belongs to the capture that panels were about when it started, whatever is active when it ends."""
+    _held = -1
     _timer: bpy.types.Timer | None = None
     _shown = 0.0
     _scene = ""
@@ -88,6 +91,7 @@ class SolverOperator(MocapOperator):
         from ...solving.run import start
 
         self._scene = context.scene.name
+        self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
         current.run = start(verb, arguments, chosen_python(context), folder)
         following.solver_reads = True
         if bpy.app.background:
@@ -132,6 +136,13 @@ class SolverOperator(MocapOperator):
             window.scene = shown
 
     def _outcome(self, context: bpy.types.Context) -> set[str]:
+        context.scene.mocap.held = self._held
+        try:
+            return self._taken_in(context)
+        finally:
+            context.scene.mocap.held = -1
+
+    def _taken_in(self, context: bpy.types.Context) -> set[str]:
         run = current.run
         assert run is not None
         current.finish()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...errors import TakeMissing
+from ..marker_view import colour_markers
 from .base import MocapOperator, NeedsBody, NeedsTake
 
 
@@ -27,6 +28,7 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
         if action is None:
             raise TakeMissing(f"There is no take '{self.name}' for this body.")
         show_take(settings.review.armature, action)
+        colour_markers(scene)
         show_frame(scene)
         return {"FINISHED"}
 
@@ -103,22 +105,24 @@ class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
         from ...scene.frame_rate import relay
 
         scene, settings = context.scene, context.scene.mocap
-        start, review = settings.capture.frame_start, settings.review
-        ratio = relay(scene, takes_of_capture(scene))
-        for pin in review.pins:
-            pin.frame = round(start + (pin.frame - start) * ratio)
-        review.first, review.last = (round(start + (frame - start) * ratio) for frame in (review.first, review.last))
+        ratio = relay(scene, takes_of_captures(scene))
+        for capture in settings.captures:
+            start, review = capture.frame_start, capture.review
+            for pin in review.pins:
+                pin.frame = round(start + (pin.frame - start) * ratio)
+            ends = (review.first, review.last)
+            review.first, review.last = (round(start + (frame - start) * ratio) for frame in ends)
         show_frame(scene)
         self.report({"INFO"}, f"Everything is laid by time at {scene_frame_rate(scene):g} fps")
         return {"FINISHED"}
 
 
-def takes_of_capture(scene: bpy.types.Scene) -> list[bpy.types.Action]:
-    """Return the takes of a scene's capture, played or not."""
+def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
+    """Return the takes of a scene's captures, played or not."""
     from ...animation.retiming import is_take
     from ...animation.takes import takes_of
 
-    return [action for action in takes_of(scene.mocap.capture.file) if is_take(action)]
+    return [action for capture in scene.mocap.captures for action in takes_of(capture.file) if is_take(action)]
 
 
 CLASSES = (MOCAP_OT_follow_rate, MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)

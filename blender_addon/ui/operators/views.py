@@ -51,6 +51,21 @@ class MOCAP_OT_leave_camera(MocapOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MOCAP_OT_show_capture(MocapOperator, bpy.types.Operator):
+    """Turns the panels to another capture."""
+
+    bl_idname = "mocap.show_capture"
+    bl_label = "Show Capture"
+    bl_description = "Let the panels be about this capture; making one of its objects active does the same"
+
+    index: bpy.props.IntProperty(options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Turn to it."""
+        context.scene.mocap.show(self.index)
+        return {"FINISHED"}
+
+
 def in_camera_view(context: bpy.types.Context) -> bool:
     """Return whether the viewport looks through a camera."""
     return _in_viewport(context) and context.space_data.region_3d.view_perspective == "CAMERA"
@@ -70,4 +85,4 @@ def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) ->
         capture.floor.display_type = "TEXTURED" if camera is None else "WIRE"
 
 
-CLASSES = (MOCAP_OT_view_camera, MOCAP_OT_leave_camera)
+CLASSES = (MOCAP_OT_view_camera, MOCAP_OT_leave_camera, MOCAP_OT_show_capture)

@@ -6,8 +6,9 @@ import bpy
 
 from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
 from ..operators.solver_operator import current
-from ..properties import MocapCapture
-from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
+from ..operators.views import MOCAP_OT_show_capture
+from ..properties import MocapCapture, MocapSettings
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -31,10 +32,14 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.scale_y = 1.0 if capture.file else 1.4
         column.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
+        if len(context.scene.mocap.captures) > 1:
+            _draw_captures(layout, context.scene.mocap)
         if capture.file:
             _draw_recognised(layout, capture)
         else:
-            layout.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA")
+            row = layout.row(align=True)
+            row.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA").kind = "CAMERAS"
+            row.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
 
 
 class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
@@ -44,14 +49,14 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Reading Options"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-    bl_order = 2
+    bl_order = 3
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the options, and reading the same source again."""
         layout, settings = self.layout, context.scene.mocap
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.enabled = not current.busy
-        for name in ("scene_setup", "fps", "joint_set", "unit", "up_axis", "trim"):
+        for name in ("scene_setup", "fps", "joint_set", "unit", "up_axis", "trim", "subject_prefix"):
             layout.prop(settings.reading, name)
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
@@ -83,8 +88,8 @@ class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
                 wrapped(self.layout, context, message.text, "DOT", alert=True)
 
 
-class VIEW3D_PT_mocap_notes(CapturePanel, bpy.types.Panel):
-    """What the reader assumed."""
+class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
+    """What the reader assumed; about markers their own panel says it."""
 
     bl_idname = "VIEW3D_PT_mocap_notes"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
@@ -92,11 +97,28 @@ class VIEW3D_PT_mocap_notes(CapturePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = 1
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture that is not of markers."""
+        capture = context.scene.mocap.capture
+        return bool(capture.file) and not capture.marker_items
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the notes."""
         for message in context.scene.mocap.capture.messages:
             if not message.is_problem:
                 wrapped(self.layout, context, message.text, "DOT")
+
+
+def _draw_captures(layout: bpy.types.UILayout, settings: MocapSettings) -> None:
+    """Draw a button for each capture of the scene."""
+    column, shown = layout.column(align=True), settings.capture_index
+    for index, capture in enumerate(settings.captures):
+        button = column.operator(
+            MOCAP_OT_show_capture.bl_idname, text=capture.name, depress=index == shown, translate=False,
+            icon="RADIOBUT_ON" if index == shown else "RADIOBUT_OFF",
+        )  # fmt: skip
+        button.index = index
 
 
 def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
@@ -109,4 +131,4 @@ def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
     parts = [f"{len(capture.cameras)} cameras"] if capture.cameras else []
     parts += [capture.joint_set] if capture.joint_set else []
     parts += [f"{capture.markers} markers"] if capture.markers else []
-    column.label(text=", ".join(parts), icon="CAMERA_DATA")
+    column.label(text=", ".join(parts), icon="CAMERA_DATA" if capture.cameras else "EMPTY_DATA")

@@ -9,7 +9,7 @@ import bpy
 from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import MOCAP_OT_cancel, current
-from ..operators.takes import MOCAP_OT_follow_rate, takes_of_capture
+from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
 
 _LETTER_PX = 6.0
 _MARGIN_PX = 62
@@ -94,7 +94,7 @@ def draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     from ...conventions.timing import scene_frame_rate
     from ...scene.frame_rate import needs_relaying
 
-    if not needs_relaying(context.scene, takes_of_capture(context.scene)):
+    if not needs_relaying(context.scene, takes_of_captures(context.scene)):
         return
     box = layout.box()
     text = f"The scene runs at {scene_frame_rate(context.scene):g} fps now: motion or detections play at a wrong speed."

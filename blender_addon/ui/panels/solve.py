@@ -5,13 +5,14 @@ from __future__ import annotations
 import bpy
 
 from ..locations import waits_for_saving
+from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..project_files import following
 from ..properties import CHOSEN_BY_PRESETS
 from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
-_VERBS = ("solve",)
+_VERBS = ("solve", "calibrate")
 
 
 class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
@@ -32,6 +33,10 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
         row.prop(settings.solve, "preset", expand=True)
         if draw_progress(layout, _VERBS):
             return
+        if settings.capture.marker_items:
+            column = layout.column(align=True)
+            column.prop(settings.solve, "subject", text="", icon="USER", placeholder="Subject")
+            column.operator(MOCAP_OT_calibrate_subject.bl_idname, icon="USER")
         button = layout.column()
         button.scale_y = 1.6
         button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY")
@@ -41,7 +46,7 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
         if following.failure:
             wrapped(layout, context, following.failure, "ERROR", alert=True)
         draw_failure(layout, context, _VERBS)
-        _draw_outcome(layout)
+        _draw_outcome(layout, context)
 
 
 class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
@@ -66,17 +71,22 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
         layout.prop(context.scene.mocap, "folder")
 
 
-def _draw_outcome(layout: bpy.types.UILayout) -> None:
+def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     run = current.last
-    if run is None or run.verb != "solve" or run.result is None or run.error is not None:
+    if run is None or run.verb not in _VERBS or run.result is None or run.error is not None:
         return
     result = run.result
     box = layout.box()
+    if run.verb == "calibrate":
+        wrapped(box, context, f"Calibrated: {calibrated(result)}", "CHECKMARK")
+        return
     box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK")
     column = box.column(align=True)
     column.scale_y = 0.8
     if result.get("reprojection_median_px") is not None:
         column.label(text=f"{result['reprojection_median_px']:.1f} px from the detections (median)")
+    if result.get("marker_median_mm") is not None:
+        column.label(text=f"{result['marker_median_mm']:.1f} mm from the markers (median)")
     if result["unsure_frames"]:
         column.label(text=f"Frames to look at: {result['unsure_frames']}", icon="ERROR")
     if result["unseen_frames"]:

@@ -29,6 +29,9 @@ def test_tree_is_the_solvers_tree() -> None:
         ({"f": np.array([[0, 1, 600]]), "face_material": None}, r"faces must name vertices 0\.\.575"),
         ({"f": np.array([[0, 1, 2]])}, r"face_material has shape .* \(1,\) is expected"),
         ({"weights": np.zeros((576, 24))}, "has no skinning weight"),
+        ({"weights": np.array(["a", "b"])}, r"weights is <U1 of shape \(2,\); an array of numbers"),
+        ({"v_template": np.array(1.0)}, r"v_template is float64 of shape \(\); an array of numbers"),
+        ({"kintree_table": np.zeros((0, 52))}, r"kintree_table has shape \(0, 52\)"),
     ],
 )
 def test_wrong_bodies_are_named(tmp_path: Path, files: Any, change: dict[str, Any], message: str) -> None:

@@ -80,6 +80,21 @@ def test_a_motion_of_markers_bakes(scene: bpy.types.Scene, files: Any) -> None:
     np.testing.assert_allclose(evaluated_joints(scene, take.armature, 1), files.motion.joints[0], atol=1e-4)
 
 
+def test_a_baked_takes_markers_have_the_colour_of_their_residual(scene: bpy.types.Scene, files: Any) -> None:
+    count = files.motion.num_frames
+    points = files.motion.joints[:, :2]
+    motion = replace(
+        files.motion, marker_labels=("b", "a"), marker_residual_mm=np.tile([30.0, 5.0], (count, 1)), keypoints3d=None
+    )
+    capture = replace(
+        files.capture, cameras=(), xy=None, confidence=None, markers=points, marker_labels=("a", "b"), fps=motion.fps
+    )
+    take = bake_take(scene, motion, files.body, capture)
+    (cloud,) = take.overlays
+    grades = np.array([item.value for item in cloud.data.attributes["grade"].data]).reshape(count, 2)
+    assert (grades == [1, 3]).all()
+
+
 def test_two_takes_share_a_scene(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:
     other = bake_take(scene, files.motion, files.body)
     assert other.armature is not take.armature and other.action is not take.action

@@ -38,7 +38,7 @@ time.sleep(60)
 
 
 def run_of(code: str, folder: Path) -> Run:
-    return Run("solve", SolverProcess([sys.executable, "-c", code], os.environ, folder))
+    return Run("evaluate", SolverProcess([sys.executable, "-c", code], os.environ, folder))
 
 
 def until(run: Run, condition: Callable[[Run], bool], seconds: float = 20.0) -> float:

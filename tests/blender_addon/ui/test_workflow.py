@@ -285,7 +285,7 @@ def test_every_setting_of_the_solver_is_in_the_panel(mocap):
     mocap.solve.preset = "CUSTOM"
     values = mocap.solve.values()
     assert SolveSettings.from_dict(values) == SolveSettings()  # the panel's defaults are the solver's
-    offered = set(MocapSolve.__annotations__) | {"betas"}
+    offered = set(MocapSolve.__annotations__) | {"betas", "layout"}  # the body's sliders and the markers' own settings
     assert set(SolveSettings.__dataclass_fields__) <= offered
 
 

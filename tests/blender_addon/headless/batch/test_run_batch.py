@@ -32,10 +32,14 @@ class Solver:
     def __init__(self, residuals: dict[str, float]) -> None:
         self.residuals, self.solved, self.jobs = residuals, [], []
 
-    def __call__(self, verb: str, given: list[str], progress: Any, **_: Any) -> dict[str, Any]:
+    def __call__(self, verb: str, given: list[str], *_progress: Any, **_: Any) -> dict[str, Any]:
         if verb == "convert":
             self.reading = given[4:]
             Path(given[2]).write_bytes(Path(given[0]).read_bytes() if Path(given[0]).is_file() else b"")
+            return {"event": "result"}
+        if verb == "export-markers":
+            Path(given[2]).parent.mkdir(exist_ok=True)
+            Path(given[2]).write_bytes(Path(given[0]).read_bytes())
             return {"event": "result"}
         job_file = Path(given[1])
         job = json.loads(job_file.read_text(encoding="utf-8"))
@@ -46,9 +50,10 @@ class Solver:
             raise SolverStopped({"code": "too_few_views", "message": "One camera.", "where": "", "hint": ""}, 3)
         for key in ("out", "report"):
             (job_file.parent / job[key]).write_bytes(b"x")
+        residual = "marker_median_mm" if "markers" in name else "reprojection_median_px"
         figures = {
             "frames": 100,
-            "reprojection_median_px": self.residuals[name],
+            residual: self.residuals[name],
             "unsure_frames": 3,
             "unseen_frames": 0,
         }
@@ -89,6 +94,26 @@ def test_the_worst_comes_first_and_one_failure_stops_nobody(captures: Path, solv
     assert sorted(p.name for p in (out / "good").iterdir()) == [
         "good.html", "good.job.json", "good.npz", "good_capture.npz", "take.json",
     ]  # fmt: skip
+
+
+def test_recordings_of_markers_are_captures_and_their_markers_are_exported(
+    captures: Path, solver: Solver, tmp_path: Path
+) -> None:
+    for name in ("markers a.c3d", "markers b.TRC", "markers c.csv"):
+        (captures / name).write_bytes(b"x")
+    solver.residuals |= {"markers a": 4.25, "markers b": 11.0, "markers c": 2.0}
+    out, job = tmp_path / "out", tmp_path / "job.json"
+    job.write_text('{"subject_prefix": "Anna"}')
+    result = run_batch(BatchRequest(captures, out, job, marker_formats=("c3d", "trc")), silent)
+    takes = {take["take"]: take for take in result["takes"]}
+    assert solver.reading == ["--subject-prefix", "Anna"]
+    assert [Path(path).name for path in takes["markers a"]["outputs"][-2:]] == ["markers a.c3d", "markers a.trc"]
+    assert not (out / "good" / "export").exists(), "a take of keypoints has no markers"
+    rows = {line.split("  ")[0]: line for line in result["table"].splitlines()}
+    assert "4.25 mm" in rows["markers a"] and "1.50 px" in rows["good"]
+    solver.solved.clear()
+    run_batch(BatchRequest(captures, out, job), silent)
+    assert "markers a" in solver.solved, "other wanted outputs make another take"
 
 
 def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: Solver, tmp_path: Path) -> None:
@@ -143,10 +168,10 @@ def test_what_a_killed_batch_left_blocks_no_take(captures: Path, solver: Solver,
 
 
 def test_cancelling_keeps_what_is_done(captures: Path, solver: Solver, tmp_path: Path) -> None:
-    def interrupted(verb: str, given: list[str], progress: Any, **more: Any) -> dict[str, Any]:
+    def interrupted(verb: str, given: list[str], **more: Any) -> dict[str, Any]:
         if verb == "solve" and "good" in given[1]:
             raise Cancelled("The work was cancelled.")
-        return solver(verb, given, progress, **more)
+        return solver(verb, given, **more)
 
     run_take.run_solver = interrupted  # undone with the fixture
     with pytest.raises(Cancelled):

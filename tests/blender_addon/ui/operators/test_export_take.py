@@ -58,6 +58,6 @@ def test_registering_leaves_no_menu_entry_behind(scene: bpy.types.Scene) -> None
     menu: Any = bpy.types.TOPBAR_MT_file_export
     before = len(menu._dyn_ui_initialize())
     blender_addon.register()
-    assert len(menu._dyn_ui_initialize()) == before + 1
+    assert len(menu._dyn_ui_initialize()) == before + 2, "take and markers"
     blender_addon.unregister()
     assert len(menu._dyn_ui_initialize()) == before

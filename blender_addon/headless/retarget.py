@@ -1,0 +1,167 @@
+"""``retarget``: a solved motion and a rig in; a Blender file with the rig playing the motion out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .._exchange.errors import FileDamaged, FileMissing, OutputExists
+from .._exchange.motion_file import read_motion
+from .._exchange.outputs import atomic_outputs
+from .._exchange.progress import Progress
+from ..body.body_choice import body_path_of, require_body
+from ..body.body_file import read_body
+from ..errors import ActorMissing, TargetUnsuitable
+
+if TYPE_CHECKING:
+    import bpy
+
+    from ..retarget.maps.rig_map import RigMap
+    from ..retarget.motion.figures import Actor
+
+
+@dataclass(frozen=True)
+class RetargetRequest:
+    """What to retarget to what."""
+
+    source: Path
+    """Motion file, or Blender file with a baked body."""
+    target: Path
+    """Blender file with the rig; it is not changed."""
+    out: Path
+    """Blender file to write."""
+    object_name: str = ""
+    """Which armature of the target; needed where there are several."""
+    armature: str = ""
+    """Which body of a Blender file is the actor; needed where there are several."""
+    preset: str = ""
+    """Name of a preset; "" for the one that fits."""
+    map_file: Path | None = None
+    """Map of the rig, instead of a preset."""
+    save_map: Path | None = None
+    """Where to write the map that was used, its map pose included."""
+    limbs: str = "fk"
+    """``fk`` or ``ik``."""
+    in_place: bool = False
+    """Leave out the way over the ground."""
+    root_motion: bool = False
+    """Let the root bone carry the way over the ground."""
+    body: Path | None = None
+    """Body file for a motion; None for the one the motion was solved for."""
+    frame_start: int = 1
+    """Scene frame of the first frame."""
+    overwrite: bool = False
+    """Replace files that are there."""
+
+
+def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]:
+    """Write a copy of the target's file in which the rig plays the motion.
+
+    Returns:
+        The ``result`` event: outputs, notes, frames, scale, deviation and the map's label.
+
+    Raises:
+        MocapError: an input is missing or wrong, the rig or its map is unsuitable, or an output exists.
+    """
+    from ..conventions.timing import TakeTiming, scene_frame_rate
+    from ..retarget.maps.rig_map import write_map
+    from ..retarget.motion.transfer import TransferSettings
+    from ..retarget.retarget import RetargetSettings, retarget
+    from ..scene.session import save_file
+
+    start = time.monotonic()
+    for path in (request.source, request.target):
+        if not path.is_file():
+            raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+    if request.out.exists() and request.out.samefile(request.target):
+        raise OutputExists("The target's own file would be replaced.", where=str(request.out), hint="Name another.")
+    progress("reading the actor", 0, 1)
+    actor = _actor(request)
+    settings = RetargetSettings(request.limbs, TransferSettings(request.in_place, request.root_motion))
+    with atomic_outputs(request.out.parent, (request.out.name,), overwrite=request.overwrite) as temporary:
+        scene, rig = _open_target(request)
+        rig_map = _map(request, rig)
+        timing = TakeTiming(request.frame_start, scene_frame_rate(scene))
+        progress("retargeting", 0, 1)
+        done = retarget(actor, rig, scene, rig_map, timing, settings)
+        progress("retargeting", 1, 1)
+        scene.frame_start = min(scene.frame_start, request.frame_start)
+        scene.frame_end = max(scene.frame_end, timing.last_frame(actor.num_frames, actor.fps))
+        save_file(temporary[request.out.name])
+        if request.save_map is not None:
+            write_map(request.save_map, done.rig_map, overwrite=request.overwrite)
+    return {
+        "event": "result",
+        "outputs": [str(path) for path in (request.out, request.save_map) if path is not None],
+        "notes": list(done.notes),
+        "frames": actor.num_frames,
+        "fps": actor.fps,
+        "map": done.rig_map.label,
+        "scale": round(done.scale, 5),
+        "hands_and_feet_deviation_mm": round(done.deviation_mm, 3),
+        "seconds": round(time.monotonic() - start, 3),
+    }
+
+
+def _actor(request: RetargetRequest) -> Actor:
+    from ..retarget.actor_rig import is_actor, read_actor
+    from ..retarget.motion.figures import actor_of_motion
+
+    if request.source.suffix.lower() != ".blend":
+        motion = read_motion(request.source)
+        body = read_body(request.body or body_path_of(motion.provenance))
+        require_body(motion, body)
+        return actor_of_motion(motion, body)
+    scene = _opened(request.source)
+    bodies = {o.name: o for o in scene.objects if is_actor(o) and o.animation_data is not None}
+    chosen = [request.armature] if request.armature else list(bodies)
+    if len(chosen) != 1 or chosen[0] not in bodies:
+        wanted = f"There is no body '{request.armature}' with a motion." if request.armature else "One body is wanted."
+        hint = f"Name one with --armature: {', '.join(bodies) or 'the file has none'}."
+        raise ActorMissing(wanted, where=str(request.source), hint=hint)
+    return read_actor(bodies[chosen[0]], scene)[0]
+
+
+def _open_target(request: RetargetRequest) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    """Open the target's file and return the one armature that is meant."""
+    from ..retarget.actor_rig import is_actor
+
+    scene = _opened(request.target)
+    rigs = [o for o in scene.objects if o.type == "ARMATURE" and (request.object_name or not is_actor(o))]
+    found = [o for o in rigs if request.object_name in ("", o.name)]
+    if len(found) == 1:
+        return scene, found[0]
+    names = ", ".join(o.name_full for o in rigs) or "the file has none"
+    if not found:
+        message = f"There is no armature '{request.object_name}'." if request.object_name else "There is no armature."
+    elif request.object_name:
+        message = f"There are {len(found)} armatures '{request.object_name}': {', '.join(o.name_full for o in found)}."
+    else:
+        message = "One armature is wanted."
+    raise TargetUnsuitable(message, where=str(request.target), hint=f"Name one with --object: {names}.")
+
+
+def _map(request: RetargetRequest, rig: bpy.types.Object) -> RigMap:
+    from ..retarget.maps.presets import choose_map, named_preset
+    from ..retarget.maps.rig_map import read_map
+    from ..retarget.user_presets import user_presets_folder
+
+    names = rig.data.bones.keys()
+    if request.map_file is not None:
+        return read_map(request.map_file)
+    if request.preset:
+        return named_preset(request.preset, names, user_presets_folder())
+    parents = {bone.name: bone.parent.name for bone in rig.data.bones if bone.parent is not None}
+    return choose_map(names, parents, user_presets_folder())
+
+
+def _opened(path: Path) -> bpy.types.Scene:
+    import bpy
+
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        raise FileDamaged(f"Blender cannot open the file: {str(error).strip()}", where=str(path)) from error
+    return bpy.context.scene

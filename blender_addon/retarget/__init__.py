@@ -1,0 +1,1 @@
+"""Retarget: a solved motion on another character's rig."""

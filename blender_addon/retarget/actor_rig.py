@@ -1,0 +1,95 @@
+"""The actor read from Blender: a body of ours as it plays, with every edit."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .._exchange.errors import MocapError
+from .._exchange.motion_file import read_motion
+from ..animation.curves import current_action
+from ..animation.retiming import laid_rate
+from ..animation.takes import take_file
+from ..body.armature import bone_axes
+from ..body.sliders import body_mesh
+from ..conventions.skeleton import JOINTS
+from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
+from ..errors import ActorMissing
+from ..scene.alone import alone
+from .motion.figures import Actor
+
+_BALLS = (10, 11)
+_SOLE_BELOW_BALL = 0.02
+"""Share of the hips' height by which the sole is below the ball of the foot where no skin shows it."""
+
+
+def is_actor(armature: bpy.types.Object | None) -> bool:
+    """Return whether this is an armature that this add-on made."""
+    return armature is not None and armature.type == "ARMATURE" and set(JOINTS) <= set(armature.pose.bones.keys())
+
+
+def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
+    """Return what a body of ours does over the frames of its action, and where that lies in the scene.
+
+    Raises:
+        ActorMissing: it is none of ours, or plays nothing.
+    """
+    if not is_actor(armature):
+        hint = "Choose the armature of a solved take as the actor."
+        raise ActorMissing("This is no body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
+    action = current_action(armature)
+    if action is None:
+        raise ActorMissing("The body plays no action.", where=armature.name, hint="Show one of its takes first.")
+    first, last = action.frame_range
+    rate = scene_frame_rate(scene)
+    fps = float(action.get("fps", rate))
+    step = (laid_rate(action) if "fps" in action else rate) / fps
+    times = first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
+    matrices = np.empty((len(times), len(JOINTS), 4, 4))
+    with alone(armature, scene) as (stage, depsgraph):
+        for f, time in enumerate(times):
+            go_to_frame(stage, float(time))
+            bones = armature.evaluated_get(depsgraph).pose.bones
+            matrices[f] = [bones[joint].matrix for joint in JOINTS]
+    rest = _rest_joints(armature)
+    turns = matrices[..., :3, :3] @ bone_axes(armature).swapaxes(1, 2)
+    actor = Actor(action.name, rest, turns, matrices[..., :3, 3], fps, _contacts(action, len(times)))
+    return actor, TakeTiming(float(first), rate)
+
+
+def _rest_joints(armature: bpy.types.Object) -> np.ndarray:
+    """Return the (24, 3) joints of the shaped body at rest, over the floor: bones are moved to them by drivers."""
+    heads = np.array([armature.data.bones[joint].head_local for joint in JOINTS], np.float64)
+    axes = bone_axes(armature)
+    ways = np.array([armature.pose.bones[joint].location for joint in JOINTS[1:]], np.float64)
+    local = np.concatenate([np.zeros((1, 3)), (axes[1:] @ ways[..., None])[..., 0]])
+    parents = [JOINTS.index(bone.parent.name) if bone.parent else -1 for bone in map(armature.data.bones.get, JOINTS)]
+    joints = heads.copy()
+    for j, parent in enumerate(parents):
+        if parent >= 0:
+            joints[j] = joints[parent] + heads[j] - heads[parent] + local[j]
+    return joints - [0.0, 0.0, _sole(armature, joints)]
+
+
+def _sole(armature: bpy.types.Object, joints: np.ndarray) -> float:
+    mesh = body_mesh(armature)
+    if mesh is None:
+        ball = joints[list(_BALLS), 2].min()
+        return float(ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball))
+    keys = mesh.data.shape_keys.key_blocks
+    points = np.empty((len(keys), 3 * len(mesh.data.vertices)), np.float32)
+    for row, key in zip(points, keys, strict=True):
+        key.data.foreach_get("co", row)
+    shape = [i for i, key in enumerate(keys) if key.name.startswith("Shape ")]
+    weights = np.array([keys[i].value for i in shape])
+    shaped = points[0] + weights @ (points[shape] - points[0])
+    return float(shaped[2::3].min())
+
+
+def _contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
+    """Return when the feet stand, from the motion file of a take, if it is still there and as long."""
+    try:
+        motion = read_motion(take_file(action, "motion_file"))
+    except (MocapError, OSError):
+        return None
+    return motion.contacts if motion.contacts is not None and len(motion.contacts) == frames else None

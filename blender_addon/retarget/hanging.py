@@ -1,0 +1,169 @@
+"""How a rig hangs together: which control carries which, found by moving each and looking.
+
+Between two controls of a rig there may be any number of helper bones, constraints and drivers. What they amount to is
+measured: each control is turned and shifted once, and whoever goes along as if nailed to it is carried by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Quaternion, Vector
+
+from ..errors import TargetUnsuitable
+from ..scene.alone import alone
+
+_PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
+_PROBE_SHIFT = Vector((0.06, -0.05, 0.07))
+"""What each control is moved by; shares of the rig's size."""
+_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02
+"""Radians, and share of a shift, that make no difference."""
+_POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
+
+
+@dataclass(frozen=True)
+class Hanging:
+    """N controls in their neutral pose, each after those that carry it; armature's axes and units."""
+
+    names: tuple[str, ...]
+    matrices: np.ndarray
+    """(N, 4, 4) pose matrices."""
+    turns_with: np.ndarray
+    """(N,) index of whose rotation each takes part in, -1 for none."""
+    moves_with: np.ndarray
+    """(N,) index of who carries its place, -1 for none."""
+    held: tuple[str, ...]
+    """Controls that their own channels do not turn."""
+    unmoved: tuple[str, ...]
+    """Controls that their own location does not move."""
+    partial: tuple[str, ...]
+    """Controls that go along in part with another, such as through a constraint at half influence."""
+
+
+def hanging_of(
+    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
+) -> Hanging:
+    """Move each control once and return who carries whom; afterwards the rig is as it was.
+
+    Args:
+        armature: the rig.
+        scene: the scene it is in.
+        names: its controls.
+        switches: value of each custom property (bone, key) while the rig is looked at.
+
+    Raises:
+        TargetUnsuitable: the rig cannot be posed.
+    """
+    with neutral(armature, names, switches), alone(armature, scene) as (stage, depsgraph):
+        layer = stage.view_layers[0]
+
+        def look() -> np.ndarray:
+            layer.update()
+            bones = armature.evaluated_get(depsgraph).pose.bones
+            return np.array([bones[name].matrix for name in names], np.float64)
+
+        before = look()
+        size = float(np.ptp(before[:, :3, 3], axis=0).max())
+        after = np.empty((len(names), *before.shape))
+        for d, name in enumerate(names):
+            bone = armature.pose.bones[name]
+            rest = bone.matrix_basis.copy()
+            bone.matrix_basis = Matrix.LocRotScale(size * _PROBE_SHIFT, _PROBE, None)
+            after[d] = look()
+            bone.matrix_basis = rest
+    return _told(tuple(names), before, after, size)
+
+
+@contextmanager
+def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tuple[str, str], float]) -> Iterator[None]:
+    """Keep a rig from playing, its controls at rest and its switches set, while the block runs.
+
+    Raises:
+        TargetUnsuitable: the armature shows its rest position and cannot be changed.
+    """
+    animation, data = armature.animation_data, armature.data
+    bones = [armature.pose.bones[name] for name in names]
+    poses = [{key: tuple(getattr(bone, key)) for key in _POSE} for bone in bones]
+    values = {(bone, key): armature.pose.bones[bone][key] for bone, key in switches}
+    playing = None if animation is None else (animation.action, getattr(animation, "action_slot", None))
+    nla, shown = animation is not None and animation.use_nla, data.pose_position
+    try:
+        if shown == "REST":
+            try:
+                data.pose_position = "POSE"
+            except (AttributeError, TypeError) as error:
+                hint = "Set it to pose position in the file it is linked from."
+                raise TargetUnsuitable(
+                    "The armature shows its rest position.", where=armature.name, hint=hint
+                ) from error
+        if animation is not None:
+            animation.action, animation.use_nla = None, False
+        for bone in bones:
+            bone.matrix_basis = Matrix()
+        _set(armature, switches)
+        yield
+    finally:
+        for bone, pose in zip(bones, poses, strict=True):
+            for key, value in pose.items():
+                setattr(bone, key, value)
+        _set(armature, values)
+        if animation is not None and playing is not None:
+            animation.use_nla = nla
+            animation.action = playing[0]
+            if playing[0] is not None and playing[1] is not None:
+                animation.action_slot = playing[1]
+        if data.pose_position != shown:
+            data.pose_position = shown
+
+
+def _set(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
+    for (bone, key), value in values.items():
+        kind = type(armature.pose.bones[bone][key])
+        armature.pose.bones[bone][key] = kind(value)
+    armature.update_tag()
+
+
+def _told(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
+    """Return what the moves tell: ``after[d, c]`` is control c when d was moved."""
+    count = range(len(names))
+    turned = np.einsum("dcij,ckj->dcik", _rotation(after), _rotation(before))
+    own = turned[count, count]
+    heads = before[:, :3, 3]
+    nailed = after[count, count, :3, 3][:, None] + np.einsum("dij,dcj->dci", own, heads[None] - heads[:, None])
+    shifted = np.linalg.norm(after[:, :, :3, 3] - heads, axis=-1)
+    goes, stays = _angle(np.swapaxes(own, -1, -2)[:, None] @ turned) < _ALIKE_TURN, _angle(turned) < _ALIKE_TURN
+    reach = size * _ALIKE_SHIFT * np.linalg.norm(_PROBE_SHIFT)
+    along = (np.linalg.norm(after[:, :, :3, 3] - nailed, axis=-1) < np.maximum(reach, _ALIKE_SHIFT * shifted)) & (
+        shifted > reach
+    )
+    held = _angle(own) < _ALIKE_TURN
+    goes[held] = along[held] = False
+    np.fill_diagonal(goes, False)
+    np.fill_diagonal(along, False)
+    partly = ~goes & ~stays & ~held[:, None]
+    np.fill_diagonal(partly, False)
+    rank = np.lexsort((-goes.sum(1) - along.sum(1), goes.sum(0) + along.sum(0)))
+    turns, moves = _deepest(goes[rank][:, rank]), _deepest(along[rank][:, rank])
+    unmoved = np.linalg.norm(after[count, count, :3, 3] - heads, axis=1) < reach
+    listed = [tuple(names[i] for i in np.flatnonzero(mask)) for mask in (held, unmoved, partly.any(0))]
+    return Hanging(tuple(names[i] for i in rank), before[rank], turns, moves, *listed)
+
+
+def _deepest(carries: np.ndarray) -> np.ndarray:
+    """Return for each the carrier that is itself carried by the most others, -1 for none: ``carries[d, c]``."""
+    depth = carries.sum(0)
+    likely = np.where(carries, 1 + depth[:, None], 0)
+    return np.where(carries.any(0), likely.argmax(0), -1)
+
+
+def _rotation(matrices: np.ndarray) -> np.ndarray:
+    R = matrices[..., :3, :3]
+    return R / np.linalg.norm(R, axis=-2, keepdims=True)
+
+
+def _angle(R: np.ndarray) -> np.ndarray:
+    return np.arccos(np.clip((np.trace(R, axis1=-2, axis2=-1) - 1) / 2, -1.0, 1.0))

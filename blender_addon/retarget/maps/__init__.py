@@ -1,0 +1,1 @@
+"""Maps: which bone of a rig plays which role."""

@@ -1,0 +1,135 @@
+"""A rig's map: which bone plays which role, the switches of its limbs, and its map pose; as a file, too."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..._exchange.errors import FileMissing
+from ..._exchange.outputs import atomic_output
+from ...errors import MapInvalid
+from .roles import CHAINS, SIDES, is_of_a_side, is_role
+
+FORMAT, VERSION = "manifold_mocap_rig_map", 1
+_KEYS = {"format", "version", "label", "bones", "sides", "switches", "map_pose"}
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A custom property of a bone that must have one value for FK limbs and another for IK limbs."""
+
+    bone: str
+    key: str
+    """Name of the property."""
+    fk: float
+    ik: float
+
+
+@dataclass(frozen=True)
+class RigMap:
+    """How a rig plays a person."""
+
+    label: str
+    bones: dict[str, str]
+    """Bone by role, see ``roles``."""
+    switches: tuple[Switch, ...] = ()
+    map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
+    """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that our body's rest (arms to
+    the sides, legs straight) is matched with; worked out from the limbs' directions for bones that are not there."""
+
+    def renamed(self, names: dict[str, str]) -> RigMap:
+        """Return the map of the roles whose bones have an entry, by their names in a rig."""
+        bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
+        switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
+        pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}
+        return RigMap(self.label, bones, switches, pose)
+
+
+def read_map(path: Path) -> RigMap:
+    """Read a map or preset.
+
+    Raises:
+        FileMissing: there is no such file.
+        MapInvalid: it is no map, or says what is no role.
+    """
+    if not path.is_file():
+        raise FileMissing("There is no such file.", where=str(path), hint="Check the path of the map.")
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise MapInvalid(f"The map is not JSON: {error}", where=str(path)) from error
+    return map_of(values, str(path))
+
+
+def map_of(values: Any, where: str) -> RigMap:
+    """Return the map that a file's values describe.
+
+    Raises:
+        MapInvalid: they describe none.
+    """
+    if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
+        hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
+        raise MapInvalid("This is no map of a rig.", where=where, hint=hint)
+    if unknown := sorted(set(values) - _KEYS):
+        hint = f"There are: {', '.join(sorted(_KEYS))}."
+        raise MapInvalid(f"The map has unknown entries: {', '.join(unknown)}.", where=where, hint=hint)
+    sides = values.get("sides", ["", ""])
+    try:
+        bones = dict(_flat(values["bones"], sides))
+        switches = tuple(
+            Switch(bone, str(entry["property"]), float(entry["fk"]), float(entry["ik"]))
+            for entry in values.get("switches", [])
+            for bone in _of_both(entry["bone"], sides)
+        )
+        pose = {bone: _quaternion(turn) for bone, turn in values.get("map_pose", {}).items()}
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise MapInvalid(f"The map cannot be read: {error!r}.", where=where) from error
+    if wrong := sorted(role for role in bones if not is_role(role)):
+        hint = "Roles are pelvis, spine (a list), neck (a list), head, clavicle, upper_arm, … see docs/retarget.md."
+        raise MapInvalid(f"The map names what is no role: {', '.join(wrong)}.", where=where, hint=hint)
+    return RigMap(str(values.get("label", Path(where).stem)), bones, switches, pose)
+
+
+def map_values(rig_map: RigMap) -> dict[str, Any]:
+    """Return the values that ``map_of`` reads."""
+    switches = [{"bone": s.bone, "property": s.key, "fk": s.fk, "ik": s.ik} for s in rig_map.switches]
+    return {
+        "format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones,
+        "switches": switches, "map_pose": {bone: list(turn) for bone, turn in rig_map.map_pose.items()},
+    }  # fmt: skip
+
+
+def write_map(path: Path, rig_map: RigMap, *, overwrite: bool = False) -> None:
+    """Write a map that ``read_map`` reads.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    with atomic_output(path, overwrite=overwrite) as temporary:
+        temporary.write_text(json.dumps(map_values(rig_map), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _flat(bones: dict[str, Any], sides: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield role and bone: lists become numbered roles, ``{side}`` the words of both sides."""
+    for part, name in bones.items():
+        if part in CHAINS:
+            yield from ((f"{part}_{i + 1}", str(bone)) for i, bone in enumerate(name))
+        elif is_of_a_side(part):
+            yield from ((f"{side}_{part}", bone) for side, bone in zip(SIDES, _of_both(name, sides), strict=True))
+        else:
+            yield part, str(name)
+
+
+def _of_both(name: str, sides: list[str]) -> list[str]:
+    return [name.replace("{side}", side) for side in sides] if "{side}" in name else [name]
+
+
+def _quaternion(turn: list[float]) -> tuple[float, float, float, float]:
+    w, x, y, z = (float(value) for value in turn)
+    length = (w * w + x * x + y * y + z * z) ** 0.5
+    if not 0.5 < length < 2.0:
+        raise ValueError(f"{turn} is no quaternion")
+    return w / length, x / length, y / length, z / length

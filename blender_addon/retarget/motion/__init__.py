@@ -1,0 +1,1 @@
+"""The motion carried over, in NumPy alone."""

@@ -1,0 +1,103 @@
+"""The two who meet: an actor's motion, and a rig as what its controls carry; both on a stage of their own.
+
+A stage has metres, Z up, the soles of the rest pose at z = 0, and the figure at rest faces -Y with its left at +X.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._exchange.motion_file import MotionFile
+from ...body.body_file import BodyFile
+from ...body.posed_body import pose_joints
+from ...conventions.coordinates import R_ARMATURE_BODY
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A motion of our body."""
+
+    name: str
+    rest: np.ndarray
+    """(24, 3) joints at rest."""
+    turns: np.ndarray
+    """(F, 24, 3, 3) each joint's rotation from rest."""
+    joints: np.ndarray
+    """(F, 24, 3) positions; the floor is at z = 0."""
+    fps: float
+    contacts: np.ndarray | None = None
+    """(F, 2) bool: left and right foot stand."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.joints)
+
+
+@dataclass(frozen=True)
+class Target:
+    """The N controls of a rig that have a role, each after those that carry it."""
+
+    names: tuple[str, ...]
+    roles: tuple[str, ...]
+    heads: np.ndarray
+    """(N, 3) heads in the rest pose."""
+    tails: np.ndarray
+    """(N, 3) tails in the rest pose."""
+    axes: np.ndarray
+    """(N, 3, 3) axes in the rest pose, one a column."""
+    place_axes: np.ndarray
+    """(N, 3, 3) axes that each one's location channel counts along, in the rest pose."""
+    turns_with: np.ndarray
+    """(N,) index of the control whose rotation each one takes part in, -1 for none."""
+    moves_with: np.ndarray
+    """(N,) index of the control that carries each one's place, -1 for none."""
+    R_stage_armature: np.ndarray
+    """(3, 3) rotation of the armature's axes to the stage's."""
+    unit_m: float
+    """Metres of one unit of the armature's space."""
+    ground: np.ndarray
+    """(3,) metres from the armature's origin, in the stage's axes, to the stage's."""
+
+    def index(self, role: str) -> int:
+        """Return the control of a role, -1 for none."""
+        return self.roles.index(role) if role in self.roles else -1
+
+
+def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
+    """Return the actor of a motion file.
+
+    Args:
+        motion: the motion.
+        body: the body it was solved for.
+    """
+    rest = body.rest_joints(motion.betas)
+    G, joints = pose_joints(rest, motion.rotvec, motion.transl)
+    soles = (body.shaped(motion.betas) @ R_ARMATURE_BODY.T)[:, 2].min()
+    standing = rest @ R_ARMATURE_BODY.T - [0.0, 0.0, soles]
+    return Actor(motion.name, standing, G @ R_ARMATURE_BODY.T, joints, motion.fps, motion.contacts)
+
+
+def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:
+    """Return where the heads of all controls are: ``p_c = p_m + D_m (r_c - r_m)`` with m what carries c.
+
+    Args:
+        target: the rig.
+        turns: (N, F, 3, 3) rotations from rest.
+        carrier: the control that has a path of its own.
+        path: (F, 3) that path.
+
+    Returns:
+        (N, F, 3).
+    """
+    places = np.empty((len(target.names), len(path), 3))
+    for c, m in enumerate(target.moves_with):
+        if c == carrier:
+            places[c] = path
+        elif m < 0:
+            places[c] = target.heads[c]
+        else:
+            places[c] = places[m] + turns[m] @ (target.heads[c] - target.heads[m])
+    return places

@@ -1,0 +1,47 @@
+"""The way over the ground: what a root bone carries, and what a motion in place leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._exchange.so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
+from .figures import Actor
+
+_SMOOTH_S = 0.25
+"""Standard deviation of the Gaussian that leaves the sway of the hips to the hips."""
+
+
+@dataclass(frozen=True)
+class GroundPath:
+    """A person's way over the ground."""
+
+    way: np.ndarray
+    """(F, 3) metres from the stage's origin, z = 0."""
+    turns: np.ndarray
+    """(F, 3, 3) heading as a rotation about Z from facing -Y."""
+
+
+def ground_path(actor: Actor, scale: float) -> GroundPath:
+    """Return the smoothed way of the hips, scaled, and the smoothed heading of the pelvis.
+
+    The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
+
+    Args:
+        actor: the motion.
+        scale: of the target's legs by the actor's.
+    """
+    hips = actor.joints[:, 0] * [1.0, 1.0, 0.0]
+    quat = sign_continuous(quat_from_matrix(actor.turns[:, 0]))
+    heading = np.unwrap(2 * np.arctan2(quat[:, 3], quat[:, 0]))
+    smooth = _smoothed(np.column_stack([scale * hips, heading]), _SMOOTH_S * actor.fps)
+    return GroundPath(smooth[:, :3], matrix_from_rotvec(smooth[:, 3:] * [0.0, 0.0, 1.0]))
+
+
+def _smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Return columns under a Gaussian; beyond its ends a motion goes on as it came, turned about its end points."""
+    half = min(int(np.ceil(3 * sigma)), len(values) - 1)
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / max(sigma, 1e-6)) ** 2)
+    longer = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+    return np.stack([np.convolve(column, kernel / kernel.sum(), "valid") for column in longer.T], axis=1)

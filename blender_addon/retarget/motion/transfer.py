@@ -1,0 +1,249 @@
+"""The transfer: an actor's motion as rotations and places of a rig's controls, on the rig's stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from ..maps.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
+from .feet import foot_paths, steadied
+from .figures import Actor, Target, carried_places
+from .limbs import bend_to, within_reach
+from .map_pose import anatomical_axis, limb_frame
+from .root_path import ground_path
+
+_SPINE = (0, 3, 6, 9)
+_NECK, _HEAD, _HIPS = 12, 15, (1, 2)
+
+
+@dataclass(frozen=True)
+class TransferSettings:
+    """How a motion goes over to a rig."""
+
+    in_place: bool = False
+    """Leave out the way over the ground."""
+    root_motion: bool = False
+    """Let the root bone carry the way over the ground and the heading."""
+    hold_contacts: bool = True
+    """Hold feet where they stand, if the motion says when."""
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """What the N controls of a rig do over F frames."""
+
+    turns: np.ndarray
+    """(N, F, 3, 3) rotations from the rest pose on the stage."""
+    places: np.ndarray
+    """(N, F, 3) heads on the stage."""
+    carrier: int
+    """The control that carries the body's way."""
+    scale: float
+    """Length of the target's legs by the actor's."""
+    goals: dict[str, np.ndarray]
+    """(F, 3) by the role of a hand or foot: where wrist or ankle should be."""
+
+
+def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
+    """Carry a motion over: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
+
+    D_j is the actor's rotation of the joint that turns control c, A_c the map pose. The hips follow the actor's
+    and give way where a leg would be too short. Every limb is then bent to its goal.
+
+    Args:
+        actor: the motion.
+        target: the rig.
+        A: (N, 3, 3) from ``map_pose``.
+        settings: how.
+    """
+    scale = leg_scale(actor, target)
+    carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")
+    root, path = target.index("root"), ground_path(actor, scale)
+    turns = _turns(actor, target, A)
+    travels = settings.root_motion and not settings.in_place and root >= 0
+    if travels:
+        turns[root] = path.turns
+    shift = -path.way if settings.in_place else 0.0
+    goals = _foot_goals(actor, target, turns, scale, settings)
+    goals = {role: goal + shift for role, goal in goals.items()}
+    still = carried_places(target, turns, carrier, np.zeros((actor.num_frames, 3)))
+    way = scale * actor.joints[:, _HIPS].mean(1) + shift - _hips(target, still)
+    way = way + _for_reach(target, still + way * _carried(target, carrier)[:, None, None], goals)
+    places = carried_places(target, turns, carrier, way)
+    goals |= _hand_goals(actor, target, places)
+    _bend_limbs(actor, target, turns, places, A, goals)
+    places = carried_places(target, turns, carrier, way)
+    if travels:
+        places[root] = target.heads[root] + path.way
+    _follow_limbs(actor, target, turns, places, A)
+    return Transferred(turns, places, carrier, scale, goals)
+
+
+def leg_scale(actor: Actor, target: Target) -> float:
+    """Return the length of the target's legs, soles included, by the actor's; by the hips' height without legs."""
+    own, theirs = [], []
+    for side in SIDES:
+        roles = LIMBS[f"{side}_leg"]
+        bones = [target.index(role) for role in roles]
+        if min(bones) >= 0:
+            own.append(_length(target.heads[bones]) + target.heads[bones[-1], 2])
+            joints = [JOINT_OF[role] for role in roles]
+            theirs.append(_length(actor.rest[joints]) + actor.rest[joints[-1], 2])
+    if own:
+        return float(np.mean(own) / np.mean(theirs))
+    return float(target.heads[target.index("pelvis"), 2] / actor.rest[0, 2])
+
+
+def _length(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
+    """Return the (N, F, 3, 3) rotations of all controls; those that no joint turns stay at rest."""
+    turns = np.broadcast_to(np.eye(3), (len(target.names), actor.num_frames, 3, 3)).copy()
+    for c, role in enumerate(target.roles):
+        if role == "carrier":
+            turns[c] = actor.turns[:, 0]
+        elif role.startswith("spine_"):
+            turns[c] = _along_spine(actor, target, c) @ A[c]
+        elif role.startswith("neck_"):
+            necks = sum(other.startswith("neck_") for other in target.roles)
+            share = (int(role.rpartition("_")[2]) - 1) / necks
+            turns[c] = _between(actor.turns[:, _NECK], actor.turns[:, _HEAD], share) @ A[c]
+        elif role in JOINT_OF:
+            turns[c] = actor.turns[:, JOINT_OF[role]] @ A[c]
+    return turns
+
+
+def _along_spine(actor: Actor, target: Target, bone: int) -> np.ndarray:
+    """Return the (F, 3, 3) rotation of the actor's trunk at the height of a spine bone, the topmost the chest's."""
+    spine = [c for c, role in enumerate(target.roles) if role.startswith("spine_")]
+    spine.sort(key=lambda c: int(target.roles[c].rpartition("_")[2]))
+    if bone == spine[-1]:
+        return actor.turns[:, _SPINE[-1]]
+    thighs = [target.index(f"{side}_thigh") for side in SIDES]
+    base = target.heads[thighs].mean(0) if min(thighs) >= 0 else target.heads[target.index("pelvis")]
+    top = max(target.index("neck_1"), target.index("head"))
+    end = target.heads[top] if top >= 0 else target.tails[spine[-1]]
+    middle = (target.heads[bone] + target.heads[spine[spine.index(bone) + 1]]) / 2
+    share = (middle - base) @ (end - base) / ((end - base) @ (end - base))
+    hips = actor.rest[list(_HIPS)].mean(0)
+    axis = actor.rest[_NECK] - hips
+    points = actor.rest[[*_SPINE, _NECK]]
+    nodes = ((points[:-1] + points[1:]) / 2 - hips) @ axis / (axis @ axis)
+    upper = int(np.clip(np.searchsorted(nodes, share), 1, len(nodes) - 1))
+    weight = np.clip((share - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0.0, 1.0)
+    return _between(actor.turns[:, _SPINE[upper - 1]], actor.turns[:, _SPINE[upper]], float(weight))
+
+
+def _between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
+    """Return ``R0 exp(w log(R0^T R1))``."""
+    return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
+
+
+def _foot_goals(
+    actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
+) -> dict[str, np.ndarray]:
+    goals = {}
+    for path in foot_paths(actor, target, turns, scale):
+        if settings.hold_contacts and actor.contacts is not None:
+            stands = actor.contacts[:, int(path.role.startswith(SIDES[1]))]
+            goals[path.role] = steadied(path, stands, actor.fps).ankle
+        else:
+            goals[path.role] = path.ankle
+    return goals
+
+
+def _hips(target: Target, places: np.ndarray) -> np.ndarray:
+    thighs = [target.index(f"{side}_thigh") for side in SIDES]
+    return places[thighs].mean(0) if min(thighs) >= 0 else places[target.index("pelvis")]
+
+
+def _carried(target: Target, carrier: int) -> np.ndarray:
+    """Return (N,) which controls the carrier moves, itself included."""
+    carried = np.zeros(len(target.names), dtype=bool)
+    for c, m in enumerate(target.moves_with):
+        carried[c] = c == carrier or (m >= 0 and carried[m])
+    return carried
+
+
+def _for_reach(target: Target, places: np.ndarray, goals: dict[str, np.ndarray]) -> np.ndarray:
+    legs = {side: [target.index(role) for role in LIMBS[f"{side}_leg"]] for side in SIDES}
+    legs = {side: bones for side, bones in legs.items() if min(bones) >= 0}
+    if not legs:
+        return np.zeros(places.shape[1:])
+    return within_reach(
+        np.stack([places[bones[0]] for bones in legs.values()]),
+        np.stack([goals[f"{side}_foot"] for side in legs]),
+        np.array([_length(target.heads[bones]) for bones in legs.values()]),
+    )
+
+
+def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
+    """Return where wrists belong: from the target's shoulder as from the actor's, scaled by the arm's length."""
+    goals = {}
+    for side in SIDES:
+        roles = LIMBS[f"{side}_arm"]
+        bones = [target.index(role) for role in roles]
+        if min(bones) >= 0:
+            joints = [JOINT_OF[role] for role in roles]
+            ratio = _length(target.heads[bones]) / _length(actor.rest[joints])
+            goals[roles[-1]] = places[bones[0]] + ratio * (actor.joints[:, joints[-1]] - actor.joints[:, joints[0]])
+    return goals
+
+
+def _bend_limbs(
+    actor: Actor, target: Target, turns: np.ndarray, places: np.ndarray, A: np.ndarray, goals: dict[str, np.ndarray]
+) -> None:
+    for limb, roles in LIMBS.items():
+        upper, lower, end = (target.index(role) for role in roles)
+        if min(upper, lower, end) < 0:
+            continue
+        first, second = bend_to(
+            goals[roles[-1]] - places[upper],
+            turns[upper] @ (target.heads[lower] - target.heads[upper]),
+            turns[lower] @ (target.heads[end] - target.heads[lower]),
+            turns[upper] @ A[upper].T @ _hinge_axis(actor, limb),
+        )
+        turns[upper], turns[lower] = first @ turns[upper], second @ turns[lower]
+
+
+def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.ndarray, A: np.ndarray) -> None:
+    """Put the controls of IK limbs where the limbs are."""
+    for c, role in enumerate(target.roles):
+        side, _, part = role.partition("_")
+        if part not in HELPER_OF:
+            continue
+        followed, hinge = (target.index(f"{side}_{name}") for name in HELPER_OF[part])
+        if min(followed, hinge) < 0:
+            continue
+        turns[c] = turns[followed]
+        if part in LIMB_OF_POLE:
+            limb = f"{side}_{LIMB_OF_POLE[part]}"
+            bones = [target.index(name) for name in LIMBS[limb]]
+            if min(bones) >= 0:
+                places[c] = _pole(target, turns, places, c, bones, A, _hinge_axis(actor, limb))
+        else:
+            places[c] = places[hinge] + turns[followed] @ (target.heads[c] - target.heads[hinge])
+
+
+def _pole(
+    target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
+) -> np.ndarray:
+    """Return where a pole (F, 3) lets an IK limb bend about the hinge of its upper bone, as far off as at rest."""
+    upper, _, end = bones
+    rest = target.heads
+    own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)
+    share = own.T @ (rest[pole] - rest[upper]) / [np.linalg.norm(rest[end] - rest[upper]), 1.0, 1.0]
+    line = places[end] - places[upper]
+    hinges = turns[upper] @ A[upper].T @ axis
+    reach = np.stack([share[0] * np.linalg.norm(line, axis=1), *np.broadcast_to(share[1:, None], (2, len(line)))], 1)
+    return places[upper] + (limb_frame(line, hinges) @ reach[..., None])[..., 0]
+
+
+def _hinge_axis(actor: Actor, limb: str) -> np.ndarray:
+    """Return the (3,) anatomical hinge axis of a limb of the actor at rest."""
+    start, middle = (actor.rest[JOINT_OF[role]] for role in LIMBS[limb][:2])
+    return limb_frame(middle - start, anatomical_axis(middle - start, limb.endswith("arm")))[:, 1]

@@ -1,0 +1,181 @@
+"""The target read from Blender: what of its map it can play, named where it cannot, and its stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ..errors import MapInvalid, TargetUnsuitable
+from .cycles import constraint_ring, object_ring
+from .hanging import Hanging, hanging_of
+from .maps.rig_map import RigMap, Switch
+from .maps.roles import HELPER_OF, JOINT_OF, LIMBS, SIDES
+from .motion.figures import Target
+
+_EVEN = 1e-3
+"""Relative difference of scales that is none."""
+_SNAP = np.cos(np.radians(12.0))
+"""A figure that faces an axis of its armature so nearly faces it."""
+_NEAR_FLOOR = 0.035
+"""Share of the figure's height within which the armature's origin is its floor."""
+
+
+@dataclass(frozen=True)
+class TargetRig:
+    """A rig, ready to be retargeted to."""
+
+    armature: bpy.types.Object
+    target: Target
+    switches: tuple[Switch, ...]
+    notes: tuple[str, ...]
+    """What of the map cannot be played, one sentence each."""
+
+
+def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str) -> TargetRig:
+    """Read a rig by its map; the rig stays as it is.
+
+    Args:
+        armature: the rig.
+        scene: the scene it is in.
+        rig_map: with the names of its bones.
+        limbs: ``fk`` or ``ik``, what its switches are set to.
+
+    Raises:
+        TargetUnsuitable: it is no armature, is stretched, goes in a ring, or a control that matters is locked.
+        MapInvalid: the map lacks the pelvis or every limb, or names bones that are not there.
+    """
+    _check_object(armature)
+    notes: list[str] = []
+    bones = _usable_bones(armature, rig_map, notes)
+    switches = tuple(s for s in rig_map.switches if s.key in armature.pose.bones[s.bone])
+    values = {(s.bone, s.key): getattr(s, limbs) for s in switches}
+    hanging = hanging_of(armature, scene, list(bones.values()), values)
+    role_of = {bone: role for role, bone in bones.items()}
+    roles = tuple(role_of[name] for name in hanging.names)
+    _check_controls(armature, hanging, role_of, notes)
+    target = _on_stage(armature, hanging, roles, _scale(armature) * scene.unit_settings.scale_length)
+    return TargetRig(armature, target, switches, tuple(notes))
+
+
+def _check_object(armature: bpy.types.Object) -> None:
+    if armature is None or armature.type != "ARMATURE":
+        hint = "Choose the armature of the character."
+        raise TargetUnsuitable("The target is no armature.", where=getattr(armature, "name", ""), hint=hint)
+    if armature.library is not None:
+        hint = "Make a library override of it first (Object > Library Override > Make)."
+        raise TargetUnsuitable("The target is linked and cannot be keyed.", where=armature.name, hint=hint)
+    _scale(armature)
+    for ring, what in ((object_ring(armature), "objects"), (constraint_ring(armature), "bones")):
+        if ring:
+            hint = "Mute or remove one of their constraints."
+            chain = " ← ".join(ring)
+            raise TargetUnsuitable(f"The {what} {chain} wait for each other.", where=armature.name, hint=hint)
+
+
+def _scale(armature: bpy.types.Object) -> float:
+    """Return how many times as large the world shows the armature."""
+    matrix = np.array(armature.matrix_world)[:3, :3]
+    lengths = np.linalg.norm(matrix, axis=0)
+    scale = float(lengths.mean())
+    if scale < 1e-9 or np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() > _EVEN or np.linalg.det(matrix) < 0:
+        hint = "Give it and its parents the same scale in all directions; turned, moved and evenly scaled it may be."
+        raise TargetUnsuitable("The armature is stretched, mirrored or flat.", where=armature.name, hint=hint)
+    return scale
+
+
+def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str]) -> dict[str, str]:
+    """Return the bones of the map that the rig has, and that are not locked."""
+    there = armature.pose.bones
+    absent = [f"{bone} ({role})" for role, bone in rig_map.bones.items() if bone not in there]
+    if absent:
+        hint = "Choose the rig's own preset, or correct the table."
+        raise MapInvalid(f"The rig has no bones {', '.join(absent)}.", where=armature.name, hint=hint)
+    bones: dict[str, str] = {}
+    for role, bone in rig_map.bones.items():
+        if bone in bones.values():
+            hint = "Give every role a bone of its own."
+            raise MapInvalid(f"The bone {bone} has two roles.", where=armature.name, hint=hint)
+        bones[role] = bone
+    if "pelvis" not in bones or not any(set(roles) <= bones.keys() for roles in LIMBS.values()):
+        missing = [role for role in JOINT_OF if role not in bones]
+        hint = "The pelvis and one whole limb are the least; choose a preset or fill the table."
+        raise MapInvalid(f"The map has no bones for {', '.join(missing)}.", where=armature.name, hint=hint)
+    if missing := [role for role in JOINT_OF if role not in bones]:
+        notes.append(f"The rig has no bones for {', '.join(missing)}: what they do is left out.")
+    locked = {role: bone for role, bone in bones.items() if _is_locked(there[bone], role)}
+    hinges = {role for roles in LIMBS.values() for role in roles[:2]} | {"pelvis", "carrier"}
+    if stuck := [bone for role, bone in locked.items() if role in hinges]:
+        hint = "Unlock their rotation (and the carrier's location) in the bones' Transform panel."
+        raise TargetUnsuitable(f"Locked channels keep {', '.join(stuck)} from moving.", where=armature.name, hint=hint)
+    if locked:
+        notes.append(f"Locked, and left alone: {', '.join(locked.values())}.")
+    return {role: bone for role, bone in bones.items() if role not in locked}
+
+
+def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
+    place_alone = role.endswith("_pole")
+    with_place = role in ("carrier", "root") or (role.partition("_")[2] in HELPER_OF and role[-3:] == "_ik")
+    turns = any(bone.lock_rotation) or (bone.lock_rotations_4d and bone.lock_rotation_w)
+    return (turns and not place_alone) or ((with_place or place_alone) and any(bone.lock_location))
+
+
+def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
+    """Refuse controls that do not answer; name those that only go along in part."""
+    carrier = next(name for name in hanging.names if role_of[name] in ("carrier", "pelvis"))
+    carrier = next((name for name in hanging.names if role_of[name] == "carrier"), carrier)
+    stuck = [name for name in hanging.held if not role_of[name].endswith("_pole")]
+    if stuck:
+        hint = "Mute what holds them, or map the controls that do turn."
+        raise TargetUnsuitable(
+            f"Constraints or drivers keep {', '.join(stuck)} from turning.", where=armature.name, hint=hint
+        )
+    if carrier in hanging.unmoved:
+        hint = "Disconnect it from its parent, or choose another bone as carrier."
+        raise TargetUnsuitable(f"Its location does not move {carrier}.", where=armature.name, hint=hint)
+    body = [name for name in hanging.partial if role_of[name].partition("_")[2] not in HELPER_OF]
+    if body:
+        notes.append(f"Other controls move {', '.join(body)} in part: look at how they stand.")
+
+
+def _on_stage(armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], unit_m: float) -> Target:
+    """Return the rig with its soles at z = 0, facing -Y."""
+    bones = [armature.data.bones[name] for name in hanging.names]
+    lengths = np.array([bone.length for bone in bones])
+    axes = hanging.matrices[:, :3, :3] / np.linalg.norm(hanging.matrices[:, :3, :3], axis=-2, keepdims=True)
+    heads = hanging.matrices[:, :3, 3]
+    tails = heads + lengths[:, None] * hanging.matrices[:, :3, 1]
+    R = _stage_axes(heads, roles)
+    own = np.array([bone.use_local_location for bone in bones])[:, None, None]
+    target = Target(
+        hanging.names, roles, unit_m * heads @ R.T, unit_m * tails @ R.T, R @ axes,
+        np.where(own, R @ axes, R), hanging.turns_with, hanging.moves_with, R, unit_m, np.zeros(3),
+    )  # fmt: skip
+    feet = [c for c, role in enumerate(roles) if role.endswith(("_foot", "_toe"))]
+    top = max(target.heads[:, 2].max(), target.tails[:, 2].max())
+    low = min(target.heads[feet, 2].min(), target.tails[feet, 2].min()) if feet else 0.0
+    floor = 0.0 if abs(low) < _NEAR_FLOOR * (top - low) else low
+    ground = np.array([0.0, 0.0, floor])
+    return replace(target, heads=target.heads - ground, tails=target.tails - ground, ground=ground)
+
+
+def _stage_axes(heads: np.ndarray, roles: tuple[str, ...]) -> np.ndarray:
+    """Return the (3, 3) rotation from the armature's axes: the figure's left to X, its upright axis to Z."""
+    index = {role: c for c, role in enumerate(roles)}
+    above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *roles) if role in index)
+    feet = [index[f"{side}_foot"] for side in SIDES if f"{side}_foot" in index]
+    base = heads[feet].mean(0) if feet else heads[index["pelvis"]]
+    rise = heads[index[above]] - base
+    up = np.eye(3)[np.abs(rise).argmax()] * np.sign(rise[np.abs(rise).argmax()])
+    pairs = [part for part in ("thigh", "upper_arm", "shin", "clavicle") if all(f"{s}_{part}" in index for s in SIDES)]
+    if not pairs:
+        hint = "Map both thighs or both upper arms, so that left and right are known."
+        raise MapInvalid("The map does not tell the rig's left from its right.", hint=hint)
+    left = sum(heads[index[f"left_{part}"]] - heads[index[f"right_{part}"]] for part in pairs)
+    left = left - (left @ up) * up
+    left = left / np.linalg.norm(left)
+    nearest = np.abs(left).argmax()
+    if abs(left[nearest]) > _SNAP:
+        left = np.eye(3)[nearest] * np.sign(left[nearest])
+    return np.stack([left, np.cross(up, left), up])

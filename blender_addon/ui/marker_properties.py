@@ -1,0 +1,42 @@
+"""What the add-on keeps about each marker of a capture."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..conventions.skeleton import JOINTS
+
+MEANING_ITEMS = (
+    ("known", "Known", "A layout knows its label"),
+    ("unknown", "Unknown", "No layout knows its label"),
+    ("computed", "Computed", "A program computed it: a joint centre or the axis of a segment, no marker"),
+    ("doubled", "Doubled", "Another marker has its place"),
+    ("unlabelled", "Unlabelled", "Nobody named it"),
+)
+
+
+BONE_ITEMS = (
+    ("AUTO", "By Itself", "Its label says where it is, or the solve finds the bone that it moves with"),
+    ("NONE", "Nothing", "It is left out of the solve"),
+    *(
+        (joint, joint.replace("_", " ").capitalize(), f"The bone of {joint}, wherever it sits on it")
+        for joint in JOINTS[:22]
+    ),
+)
+"""What a marker may be attached to by hand; hands' ends are no bones that markers tell."""
+
+
+class MocapMarker(bpy.types.PropertyGroup):
+    """One marker of the capture; its name is its label."""
+
+    meaning: bpy.props.EnumProperty(name="Meaning", description="What its label says", items=MEANING_ITEMS)
+    gaps: bpy.props.IntProperty(name="Gaps", description="Stretches of frames in which it is not seen")
+    missing_percent: bpy.props.FloatProperty(
+        name="Missing", description="Share of the frames in which it is not seen", subtype="PERCENTAGE"
+    )
+    bone: bpy.props.EnumProperty(name="Moves With", description="Bone that it is attached to", items=BONE_ITEMS)
+
+    @property
+    def place(self) -> str | None:
+        """Its place as a layout file says it, None where nothing is said by hand."""
+        return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")

@@ -1,0 +1,37 @@
+"""What the solver said about a capture's markers is put into the scene's settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...scene.capture_stage import CaptureStage
+from ...scene.marker_cloud import LABELS, labels_of
+
+_NAMED = ("known", "unknown", "computed", "doubled")
+
+
+def take_markers(capture: bpy.types.PropertyGroup, result: dict[str, Any], stage: CaptureStage) -> None:
+    """Keep what each label means and which gaps it has, and which object shows the markers.
+
+    Args:
+        capture: settings of the scene's capture.
+        result: result event of the verb ``convert``.
+        stage: the capture's objects.
+    """
+    said = result.get("marker_names") or {}
+    capture.markers = result["markers"] or 0
+    capture.subjects = ", ".join(said.get("subjects", ()))
+    capture.cloud = next((overlay for overlay in stage.overlays if LABELS in overlay), None)
+    bones = {item.name: item.bone for item in capture.marker_items}
+    capture.marker_items.clear()
+    if capture.cloud is None:
+        return
+    meaning = {label: kind for kind in _NAMED for label in said.get(kind, ())}
+    gaps = {gap["marker"]: gap for gap in said.get("gaps", ())}
+    for label in labels_of(capture.cloud):
+        item, gap = capture.marker_items.add(), gaps.get(label, {})
+        item.name, item.meaning = label, meaning.get(label, "unlabelled")
+        item.bone = bones.get(label, "AUTO")
+        item.gaps, item.missing_percent = gap.get("gaps", 0), gap.get("missing_percent", 0.0)

@@ -1,0 +1,128 @@
+"""Operators that map a character's rig and lay the body's motion on it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...errors import MapInvalid
+from .base import NeedsBody
+
+if TYPE_CHECKING:
+    from ...retarget.maps.rig_map import RigMap
+
+
+class MOCAP_OT_map_rig(NeedsBody, bpy.types.Operator):
+    """Fills the table of roles."""
+
+    bl_idname = "mocap.map_rig"
+    bl_label = "Map Bones"
+    bl_description = "Find which bone of the target plays which role, from the presets or from its names"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Fill it."""
+        from ...retarget.maps.presets import choose_map
+        from ...retarget.user_presets import user_presets_folder
+
+        rig = _target(context)
+        parents = {bone.name: bone.parent.name for bone in rig.data.bones if bone.parent is not None}
+        found = choose_map(rig.data.bones.keys(), parents, user_presets_folder())
+        _show_map(context, found)
+        self.report({"INFO"}, f"{found.label}: {len(found.bones)} bones; correct the table where it is wrong")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_set_map_pose(NeedsBody, bpy.types.Operator):
+    """Keeps the pose the target stands in as its map pose."""
+
+    bl_idname = "mocap.set_map_pose"
+    bl_label = "Set Map Pose"
+    bl_description = (
+        "Keep the pose that the target stands in now as the one that matches the body at rest: arms to the sides, "
+        "palms down, legs straight"
+    )
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Keep it."""
+        from dataclasses import replace
+
+        rig, rig_map = _target(context), _table_map(context)
+        bones = {bone: rig.pose.bones[bone] for bone in rig_map.bones.values() if bone in rig.pose.bones}
+        pose = {
+            name: tuple((bone.matrix.to_3x3() @ bone.bone.matrix_local.to_3x3().inverted()).to_quaternion())
+            for name, bone in bones.items()
+        }
+        _show_map(context, replace(rig_map, map_pose=pose))
+        self.report({"INFO"}, f"The pose of {len(pose)} bones is kept as the map pose")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
+    """Lays the body's motion on the target."""
+
+    bl_idname = "mocap.retarget"
+    bl_label = "Retarget"
+    bl_description = (
+        "Lay the motion that the body plays on the target as a new action; what the target played waits on a muted "
+        "NLA track"
+    )
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Lay it."""
+        from ...conventions.timing import show_frame
+        from ...retarget.actor_rig import read_actor
+        from ...retarget.motion.transfer import TransferSettings
+        from ...retarget.retarget import RetargetSettings, retarget
+
+        scene, settings = context.scene, context.scene.mocap.retarget
+        rig, rig_map = _target(context), _table_map(context)
+        actor, timing = read_actor(scene.mocap.review.armature, scene)
+        way = TransferSettings(in_place=settings.way == "place", root_motion=settings.way == "root")
+        done = retarget(actor, rig, scene, rig_map, timing, RetargetSettings(settings.limbs, way))
+        show_frame(scene)
+        for note in done.notes:
+            self.report({"WARNING"}, note)
+        off_mm, name = done.deviation_mm, done.action.name
+        self.report({"INFO"}, f"'{name}': scaled by {done.scale:.2f}, hands and feet right to {off_mm:.1f} mm")
+        return {"FINISHED"}
+
+
+def _target(context: bpy.types.Context) -> bpy.types.Object:
+    rig = context.scene.mocap.retarget.target
+    if rig is None or context.scene.objects.get(rig.name) != rig:
+        hint = "Choose the character's armature in the Retarget panel."
+        raise MapInvalid("There is no target in this scene.", hint=hint)
+    return rig
+
+
+def _show_map(context: bpy.types.Context, rig_map: RigMap) -> None:
+    """Write a map into the table, with a row for every role that a person can fill."""
+    import json
+
+    from ...retarget.maps.rig_map import map_values
+    from ...retarget.maps.roles import JOINT_OF, order_of
+
+    settings = context.scene.mocap.retarget
+    settings.table.clear()
+    settings.label, settings.map_text = rig_map.label, json.dumps(map_values(rig_map))
+    for role in sorted({*rig_map.bones, *JOINT_OF}, key=order_of):
+        row = settings.table.add()
+        row.name, row.bone = role, rig_map.bones.get(role, "")
+
+
+def _table_map(context: bpy.types.Context) -> RigMap:
+    """Return the map that the table shows, as its user has corrected it."""
+    import json
+    from dataclasses import replace
+
+    from ...retarget.maps.rig_map import map_of
+
+    settings = context.scene.mocap.retarget
+    if not settings.map_text:
+        raise MapInvalid("The target has not been mapped.", hint="Press Map Bones first.")
+    kept = map_of(json.loads(settings.map_text), settings.label)
+    return replace(kept, bones={row.name: row.bone for row in settings.table if row.bone})
+
+
+CLASSES = (MOCAP_OT_map_rig, MOCAP_OT_set_map_pose, MOCAP_OT_retarget)

@@ -1,0 +1,54 @@
+"""Retarget: the body's motion on another character."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose
+from .parts import BodyPanel, draw_next
+
+
+class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
+    """Laying the motion on a character's rig."""
+
+    bl_idname = "VIEW3D_PT_mocap_retarget"
+    bl_label = "Retarget"
+    bl_order = 5
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw target, map and the button."""
+        layout, settings = self.layout, context.scene.mocap.retarget
+        layout.prop(settings, "target")
+        if settings.target is None:
+            draw_next(layout, context, "Choose the character's armature.")
+            return
+        layout.operator(MOCAP_OT_map_rig.bl_idname, icon="GROUP_BONE")
+        if not settings.map_text:
+            return
+        layout.prop(settings, "limbs", expand=True)
+        layout.prop(settings, "way", text="")
+        layout.operator(MOCAP_OT_retarget.bl_idname, icon="ARMATURE_DATA")
+
+
+class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
+    """Which bone plays which role."""
+
+    bl_idname = "VIEW3D_PT_mocap_rig_table"
+    bl_parent_id = VIEW3D_PT_mocap_retarget.bl_idname
+    bl_label = "Bones"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the table, to be corrected, and the map pose."""
+        layout, settings = self.layout, context.scene.mocap.retarget
+        if settings.target is None or not settings.map_text:
+            return
+        layout.label(text=settings.label, icon="PRESET", translate=False)
+        column = layout.column(align=True)
+        for row in settings.table:
+            column.prop_search(row, "bone", settings.target.data, "bones", text=row.name.replace("_", " "))
+        layout.operator(MOCAP_OT_set_map_pose.bl_idname, icon="POSE_HLT")
+
+
+CLASSES = (VIEW3D_PT_mocap_retarget, VIEW3D_PT_mocap_rig_table)

@@ -1,0 +1,119 @@
+"""The transfer in NumPy: limbs, map poses, Euler angles, feet and the way over the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mathutils import Euler
+
+from blender_addon._exchange.so3 import matrix_from_rotvec
+from blender_addon.retarget.channels import euler_from_matrix
+from blender_addon.retarget.motion.feet import FootPath, steadied
+from blender_addon.retarget.motion.limbs import bend_to, swing, within_reach
+from blender_addon.retarget.motion.map_pose import limb_frame
+
+RNG = np.random.default_rng(3)
+
+
+def _limbs(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    upper, axis = RNG.normal(size=(2, frames, 3))
+    upper *= 0.4 / np.linalg.norm(upper, axis=1, keepdims=True)
+    axis = np.cross(upper, axis)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    bend = matrix_from_rotvec(RNG.uniform(0.1, 2.0, (frames, 1)) * axis)
+    return upper, 0.8 * (bend @ upper[..., None])[..., 0], axis
+
+
+def test_a_limb_ends_where_it_should_and_bends_in_its_own_plane() -> None:
+    upper, lower, axis = _limbs(200)
+    lengths = np.linalg.norm(upper, axis=1), np.linalg.norm(lower, axis=1)
+    reach = RNG.normal(size=(200, 3))
+    reach *= (RNG.uniform(0.3, 0.98, 200) * (lengths[0] + lengths[1]) / np.linalg.norm(reach, axis=1))[:, None]
+    first, second = bend_to(reach, upper, lower, axis)
+    u, v = (first @ upper[..., None])[..., 0], (second @ lower[..., None])[..., 0]
+    assert np.abs(u + v - reach).max() < 1e-9
+    assert (
+        np.abs(
+            (np.cross(u, v) * (first @ axis[..., None])[..., 0]).sum(1) - np.linalg.norm(np.cross(u, v), axis=1)
+        ).max()
+        < 1e-9
+    )
+
+
+def test_a_limb_that_is_right_already_does_not_turn() -> None:
+    upper, lower, axis = _limbs(50)
+    first, second = bend_to(upper + lower, upper, lower, axis)
+    assert np.abs(first - np.eye(3)).max() < 1e-6 and np.abs(second - np.eye(3)).max() < 1e-6
+
+
+def test_a_straight_limb_bends_to_the_side_that_anatomy_has() -> None:
+    upper = np.array([[0.0, 0.0, -0.4]])
+    first, second = bend_to(np.array([[0.0, 0.0, -0.6]]), upper, upper, np.array([[1.0, 0.0, 0.0]]))
+    knee = (first @ upper[..., None])[0, :, 0]
+    assert knee[1] < -0.2 and abs(knee[0]) < 1e-9  # the knee comes forward, to -Y
+    assert np.allclose(knee + (second @ upper[..., None])[0, :, 0], [0, 0, -0.6])
+
+
+def test_a_limb_that_is_too_short_points_to_its_goal() -> None:
+    upper, lower, axis = _limbs(20)
+    reach = 5.0 * _unit(RNG.normal(size=(20, 3)))
+    first, second = bend_to(reach, upper, lower, axis)
+    end = (first @ upper[..., None] + second @ lower[..., None])[..., 0]
+    assert np.allclose(_unit(end), _unit(reach), atol=1e-9)
+    assert np.all(np.linalg.norm(end, axis=1) > 0.999 * 0.4 * 1.8)
+
+
+def test_a_swing_takes_one_direction_to_another_and_adds_no_twist() -> None:
+    a, b = _unit(RNG.normal(size=(2, 100, 3)))
+    R = swing(a, b)
+    assert np.allclose((R @ a[..., None])[..., 0], b)
+    axis = np.cross(a, b)
+    assert np.allclose((R @ axis[..., None])[..., 0], axis)
+
+
+def test_the_hips_give_way_until_both_legs_reach() -> None:
+    hips = np.stack([np.tile([0.1, 0, 1.0], (5, 1)), np.tile([-0.1, 0, 1.0], (5, 1))])
+    ankles = hips - [0, 0, 0.9] + RNG.normal(scale=0.1, size=(2, 5, 3))
+    way = within_reach(hips, ankles, np.array([0.8, 0.8]))
+    assert np.linalg.norm(ankles - hips - way, axis=-1).max() < 0.803
+    near = within_reach(hips, hips - [0, 0, 0.7], np.array([0.8, 0.8]))
+    assert not near.any()
+
+
+@pytest.mark.parametrize("order", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])
+def test_euler_angles_are_blenders_and_continuous_through_the_pole(order: str) -> None:
+    t = np.linspace(0, 1, 400)[:, None]
+    R = matrix_from_rotvec(t * [0.3, 4.0, 0.2]) @ matrix_from_rotvec(t * [2.0, 0.1, -3.0])
+    angles = euler_from_matrix(R, order)
+    again = np.array([Euler(angle, order).to_matrix() for angle in angles])
+    assert np.abs(again - R).max() < 1e-6
+    assert np.abs(np.diff(angles, axis=0)).max() < 1.0
+
+
+def test_limb_frames_are_right_handed_also_where_the_axis_lies_along_the_limb() -> None:
+    directions = RNG.normal(size=(30, 3))
+    for axis in (RNG.normal(size=(30, 3)), directions):
+        F = limb_frame(directions, axis)
+        assert np.allclose(F @ F.swapaxes(1, 2), np.eye(3)) and np.allclose(np.linalg.det(F), 1)
+        assert np.allclose(np.cross(F[..., 0], directions), 0)
+
+
+def test_a_standing_foot_is_held_and_let_go_without_a_jump() -> None:
+    frames = np.arange(90)
+    sole = np.zeros((90, 3))
+    sole[:, 0] = np.clip(frames - 60, 0, None) * 0.02
+    sole[20:60, 0] += 0.003 * np.sin(np.arange(40))
+    stands = (frames >= 20) & (frames < 60)
+    held = steadied(FootPath("left_foot", sole, np.zeros((90, 3))), stands, 60.0)
+    assert np.ptp(held.sole[stands, 0]) < 1e-9 and np.ptp(sole[stands, 0]) > 0.005
+    assert np.abs(held.sole - sole).max() <= 0.008 + 1e-12
+    added = (held.sole - sole)[:, 0]
+    assert np.abs(np.diff(added[60:])).max() < 0.001 and abs(added[-1]) < 1e-9
+    slide = np.zeros((90, 3))
+    slide[:, 0] = frames * 0.003
+    kept = steadied(FootPath("left_foot", slide, np.zeros((90, 3))), np.ones(90, bool), 60.0)
+    assert np.array_equal(kept.sole, slide)
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)

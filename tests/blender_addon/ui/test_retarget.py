@@ -1,0 +1,59 @@
+"""Retarget by its buttons: map, table, map pose, motion; what is missing is said, and nothing is half-done."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.animation.curves import current_action
+from tests.support.mixamo_rig import PREFIX, mixamo_rig
+
+
+@pytest.fixture
+def rig(mocap: bpy.types.PropertyGroup, solved_take: bpy.types.Action) -> bpy.types.Object:
+    rig = mixamo_rig("Character")
+    mocap.retarget.target = rig
+    return rig
+
+
+def test_a_motion_is_laid_on_a_character_by_the_buttons(mocap, rig, solved_take):
+    before = current_action(mocap.review.armature)
+    assert bpy.ops.mocap.map_rig() == {"FINISHED"}
+    table = {row.name: row.bone for row in mocap.retarget.table}
+    assert table["left_foot"] == f"{PREFIX}LeftFoot" and mocap.retarget.label == "Mixamo"
+    assert bpy.ops.mocap.retarget() == {"FINISHED"}
+    played = current_action(rig)
+    assert played is not None and played != solved_take and current_action(mocap.review.armature) == before
+    scene = bpy.context.scene
+    heads = []
+    for frame in (scene.frame_start, scene.frame_start + 20):
+        scene.frame_set(frame)
+        heads.append(np.array(rig.pose.bones[f"{PREFIX}LeftHand"].head))
+    assert np.linalg.norm(heads[1] - heads[0]) > 0.005, "the rig moves"
+
+
+def test_the_pose_that_the_rig_stands_in_becomes_its_map_pose(mocap, rig):
+    bpy.ops.mocap.map_rig()
+    rig.pose.bones[f"{PREFIX}LeftArm"].rotation_mode = "XYZ"
+    rig.pose.bones[f"{PREFIX}LeftArm"].rotation_euler = (0.0, 0.0, 0.5)
+    bpy.context.view_layer.update()
+    text = mocap.retarget.map_text
+    assert bpy.ops.mocap.set_map_pose() == {"FINISHED"} and mocap.retarget.map_text != text
+    assert bpy.ops.mocap.retarget() == {"FINISHED"}
+
+
+def test_what_is_missing_is_said_and_nothing_is_made(mocap, rig):
+    actions = len(bpy.data.actions)
+    with pytest.raises(RuntimeError, match="has not been mapped"):
+        bpy.ops.mocap.retarget()
+    bpy.ops.mocap.map_rig()
+    for row in mocap.retarget.table:
+        if "leg" in row.name or "thigh" in row.name or "shin" in row.name or row.name == "pelvis":
+            row.bone = ""
+    with pytest.raises(RuntimeError):
+        bpy.ops.mocap.retarget()
+    mocap.retarget.target = None
+    with pytest.raises(RuntimeError, match="There is no target"):
+        bpy.ops.mocap.map_rig()
+    assert len(bpy.data.actions) == actions
