@@ -1,6 +1,7 @@
 """Build the extension: one zip with the add-on, the solver, the body and the weights, and a repository's index.
 
-``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip``, has Blender's own extension tool validate
+``python build_addon.py [--out DIR]`` writes ``manifold_mocap-<version>.zip`` and beside it what it is made of
+(``.cdx.json``, CycloneDX), has Blender's own extension tool validate
 it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
 any web server as an extension repository. Same sources, same bytes.
 
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
+import json
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,9 @@ import tomllib
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
+
+from solver_backend.exchange.outputs import atomic_output, write_text
+from supply.bill_of_materials import bill_of_materials
 
 ROOT = Path(__file__).resolve().parent
 ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
@@ -31,9 +35,9 @@ WHEEL_SHA256 = {
 }
 """The wheels a manifest may list. They are pure Python: Blender brings NumPy itself."""
 _LEFT_OUT = frozenset({"__pycache__", "baselines", "simulation", "training"})
-_COMPARED = frozenset({"catalogue", "gaussian_vae", "lie_vae", "rvposer", "svae", "vposer"})
+_COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
-_SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt"})
+_SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _LIMIT_MIB = 6
 
@@ -77,7 +81,7 @@ def vendor(source: Path, copy: Path) -> None:
 
 
 def build(out: Path) -> Path:
-    """Write the zip into a folder, replacing an older one, and return its path.
+    """Write the zip and its bill of materials into a folder, replacing older ones, and return the zip's path.
 
     Raises:
         WheelMissing: see ``wheel``.
@@ -85,18 +89,17 @@ def build(out: Path) -> Path:
     manifest = tomllib.loads(MANIFEST.read_text(encoding="utf-8"))
     path = out / f"{manifest['id']}-{manifest['version']}.zip"
     files = contents()
-    out.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".part")
-    try:
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-            for name, source in files.items():
-                entry = zipfile.ZipInfo(name, _EPOCH)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                entry.external_attr = 0o644 << 16
-                archive.writestr(entry, source.read_bytes())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with (
+        atomic_output(path, overwrite=True) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+    ):
+        for name, source in files.items():
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, source.read_bytes())
+    materials = json.dumps(bill_of_materials(path), indent=1)
+    write_text(path.with_suffix(".cdx.json"), materials + "\n", overwrite=True)
     return path
 
 

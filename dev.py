@@ -27,7 +27,7 @@ WANTED = (3, 11)
 IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "train", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
-"""Debian's and Ubuntu's packages that the Blender module loads; the last two are for rendering."""
+"""Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
 VERBS = {
     "test": "every check and every test; further arguments are pytest's",
     "lint": "the checks alone",
@@ -41,6 +41,7 @@ READING = {
     "joint-set": (str, "names of the keypoints, where their number fits several sets"),
     "unit": (str, "length unit of the calibration, where it is told wrongly"),
     "up-axis": (str, "axis of the calibration's world that points up, if not z"),
+    "subject-prefix": (str, "whose markers, where a file holds several people"),
 }
 """What ``demo`` passes on to the reading of a capture."""
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
@@ -50,7 +51,6 @@ class Failed(Exception):
     """A step did not succeed: what happened, and what to try."""
 
     def __init__(self, message: str, hint: str = "", code: int = 1) -> None:
-        super().__init__(message)
         self.message, self.hint, self.code = message, hint, code
 
 
@@ -61,7 +61,9 @@ def main(argv: list[str] | None = None) -> int:
     )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     demo_parser = verbs.add_parser("demo", help="solve a capture, or the embedded one, and bake it in Blender")
-    demo_parser.add_argument("capture", nargs="?", type=Path, help="folder or file; the embedded capture if left out")
+    chosen = demo_parser.add_mutually_exclusive_group()
+    chosen.add_argument("capture", nargs="?", type=Path, help="folder or file; the embedded capture if left out")
+    chosen.add_argument("--markers", action="store_true", help="the embedded take of optical markers")
     demo_parser.add_argument("--out", type=Path, help="new or empty folder for the results")
     demo_parser.add_argument("--method", choices=("global", "sliding", "frame"), default="global")
     demo_parser.add_argument("--backend", choices=("numpy", "torch"), default="numpy")
@@ -204,17 +206,17 @@ def demo(args: argparse.Namespace) -> int:
     capture, motion = out / "capture.npz", out / "motion.npz"
     backend = [str(PYTHON), "-m", "solver_backend"]
     if args.capture is None:
-        read = [*backend, "demo-capture", "--out", str(capture)]
+        read = [*backend, "demo-capture", "--out", str(capture), *(["--markers"] if args.markers else [])]
     else:
-        options = {f"--{name}": getattr(args, name.replace("-", "_")) for name in READING}
-        given = [text for name, value in options.items() if value is not None for text in (name, str(value))]
+        options = {name: getattr(args, name.replace("-", "_")) for name in READING}
+        given = [f"--{name}={value}" for name, value in options.items() if value is not None]
+        given += ["--trim"] if args.trim else []
         read = [*backend, "convert", str(args.capture.resolve()), "--out", str(capture), *given]
-        read += ["--trim"] if args.trim else []
     solve = [*backend, "solve", str(capture), "--out", str(motion), "--report", str(out / "report.html")]
     solve += ["--method", args.method, "--backend", args.backend]
     bake = [str(PYTHON), "-m", "blender_addon", "bake", str(motion), "--capture", str(capture), "--out", str(out)]
     stages = [("Capture", read), ("Solve", solve), ("Bake in Blender", bake)]
-    if args.capture is None:
+    if args.capture is None and not args.markers:
         stages.insert(2, ("Compare with the truth", [*backend, "evaluate", str(capture), str(motion)]))
     started = time.monotonic()
     stage("Environment", set_up, 1, len(stages) + 1)
@@ -230,7 +232,7 @@ def demo_folder(args: argparse.Namespace) -> Path:
     """Return the new folder of the results, after checking that it is free and can be written to."""
     if args.capture is not None and not args.capture.exists():
         raise Failed(f"There is no capture at {args.capture}.", "Check the path.", 2)
-    name = "embedded" if args.capture is None else args.capture.resolve().stem
+    name = f"embedded{'_markers' * args.markers}" if args.capture is None else args.capture.resolve().stem
     names = (Path.cwd() / (f"demo_{name}" + (f"_{n}" if n > 1 else "")) for n in range(1, 10_000))
     out = (args.out or next(path for path in names if not path.exists())).resolve()
     if out.exists() and (not out.is_dir() or any(not p.name.startswith((".probe", ".part-")) for p in out.iterdir())):
@@ -253,8 +255,7 @@ def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
 
 def require(command: list[str], out: Path) -> None:
     """Run a command that must succeed."""
-    code = call(command)
-    if code == 0:
+    if (code := call(command)) == 0:
         return
     kept = any(out.iterdir())
     if not kept:
@@ -264,8 +265,8 @@ def require(command: list[str], out: Path) -> None:
 
 def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:
     """Run a command in the repository's root and return its exit code."""
-    sink = subprocess.DEVNULL if quiet else None
     try:
+        sink = subprocess.DEVNULL if quiet else None
         process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=sink, stderr=sink)
     except FileNotFoundError:
         return 127

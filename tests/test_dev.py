@@ -51,13 +51,28 @@ def test_the_demo_solves_the_embedded_capture_into_a_new_folder(dev, tmp_path, c
     assert (tmp_path / "demo_embedded_2").is_dir()
 
 
+def test_the_demo_of_markers_takes_the_embedded_recording_or_a_c3d(dev, tmp_path):
+    assert dev.main(["demo", "--markers"]) == 0
+    assert verbs(dev) == ["demo-capture", "solve", "bake"] and "--markers" in dev.commands[0][0]
+    assert (tmp_path / "demo_embedded_markers").is_dir()
+    take = tmp_path / "walk.c3d"
+    take.touch()
+    assert dev.main(["demo", str(take), "--subject-prefix", "Anna"]) == 0
+    convert = dev.commands[3][0]
+    assert convert[3:5] == ["convert", str(take)] and "--subject-prefix=Anna" in convert
+    assert (tmp_path / "demo_walk").is_dir()
+    with pytest.raises(SystemExit):
+        dev.main(["demo", str(take), "--markers"])
+
+
 def test_the_demo_takes_any_capture_and_says_where_results_go(dev, tmp_path, capsys):
     take, out = tmp_path / "take", tmp_path / "deep" / "results"
     take.mkdir()
-    assert dev.main(["demo", "take", "--out", str(out), "--fps", "50", "--trim", "--backend", "torch"]) == 0
+    options = ["--fps", "50", "--up-axis=-y", "--trim", "--backend", "torch"]
+    assert dev.main(["demo", "take", "--out", str(out), *options]) == 0
     assert verbs(dev) == ["convert", "solve", "bake"]
     convert, solve, bake = (command for command, _ in dev.commands)
-    assert convert[4:] == [str(take), "--out", str(out / "capture.npz"), "--fps", "50.0", "--trim"]
+    assert convert[4:] == [str(take), "--out", str(out / "capture.npz"), "--fps=50.0", "--up-axis=-y", "--trim"]
     assert solve[-2:] == ["--backend", "torch"]
     assert bake[4:] == [str(out / "motion.npz"), "--capture", str(out / "capture.npz"), "--out", str(out)]
 

@@ -1,0 +1,72 @@
+"""The licences of every package the project needs, and the terms of the data behind the files that ship."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from email.message import Message
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from pathlib import Path
+from typing import cast
+
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).resolve().parents[1]
+CI_EXTRAS = ("bpy", "capture", "train", "dev")
+DATA = (
+    ("CMU motion capture (mocap.cs.cmu.edu)", "free to copy, modify and redistribute; no direct resale", "weights"),
+    ("UI-PRMD (Vakanski et al. 2018)", "ODC PDDL 1.0", "weights"),
+    ("Quaternius and Mesh2Motion animations", "CC0-1.0", "weights"),
+    ("MakeHuman motions", "CC0-1.0", "weights"),
+    ("ANSUR II (US Army, 2012)", "public survey; summary statistics only", "body"),
+)
+"""What the files that ship were made from: what, under which terms, and which of them; see the model cards."""
+
+
+def installed(extras: tuple[str, ...]) -> list[Distribution]:
+    """Return every installed package that the project with these extras needs, directly or not, by name."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [*project["dependencies"], *(line for extra in extras for line in project["optional-dependencies"][extra])]
+    found: dict[str, Distribution] = {}
+    open_ends = [Requirement(line) for line in wanted]
+    while open_ends:
+        requirement = open_ends.pop()
+        name = plain_name(requirement.name)
+        if not _applies(requirement, {""}):
+            continue
+        try:
+            package = distribution(requirement.name)
+        except PackageNotFoundError:
+            continue
+        needs = [Requirement(line) for line in package.requires or ()]
+        if name not in found or requirement.extras:
+            found[name] = package
+            open_ends += [need for need in needs if _applies(need, requirement.extras or {""})]
+    return [found[name] for name in sorted(found)]
+
+
+def licence_table() -> str:
+    """Return packages with versions and licences, then data with terms, as Markdown."""
+    lines = ["| package | version | licence |", "|---|---|---|"]
+    lines += [f"| {p.metadata['Name']} | {p.version} | {licence_of(p)} |" for p in installed(CI_EXTRAS)]
+    lines += ["", "| data | terms | in |", "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in DATA)]
+    return "\n".join(lines)
+
+
+def licence_of(package: Distribution) -> str:
+    """Return a package's licence as its metadata states it: SPDX expression, classifiers, or first line of text."""
+    said = cast(Message, package.metadata)
+    stated = said.get("License-Expression")
+    classifiers = [c.split(" :: ")[-1] for c in said.get_all("Classifier") or () if c[:7] == "License"]
+    text = (said.get("License") or "").strip().splitlines()
+    return stated or ", ".join(classifiers) or (text[0][:60] if text else "not stated")
+
+
+def _applies(requirement: Requirement, extras: set[str]) -> bool:
+    marker = requirement.marker
+    return marker is None or any(marker.evaluate({"extra": extra}) for extra in extras)
+
+
+def plain_name(name: str) -> str:
+    """Return a package's name as the index writes it."""
+    return re.sub(r"[-_.]+", "-", name).lower()

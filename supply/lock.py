@@ -1,0 +1,37 @@
+"""Exact versions of what CI installs, with the hashes of their archives and no address of an index."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from solver_backend.exchange.outputs import write_text
+from supply.licences import CI_EXTRAS, ROOT, installed
+
+LOCK = ROOT / "requirements-ci.lock"
+_OF_THE_MACHINE = "torch"
+"""Comes from an index for the machine's own processor or GPU, under other hashes everywhere."""
+_HEAD = """\
+# Written by python -m supply lock, for Python 3.11. To install: pip install --require-hashes -r requirements-ci.lock
+# torch is not among them: its archives differ by processor and GPU.
+"""
+
+
+def write_lock(path: Path = LOCK) -> Path:
+    """Write the lock of the versions that are installed here.
+
+    Raises:
+        CalledProcessError: uv cannot resolve them; it says why.
+    """
+    pins = [f"{p.metadata['Name']}=={p.version}" for p in installed(CI_EXTRAS) if p.metadata["Name"] != _OF_THE_MACHINE]
+    with tempfile.TemporaryDirectory() as name:
+        constraints, overrides, out = (Path(name, part) for part in ("constraints.txt", "overrides.txt", "out.txt"))
+        constraints.write_text("\n".join(pins))
+        overrides.write_text(f"{_OF_THE_MACHINE} ; python_version < '3'\n")
+        extras = [word for extra in CI_EXTRAS for word in ("--extra", extra)]
+        options = ["--python-version", "3.11", "--generate-hashes", "--no-header", "--no-annotate", "--quiet"]
+        files = ["--constraint", constraints, "--override", overrides, "--output-file", out, ROOT / "pyproject.toml"]
+        subprocess.run([sys.executable, "-m", "uv", "pip", "compile", *options, *extras, *map(str, files)], check=True)
+        return write_text(path, _HEAD + out.read_text(encoding="utf-8"), overwrite=True)
