@@ -17,8 +17,9 @@ LONGEST = 300
 
 
 def product_files() -> list[Path]:
-    """Return the modules of the three packages and the scripts beside them."""
-    return [*sorted(ROOT.glob("*.py")), *(path for name in PRODUCT for path in sorted((ROOT / name).rglob("*.py")))]
+    """Return the modules of the three packages, and the scripts and tools beside them."""
+    packages = (path for name in (*PRODUCT, "supply") for path in sorted((ROOT / name).rglob("*.py")))
+    return [*sorted(ROOT.glob("*.py")), *packages]
 
 
 def dotted(path: Path) -> str:
