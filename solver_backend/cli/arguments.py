@@ -147,6 +147,7 @@ def _add_train(verbs: Any, common: _Parser) -> None:
     train.add_argument("--batch", type=int, help="windows a step")
     train.add_argument("--learning-rate", type=float, help="at its height")
     train.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where the network is trained")
+    train.add_argument("--workers", type=int, help="processes that draw batches ahead of the network")
     train.add_argument("--hidden", type=int, default=512, help="width of SPoser's decoder layers")
     train.add_argument(
         "--from", dest="start", type=Path, metavar="WEIGHTS", help="weights to start from: sposer, lifter"

@@ -159,7 +159,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"Training needs the package {error.name}, which is not installed.",
             hint="pip install manifold-mocap[train]",
         ) from error
-    names = ("steps", "batch", "learning_rate", "part", "device")
+    names = ("steps", "batch", "learning_rate", "part", "device", "workers")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     options = {"seed": args.seed, "hidden": args.hidden, "start": args.start, "work": args.work}
     settings = TrainingSettings(**chosen)

@@ -16,12 +16,16 @@ class LineTask:
     def __init__(self, die_at: int | None = None) -> None:
         torch.manual_seed(1)
         self.model = nn.Sequential(nn.Linear(2, 16), nn.Tanh(), nn.Dropout(0.2), nn.Linear(16, 1))
-        self.die_at = die_at
+        self.die_at, self.drawn = die_at, 0
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        if step == self.die_at:
+    def draw(self, generator: torch.Generator) -> torch.Tensor:
+        self.drawn += 1
+        return torch.randn(8, 2, generator=generator)
+
+    def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        if self.drawn - 1 == self.die_at:
             raise KeyboardInterrupt
-        x = torch.randn(8, 2, generator=generator)
+        x = batch
         return (self.model(x)[:, 0] - x[:, 0] + 2 * x[:, 1]).square().mean()
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:

@@ -7,7 +7,7 @@ import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from torch import nn
@@ -15,11 +15,14 @@ from torch import nn
 from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
 from solver_backend.exchange.outputs import atomic_output
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.training.engine.batches import batches, step_generator
 from solver_backend.training.engine.devices import check_device, dropout_state, set_dropout_state
 from solver_backend.training.engine.event_log import EventLog
 
 _CURVE_EVERY = 20
 """Steps between the points of the loss's curve."""
+_FREE = ("checkpoint_s", "workers")
+"""Settings that change no weight, so that a run may go on with others."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,8 @@ class TrainingSettings:
     """Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty."""
     device: str = "cpu"
     """``cpu`` or ``cuda``; every draw but dropout's is made on the CPU, alike for both."""
+    workers: int = 0
+    """Processes that draw batches ahead of the network; none: it waits for each. Their number changes no batch."""
 
 
 class Task(Protocol):
@@ -58,8 +63,12 @@ class Task(Protocol):
         """The network whose parameters are trained."""
         ...
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Return the loss of a fresh batch, drawn on the CPU, on the device of the model."""
+    def draw(self, generator: torch.Generator) -> Any:
+        """Return a fresh batch, on the CPU; processes that draw ahead call it too."""
+        ...
+
+    def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
+        """Return a batch's loss on the device of the model; the generator is for noise within the network."""
         ...
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
@@ -80,8 +89,8 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
     run = _Run(task, settings, folder)
     run.resume()
     log = EventLog(folder, run.step)
-    while run.step < settings.steps:
-        run.advance()
+    for batch in batches(task.draw, settings.seed, run.step, settings.steps, settings.workers):
+        run.advance(batch)
         if run.step % _CURVE_EVERY == 0:
             log.scalars(run.step, {"training/loss": run.recent, "training/learning_rate": run.learning_rate})
         if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
@@ -98,7 +107,6 @@ class _Run:
 
     def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:
         self.task, self.settings, self.folder, self.step = task, settings, folder, 0
-        self.generator = torch.Generator().manual_seed(settings.seed)
         task.model.to(settings.device)
         self.optimizer = torch.optim.AdamW(
             task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
@@ -121,11 +129,11 @@ class _Run:
         """The averaged model on the CPU."""
         return self.averaged if self.settings.device == "cpu" else copy.deepcopy(self.averaged).cpu()
 
-    def advance(self) -> None:
+    def advance(self, batch: Any) -> None:
         """Take one step."""
         for group in self.optimizer.param_groups:
             group["lr"] = self.learning_rate
-        loss = self.task.loss(self.step, self.generator)
+        loss = self.task.loss(batch, step_generator(self.settings.seed, self.step, 1))
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.task.model.parameters(), 1.0)
@@ -147,7 +155,6 @@ class _Run:
             "model": self.task.model.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
-            "generator": self.generator.get_state(),
             "global_generator": dropout_state(self.settings.device),
             "recent": self.recent,
         }
@@ -165,7 +172,8 @@ class _Run:
             raise FileDamaged(
                 "The checkpoint cannot be read.", where=self.checkpoint.name, hint="Train into another folder."
             ) from error
-        changed = [k for k, v in asdict(self.settings).items() if k != "checkpoint_s" and state["settings"].get(k) != v]
+        asked, made = asdict(self.settings), state["settings"]
+        changed = [name for name, value in asked.items() if name not in _FREE and made.get(name) != value]
         if changed:
             raise TrainingMismatch(
                 f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
@@ -180,7 +188,6 @@ class _Run:
             ) from error  # fmt: skip
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
-        self.generator.set_state(state["generator"])
         set_dropout_state(self.settings.device, state["global_generator"])
         self.step, self.recent = state["step"], state["recent"]
 

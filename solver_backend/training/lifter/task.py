@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ from solver_backend.training.data.augmentation import exchanged_limbs, maybe_mir
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
 from solver_backend.training.engine.dense_layers import dense_stack
+from solver_backend.training.engine.devices import device_of
 from solver_backend.types import NUM_BETAS, JointSet
 
 _JOINT_SET = JointSet.BODY_25B
@@ -61,6 +62,10 @@ class People:
     betas: torch.Tensor
     """(N, 10)."""
 
+    def to(self, device: torch.device) -> People:
+        """Return the people on a device."""
+        return People(*(getattr(self, part.name).to(device) for part in fields(self)))
+
 
 class LifterTask:
     """Batches of people, the loss, and figures on unseen subjects."""
@@ -84,12 +89,16 @@ class LifterTask:
         """76 to 51."""
         return self._network
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Return metres of misplaced points, and shares of turn, place and shape, over a fresh batch."""
+    def draw(self, generator: torch.Generator) -> People:
+        """Draw people."""
         chosen = self._distinct[torch.randint(len(self._distinct), (self._batch,), generator=generator)]
         windows = exchanged_limbs(self._poses[chosen][:, None], generator, self._settings.exchanged)
         windows = varied_joints(maybe_mirrored(windows, generator), generator)
-        people = self._people(windows[:, 0], generator)
+        return self._people(windows[:, 0], generator)
+
+    def loss(self, batch: People, generator: torch.Generator) -> torch.Tensor:
+        """Return metres of misplaced points, and shares of turn, place and shape."""
+        people = batch.to(device_of(self._network))
         lifted = self._lifted(self._network, people)
         off = self._points_off(lifted, people)
         turn = (lifted.root - people.root).square().sum((-1, -2)).mean()

@@ -21,9 +21,12 @@ class NearestPoses:
     all pairs; the geodesic distance ``Σ w_k/2 ψ_k²`` of the candidates decides.
     """
 
-    def __init__(self, quats: torch.Tensor, people: torch.Tensor | None = None) -> None:
-        """Take (M, 21, 4) unit quaternions and, if some are to be left out, whose (M,) they are."""
-        self.quats, self._people = quats.to(torch.float32), people
+    def __init__(self, quats: torch.Tensor, people: torch.Tensor | None = None, device: str = "cpu") -> None:
+        """Take (M, 21, 4) unit quaternions and, if some are to be left out, whose (M,) they are.
+
+        What is asked and answered is on the CPU; the search runs on ``device``.
+        """
+        self.quats, self._people = quats.to(device, torch.float32), None if people is None else people.to(device)
         self._features = _features(self.quats)
 
     def mean_distance(self, quats: torch.Tensor, without: torch.Tensor | None = None) -> torch.Tensor:
@@ -50,21 +53,21 @@ class NearestPoses:
     def _block(
         self, quats: torch.Tensor, without: torch.Tensor | None, neighbours: int
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        count = min(max(_CANDIDATES, 2 * neighbours), len(self.quats))
+        count, quats = min(max(_CANDIDATES, 2 * neighbours), len(self.quats)), quats.to(self.quats.device)
         along = _features(quats) @ self._features.T
         if without is not None:
             assert self._people is not None
-            along.masked_fill_(without[:, None] == self._people, -torch.inf)
+            along.masked_fill_(without.to(quats.device)[:, None] == self._people, -torch.inf)
         top = torch.topk(along, count, dim=1)
         distance = pose_distance(quats[:, None], self.quats[top.indices])
         distance, order = distance.masked_fill(torch.isinf(top.values), torch.inf).sort(dim=1)
         distance, index = distance[:, :neighbours], top.indices.gather(1, order)[:, :neighbours]
-        return distance, index
+        return distance.cpu(), index.cpu()
 
 
 def _features(quats: torch.Tensor) -> torch.Tensor:
     """Return (N, 189): rotation matrices times the root of their weights, whose products are ``Σ w_k tr R_kᵀ R'_k``."""
-    weights = torch.as_tensor(np.sqrt(JOINT_WEIGHTS), dtype=quats.dtype)
+    weights = torch.as_tensor(np.sqrt(JOINT_WEIGHTS), dtype=quats.dtype, device=quats.device)
     return (matrix_from_quat(quats) * weights[:, None, None]).flatten(1)
 
 

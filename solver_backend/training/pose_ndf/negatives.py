@@ -35,9 +35,9 @@ class PoseManifold:
         return JointSpread.of(matrix_from_quat(self.quats.numpy().astype(np.float64)))
 
     @classmethod
-    def of(cls, quats: torch.Tensor, people: torch.Tensor) -> PoseManifold:
-        """Take (M, 21, 4) poses and whose they are."""
-        return cls(quats, people, NearestPoses(quats, people))
+    def of(cls, quats: torch.Tensor, people: torch.Tensor, device: str = "cpu") -> PoseManifold:
+        """Take (M, 21, 4) poses and whose they are; distances are searched for on ``device``."""
+        return cls(quats, people, NearestPoses(quats, people, device))
 
     def drawn(self, count: int, generator: torch.Generator) -> Poses:
         """Return recorded poses."""

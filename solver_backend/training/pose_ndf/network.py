@@ -97,14 +97,19 @@ class PoseNdfTask:
     def _poses(self) -> Labelled:
         return self._make()
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+    def draw(self, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draw poses of the stage and their distances."""
+        pool = self._poses
+        chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
+        return upper_hemisphere(pool.quats[chosen]), pool.distance[chosen]
+
+    def loss(self, batch: tuple[torch.Tensor, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance.
 
         Reference: Tiwari et al. 2022, eq. 4: the distance's error, and the eikonal equation.
         """
-        s, pool, device = self._settings, self._poses, device_of(self.model)
-        chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
-        quats, target = upper_hemisphere(pool.quats[chosen]).to(device), pool.distance[chosen].to(device)
+        s, device = self._settings, device_of(self.model)
+        quats, target = (tensor.to(device) for tensor in batch)
         steep, field = int(s.eikonal_share * self._batch), self.model.field
         distance, gradient = field.with_gradient(quats[:steep])
         off = (metric_length(in_metric(quats[:steep], gradient)) - 1.0) * (target[:steep] > s.eikonal_from)

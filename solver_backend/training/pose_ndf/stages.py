@@ -33,7 +33,7 @@ FAR_DEG, NEAR_DEG, ALL_DEG = (15.0, 90.0), (0.5, 40.0), (1.0, 60.0)
 """Spread of the turns about each axis: of the first stage, the second, and the validation."""
 
 
-def manifold_of(training: Corpus) -> PoseManifold:
+def manifold_of(training: Corpus, device: str = "cpu") -> PoseManifold:
     """Return the distinct poses of a corpus that lie within the joints' limits, and their mirror images.
 
     Raises:
@@ -44,7 +44,7 @@ def manifold_of(training: Corpus) -> PoseManifold:
     if len(people.unique()) < 2:
         raise JobInvalid("Pose-NDF learns from the recordings of several people, and these are of one.", where="data")
     quats = torch.cat((unit_quats(rotations), unit_quats(mirrored(rotations))))
-    return PoseManifold.of(quats, people.repeat(2))
+    return PoseManifold.of(quats, people.repeat(2), device)
 
 
 def possible_frames(corpus: Corpus) -> np.ndarray:
@@ -110,7 +110,8 @@ def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: PoseMani
             model, lambda n=number: stages.poses(n, ended), validation, settings, job.settings.batch
         )  # fmt: skip
         rate = job.settings.learning_rate * (1.0 if number < 2 else 0.5)
-        chosen = replace(job.settings, steps=max(1, round(share * job.settings.steps)), learning_rate=rate)
+        steps = max(1, round(share * job.settings.steps))
+        chosen = replace(job.settings, steps=steps, learning_rate=rate, workers=0)
         trained = run_training(task, chosen, job.work / f"stage{number + 1}", job.progress)
         ended.append(cast(PoseFieldNet, trained))
         model = PoseFieldNet(settings)

@@ -45,7 +45,7 @@ joint beyond its range of motion and 15°.
 
 def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings()) -> Finished:
     """Train, export, measure the exported weights and write the model card."""
-    manifold = manifold_of(job.training)
+    manifold = manifold_of(job.training, job.settings.device)
     model = train_stages(job, settings, manifold)
     spread = manifold.spread
     arrays = field_arrays(model) | {

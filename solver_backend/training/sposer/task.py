@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -54,9 +54,13 @@ class SPoserTask:
         self._sampler, self._settings, self._batch = WindowSampler.of(train, **chances), settings, batch
         self._unseen = {"": validation} | ({} if far is None else {"far_": far})
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+    def draw(self, generator: torch.Generator) -> Any:
+        """Draw windows."""
+        return self._sampler.draw(self._batch, generator)
+
+    def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct middle keys through noisy codes, and frames between through SIDER2 of three codes."""
-        s, batch = self._settings, self._sampler.draw(self._batch, generator).to(device_of(self.model))
+        s, batch = self._settings, batch.to(device_of(self.model))
         codes = self.model.encode(batch.rotations[:, :3].flatten(0, 1)).unflatten(0, (self._batch, 3))
         noise = s.latent_noise * torch.randn(self._batch, codes.shape[-1], generator=generator).to(codes.device)
         between = sider2(codes[:, 0], codes[:, 1], codes[:, 2], batch.time)
@@ -88,8 +92,12 @@ class EncoderTask(SPoserTask):
         super().__init__(train, validation, settings, batch, seed, far)
         self.model.decoder.requires_grad_(False)
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
+    def draw(self, generator: torch.Generator) -> Any:
+        """Draw poses."""
+        return self._sampler.draw_poses(self._batch, generator)
+
+    def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
         """Reconstruct poses."""
-        truth = self._sampler.draw_poses(self._batch, generator).to(device_of(self.model))
+        truth = batch.to(device_of(self.model))
         decoded = self.model.decode(self.model.encode(truth))
         return pose_loss(truth, decoded, truth.new_ones(self._batch), self._settings.orthogonality)

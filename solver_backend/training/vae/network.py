@@ -78,10 +78,13 @@ class VaeTask:
         self._sampler, self._settings, self._batch = WindowSampler.of(train), settings, batch
         self._validation = validation.some_distinct(VALIDATION_POSES).astype(np.float64)
 
-    def loss(self, step: int, generator: torch.Generator) -> torch.Tensor:
-        """Reconstruct the middle and the in-between frame of every window."""
-        s = self._settings
-        truth = self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1).to(device_of(self.model))
+    def draw(self, generator: torch.Generator) -> torch.Tensor:
+        """Draw the middle and the in-between frame of windows."""
+        return self._sampler.draw(self._batch, generator).rotations[:, [1, 3]].flatten(0, 1)
+
+    def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        """Reconstruct poses."""
+        s, truth = self._settings, batch.to(device_of(self.model))
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
         decoded = self.model.decode(z)
