@@ -27,6 +27,7 @@ _METHOD_ITEMS = (
 _BACKEND_ITEMS = (
     ("numpy", "NumPy", "Works everywhere"),
     ("torch", "PyTorch", "Needs a Python with torch, chosen in the add-on's preferences"),
+    ("cuda", "CUDA", "Needs a Python with torch for CUDA and an NVIDIA graphics processor"),
 )
 _UNIT_ITEMS = (
     (AUTO, "As the File Says", "Told from the calibration"),

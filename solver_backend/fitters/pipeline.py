@@ -63,7 +63,7 @@ def solve(
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
         SubjectInvalid: the person is of another body, or wears other markers.
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
-        BackendMissing: torch was asked for and is not installed.
+        BackendMissing: torch was asked for and is not installed, or finds no CUDA device.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
     problem = prepare(capture, settings, progress, prior, person)
@@ -176,10 +176,15 @@ def _origin(backend: str) -> Array:
         import torch
     except ImportError as error:
         raise BackendMissing(
-            "The torch backend was asked for, and torch is not installed.",
+            f"The backend {backend!r} was asked for, and torch is not installed.",
             hint="Install torch in this Python, or use the backend 'numpy'.",
         ) from error
-    return torch.zeros(1, dtype=torch.float64)
+    if backend == "cuda" and not torch.cuda.is_available():
+        raise BackendMissing(
+            "The backend 'cuda' was asked for, and torch finds no CUDA device.",
+            hint="Use the backend 'torch' or 'numpy', or install a driver and a torch build for CUDA.",
+        )
+    return torch.zeros(1, dtype=torch.float64, device="cuda" if backend == "cuda" else None)
 
 
 def _sources(capture: Capture, settings: SolveSettings) -> dict[str, Any]:

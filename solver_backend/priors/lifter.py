@@ -13,7 +13,7 @@ from typing import Any
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, constant, device_of
 from solver_backend.geometry.rotations import matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.dense import DenseStack
@@ -92,7 +92,7 @@ def features(points: Array, seen: Array, trunk: TrunkFrame) -> Array:
 def interpreted(output: Array, trunk: TrunkFrame) -> Lifted:
     """Return what the (F, 51) output of the network means: code, turn and place against the trunk, shape."""
     xp = array_namespace(output)
-    upright = xp.asarray([1.0, 0.0, 0.0, 0.0, 1.0, 0.0], dtype=output.dtype)
+    upright = constant((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), output)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6] + upright, LATENT_DIM + 6
     pelvis = trunk.origin + xp.matmul(trunk.R, output[:, end : end + 3, None])[..., 0]
     root = xp.matmul(trunk.R, matrix_from_6d(turn))
@@ -117,8 +117,9 @@ class Lifter:
             names: L names of the points.
         """
         xp = array_namespace(points)
-        known = xp.asarray([name in names for name in POINTS])
-        index = xp.asarray([names.index(name) if name in names else 0 for name in POINTS])
+        device = device_of(points)
+        known = xp.asarray([name in names for name in POINTS], device=device)
+        index = xp.asarray([names.index(name) if name in names else 0 for name in POINTS], device=device)
         chosen, there = points[:, index], seen[:, index] & known
         trunk = trunk_frame(chosen, there)
         return interpreted(self.stack.like(points)(features(chosen, there, trunk)), trunk)

@@ -12,7 +12,7 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.single_frame.fit import FrameStates
 from solver_backend.fitters.subject_calibration.shape import moved
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, zeros
 from solver_backend.priors.base import PosePrior
 from solver_backend.types import NUM_BODY_JOINTS
 
@@ -31,8 +31,7 @@ class CalibrationState:
     @classmethod
     def of(cls, subject: Subject, frames: FrameStates) -> CalibrationState:
         """Return the state of poses on the manifold."""
-        xp = array_namespace(frames.z)
-        return cls(subject, frames, xp.zeros((frames.z.shape[0], NUM_BODY_JOINTS, 3), dtype=frames.z.dtype))
+        return cls(subject, frames, zeros((frames.z.shape[0], NUM_BODY_JOINTS, 3), frames.z))
 
     def poses(self, prior: PosePrior) -> PosedFrames:
         """Return the poses that the states decode to."""
