@@ -55,10 +55,10 @@ def test_the_stand_in_refuses_what_a_device_refuses() -> None:
         assert there.device.type == DEVICE and (there + 1.0).device.type == DEVICE
         assert float((there + torch.tensor(2.0))[1]) == 2.0 and there.cpu().device.type == "cpu"
         with pytest.raises(RuntimeError, match="two devices"):
-            there + here
+            _ = there + here
         with pytest.raises(RuntimeError, match="filled from the CPU"):
             there[torch.tensor([0, 1])] = here[:2]
         with pytest.raises(RuntimeError, match="indexed"):
-            here[torch.zeros(2, dtype=torch.int64, device=DEVICE)]
+            _ = here[torch.zeros(2, dtype=torch.int64, device=DEVICE)]
         with pytest.raises(RuntimeError):
             there.numpy()

@@ -29,15 +29,15 @@ _ASKED_IN_C = tuple(
 class Elsewhere(torch.Tensor):
     """A tensor on the device that is not there."""
 
-    inner: torch.Tensor
+    held: torch.Tensor
 
     @staticmethod
-    def __new__(cls, inner: torch.Tensor) -> Elsewhere:
+    def __new__(cls, held: torch.Tensor) -> Elsewhere:
         made = torch.Tensor._make_wrapper_subclass(
-            cls, inner.size(), strides=inner.stride(), storage_offset=inner.storage_offset(), dtype=inner.dtype,
+            cls, held.size(), strides=held.stride(), storage_offset=held.storage_offset(), dtype=held.dtype,
             device=DEVICE,
         )  # fmt: skip
-        made.inner = inner
+        made.held = held
         return made
 
     @classmethod
@@ -82,7 +82,7 @@ def _run(func: Any, args: Any, kwargs: dict[str, Any]) -> Any:
     stays = isinstance(args[0], Elsewhere) if name == "aten::copy_" else not leaves
     kwargs = {key: value for key, value in kwargs.items() if key != "device"}
     out = func(*tree_map(_inner, args), **tree_map(_inner, kwargs))
-    kept = {id(x.inner): x for x in there}
+    kept = {id(x.held): x for x in there}
     return tree_map(lambda x: kept.get(id(x), Elsewhere(x) if stays else x) if isinstance(x, torch.Tensor) else x, out)
 
 
@@ -96,9 +96,9 @@ def _pick(func: Any, tensor: torch.Tensor, index: Any, *value: Any) -> Any:
         return func(tensor, index, *value)
     if any(isinstance(x, torch.Tensor) and x.ndim > 0 and not isinstance(x, Elsewhere) for x in value):
         raise RuntimeError("a tensor of another device was filled from the CPU")
-    out = func(tensor.inner, tuple(map(_inner, parts)), *map(_inner, value))
+    out = func(tensor.held, tuple(map(_inner, parts)), *map(_inner, value))
     return None if out is None else Elsewhere(out)
 
 
 def _inner(value: Any) -> Any:
-    return value.inner if isinstance(value, Elsewhere) else value
+    return value.held if isinstance(value, Elsewhere) else value
