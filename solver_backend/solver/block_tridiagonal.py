@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, identity
+from solver_backend.geometry.arrays import Array, identity, index
 from solver_backend.geometry.parallel import map_blocks
 
 BATCH = 16
@@ -33,9 +34,16 @@ class BlockTridiagonal:
     """(N, n) gradient."""
 
     def solve(self, damping: Array) -> Array:
-        """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``; ``damping`` is (1,)."""
+        """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``.
+
+        Args:
+            damping: (1,) of all blocks, or (1, N) or (1, N - 1) of each; a last block that has none takes the one's
+                before it.
+        """
         xp = array_namespace(self.g)
-        outer, inner = self._without_inner(float(damping[0]), self.diagonal.dtype)
+        outer, inner = self._without_inner(
+            _by_block(damping if damping.ndim == 1 else damping[0], self.g), self.diagonal.dtype
+        )
         met = outer.diagonal.shape[1]
         g = self.g[:, :met] if inner is None else inner.carried(self.g[:, :met], self.g[:, met:])
         right = xp.astype(-g, self.diagonal.dtype)[..., None]
@@ -63,7 +71,7 @@ class BlockTridiagonal:
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)
-        outer, inner = self._without_inner(rounding, self.g.dtype)
+        outer, inner = self._without_inner(xp.ones_like(self.g[:, 0]) * rounding, self.g.dtype)
         count, met = outer.diagonal.shape[:2]
         eye = identity(met, self.g)
         sweeps = outer.swept([eye] * count, carry=False)
@@ -85,7 +93,7 @@ class BlockTridiagonal:
         full, beyond = (xp.concat([part[i] for part in parts]) for i in range(2))
         return full, xp.concat([off, beyond], axis=1)
 
-    def _without_inner(self, damping: float, precision: Any) -> tuple[_Outer, _Inner | None]:
+    def _without_inner(self, damping: Array, precision: Any) -> tuple[_Outer, _Inner | None]:
         """Return the system of the outer unknowns, the inner ones eliminated: ``D - Bᵀ A⁻¹ B`` and so on."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
@@ -97,7 +105,7 @@ class BlockTridiagonal:
         A, B, C = self.diagonal[:, met:, met:], self.diagonal[:, met:, :met], self.upper[:, met:]
 
         def eliminate(some: slice) -> tuple[Array, ...]:
-            inverse = xp.linalg.inv(_damped(A[some], damping))
+            inverse = xp.linalg.inv(_damped(A[some], damping[some]))
             own, further = xp.matmul(inverse, B[some]), xp.matmul(inverse[: C[some].shape[0]], C[some])
             B_T = xp.matrix_transpose(B[some])
             outer.diagonal[some] -= xp.matmul(B_T, own)
@@ -232,8 +240,13 @@ class _Sweeps:
     """Pairs (i, j) in the order in which the unknowns are found after those of the middle, to either end."""
 
 
-def _damped(blocks: Array, damping: float) -> Array:
-    """Return (N, n, n) blocks with a share of the diagonal added to it."""
+def _by_block(damping: Array, g: Array) -> Array:
+    """Return the damping (N,) of each of the blocks of a gradient (N, n), from (1,) or (N - 1,) or (N,) values."""
+    return damping[index(np.minimum(np.arange(g.shape[0]), damping.shape[0] - 1), damping)]
+
+
+def _damped(blocks: Array, damping: Array) -> Array:
+    """Return (N, n, n) blocks with a share (N,) of their diagonals added to them."""
     xp = array_namespace(blocks)
-    eye = identity(blocks.shape[-1], blocks)
-    return blocks + (damping * xp.linalg.diagonal(blocks) + 1e-9)[:, :, None] * eye
+    eye, share = identity(blocks.shape[-1], blocks), xp.astype(damping, blocks.dtype)[:, None]
+    return blocks + (share * xp.linalg.diagonal(blocks) + 1e-9)[:, :, None] * eye

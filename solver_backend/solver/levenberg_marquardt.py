@@ -13,6 +13,12 @@ from solver_backend.solver.normal_equations import NormalEquations
 
 State = TypeVar("State")
 
+LESS, MORE, MORE_OF_PART = 0.3, 6.0, 36.0
+"""What damping is multiplied by after a step that was taken, and after one that was refused: of a whole problem, and of
+the parts that it made worse."""
+LEAST_DAMPING = 1e-7
+HELD_BACK = 1.0
+"""A part that is damped so has not had its step: the whole may still change when it gets it."""
 MOST_DAMPING = 1e4
 """Where even a step so damped raises the cost, none lowers it."""
 
@@ -36,7 +42,7 @@ class LMResult(Generic[State]):
     state: State
     """Best state found."""
     cost: Array
-    """(B,) cost of each problem."""
+    """(B,) cost of each problem, or (B, P) of its parts."""
     system: NormalEquations
     """The normal equations at the state: the information the data gave."""
     iterations: int
@@ -62,9 +68,12 @@ def levenberg_marquardt(
     ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` where the cost falls, else λ grows
     (Levenberg 1944, Marquardt 1963).
 
+    A problem may tell the costs of its P parts in a row, each with a λ of its own: a part that a step made worse holds
+    back itself and the next part, with which it shares unknowns, and nobody else. Steps are taken whole all the same.
+
     Args:
         state: where to start.
-        linearise: state -> ((B,) costs, normal equations).
+        linearise: state -> ((B,) costs of problems or (B, P) of their parts, normal equations).
         retract: (state, (B, n) tangent steps) -> state on the manifold.
         settings: stopping and damping.
         select: ((B,) mask, new, old) -> state that takes the masked problems from new; the costs follow it. Not needed
@@ -72,20 +81,56 @@ def levenberg_marquardt(
     """
     cost, system = linearise(state)
     xp = array_namespace(cost)
-    damping, settled = xp.full_like(cost, settings.damping), xp.zeros_like(cost, dtype=xp.bool)
+    damping, total = xp.full_like(cost, settings.damping), _total(cost)
+    settled = xp.zeros_like(total, dtype=xp.bool)
     for iteration in range(1, settings.max_iterations + 1):
         candidate = retract(state, system.solve(damping))
         new_cost, new_system = linearise(candidate)
-        better = new_cost < cost
-        change = xp.abs(new_cost - cost) / (cost + 1e-12)
-        damping = xp.where(better, xp.clip(damping * 0.3, 1e-7, None), damping * 6.0)
+        new_total = _total(new_cost)
+        better = new_total < total
+        change = xp.abs(new_total - total) / (total + 1e-12)
+        damping = _adapted(damping, better, new_cost > cost)
         if bool(xp.all(better)):
             state, cost, system = candidate, new_cost, new_system
         elif bool(xp.any(better)):
             state, system = select(better, candidate, state), system.merged(better, new_system)
-            cost = xp.where(better, new_cost, cost)
+            cost = xp.where(_of_parts(better, cost), new_cost, cost)
+        total = _total(cost)
         # A step that was refused says nothing of how near the minimum is, unless not even the shortest is taken.
-        settled = settled | (better & (change < settings.tolerance)) | (~better & (damping > MOST_DAMPING))
+        most = damping if damping.ndim == 1 else xp.max(damping, axis=1)
+        enough = settings.tolerance * _share_awaited(most, damping)
+        settled = settled | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
         if bool(xp.all(settled)):
             return LMResult(state, cost, system, iteration, True)
     return LMResult(state, cost, system, settings.max_iterations, False)
+
+
+def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
+    """Return the damping of the next step: less where the last one did good, more where it did harm.
+
+    A refused step says nothing against parts that it bettered: their damping stays as it was.
+    """
+    xp = array_namespace(damping)
+    if damping.ndim == 1 or damping.shape[1] == 1:
+        better = _of_parts(better, damping)
+        return xp.where(better, xp.clip(damping * LESS, LEAST_DAMPING, None), damping * MORE)
+    beside = xp.concat([xp.zeros_like(worse_part[:, :1]), worse_part[:, :-1]], axis=1)
+    harmed = worse_part | beside  # a window's last key belongs to the next
+    accepted = xp.where(harmed, damping, xp.clip(damping * LESS, LEAST_DAMPING, None))
+    refused = xp.where(harmed, damping * MORE_OF_PART, damping)
+    return xp.where(better[:, None], accepted, refused)
+
+
+def _share_awaited(most: Array, damping: Array) -> Array | float:
+    """Return how much of the tolerance (B,) still counts as a change: a tenth where a part was held back."""
+    return 1.0 if damping.ndim == 1 else 1.0 - 0.9 * array_namespace(most).astype(most >= HELD_BACK, most.dtype)
+
+
+def _total(cost: Array) -> Array:
+    """Return the (B,) costs of problems from their own or their parts'."""
+    return cost if cost.ndim == 1 else array_namespace(cost).sum(cost, axis=1)
+
+
+def _of_parts(mask: Array, cost: Array) -> Array:
+    """Return a (B,) mask of problems as one of what their costs are of."""
+    return mask if cost.ndim == 1 else mask[:, None]

@@ -28,6 +28,10 @@ def as_torch(system, dtype=None):
     return BlockTridiagonal(*(part if dtype is None else part.to(dtype) for part in parts), torch.as_tensor(system.g))
 
 
+def torch_array(values):
+    return pytest.importorskip("torch").as_tensor(np.asarray(values))
+
+
 @pytest.mark.parametrize("backend", ["numpy", "torch"])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 @pytest.mark.parametrize("sizes", SIZES)
@@ -35,8 +39,21 @@ def test_steps_are_those_of_the_dense_matrix(sizes, damping, backend):
     system, dense = random_system(*sizes)
     expected = -np.linalg.solve(dense + np.diag(damping * np.diag(dense) + 1e-9), system.g.reshape(-1))
     system = system if backend == "numpy" else as_torch(system)
-    found = system.solve(np.array([damping]))
+    found = system.solve(np.array([damping]) if backend == "numpy" else torch_array([damping]))
     np.testing.assert_allclose(np.asarray(found)[0], expected, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "torch"])
+@pytest.mark.parametrize("sizes", SIZES)
+@pytest.mark.parametrize("missing", [0, 1])
+def test_every_block_is_damped_by_its_own(sizes, missing, backend):
+    system, dense = random_system(*sizes)
+    shares = np.geomspace(1e-3, 10.0, max(1, sizes[0] - missing))
+    each = np.repeat(np.append(shares, shares[-1:])[: sizes[0]], sizes[1])
+    expected = -np.linalg.solve(dense + np.diag(each * np.diag(dense) + 1e-9), system.g.reshape(-1))
+    system = system if backend == "numpy" else as_torch(system)
+    like = shares[None] if backend == "numpy" else torch_array(shares[None])
+    np.testing.assert_allclose(np.asarray(system.solve(like))[0], expected, rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "torch"])

@@ -86,3 +86,26 @@ def test_problems_that_came_to_rest_do_not_wait_for_steps_that_rounding_refuses(
 
     found = levenberg_marquardt(np.ones((2, 1)), linearise, lambda p, d: p + d, LMSettings(40, 1e-6), select)
     assert found.converged and found.iterations < 36
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_part_that_a_step_harms_holds_nobody_else_back(told):
+    """The model of one part is too flat by a third; the others, r = x² - 1, take few steps where none is damped."""
+
+    class Parts:
+        def __init__(self, x):
+            self.H, self.g = np.append(4 * x[:-1] ** 2, 300), np.append(2 * x[:-1] * (x[:-1] ** 2 - 1), 1000 * x[-1])
+
+        def solve(self, damping):
+            each = damping[0] if told else np.full(10, damping[0])
+            return (-self.g / (self.H * (1 + each)))[None]
+
+    def linearise(p):
+        cost = np.append(0.5 * (p[0, :-1] ** 2 - 1) ** 2, 500 * p[0, -1] ** 2)
+        return (cost[None] if told else cost.sum()[None]), Parts(p[0])
+
+    start = np.append(np.linspace(1.5, 3.0, 9), 1.0)[None]
+    result = levenberg_marquardt(start, linearise, lambda p, d: p + d, LMSettings(10, 1e-12))
+    far = np.abs(result.state[0, :-1] - 1).max()
+    assert far < 1e-6 if told else far > 1e-2
+    assert result.cost.sum() < linearise(start)[0].sum()

@@ -37,7 +37,7 @@ class KeyTerm(Protocol):
         ...
 
     def cost(self, keys: Keyframes) -> Array:
-        """Return the energy of these keys."""
+        """Return the energy (K,) at each of these keys."""
         ...
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:

@@ -104,7 +104,7 @@ class DataEquations:
     """What the frames of N windows say of their keys; matrices are formed when asked for."""
 
     cost: Array
-    """()."""
+    """(N,) of each window's frames."""
     gradient: Array
     """(2 N + 1, D) by the keys."""
     _windows: list[slice]
@@ -158,13 +158,14 @@ def data_equations(
     gradient = zeros((keys.z.shape[0], KEY.dof(residuals=data.residuals)), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
-    return DataEquations(sum(part[0] for part in parts), gradient, blocks, [part[2] for part in parts])
+    cost = array_namespace(gradient).concat([part[0] for part in parts])
+    return DataEquations(cost, gradient, blocks, [part[2] for part in parts])
 
 
 def _block(
     data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float
 ) -> tuple[Array, Array, Callable[[], Array]]:
-    """Return the cost of some windows, its (2 N + 1, D) derivative by their keys, and what forms their matrices."""
+    """Return the (N,) costs of windows, their (2 N + 1, D) derivative by the keys, and what forms the matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
     curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=data.residuals)
@@ -175,7 +176,7 @@ def _block(
     gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys)
     form = _mixed if data.residuals else _exact
     return (
-        xp.sum(equations.cost * weight),
+        xp.sum(xp.reshape(equations.cost * weight, (count, width)), axis=1),
         gradient,
         lambda: form(data.prior, keys, rows.sampled(columns), equations.hessian),
     )

@@ -86,7 +86,10 @@ class BundleModel:
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES
     ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
-        """Return the objective at these keys, and what forms their equations."""
+        """Return the objective (N,) of each window at these keys, and what forms their equations.
+
+        What lies at a key that two windows share counts for the later one.
+        """
         frames = FrameData(self.subject, self.prior, self.objective.frames, self.residuals)
         data = data_equations(frames, keys, rows, scale, hessian_frames)
 
@@ -96,7 +99,12 @@ class BundleModel:
                 term.add_to(equations, keys)
             return equations
 
-        return data.cost + sum(term.cost(keys) for term in self.objective.keys), form
+        cost = data.cost
+        for term in self.objective.keys:
+            at_keys = term.cost(keys)
+            cost = cost + at_keys[:-1:2] + at_keys[1::2]
+            cost[-1] += at_keys[-1]
+        return cost, form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
@@ -169,6 +177,6 @@ def solve_keys(
         settings = LMSettings(schedule.iterations, schedule.tolerance)
         result = levenberg_marquardt(keys, linearise, retract, settings)
         keys = result.state
-        solution = KeySolution(keys, float(result.cost[0]), Convergence.of(result))
+        solution = KeySolution(keys, float(xp.sum(result.cost)), Convergence.of(result))
     assert solution is not None
     return solution

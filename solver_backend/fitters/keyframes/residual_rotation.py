@@ -26,10 +26,10 @@ class ResidualRotationTerm:
         return self
 
     def cost(self, keys: Keyframes) -> Array:
-        """Return the energy of these keys."""
+        """Return the energy (K,) at each of these keys."""
         xp = array_namespace(keys.z)
         flat = xp.reshape(keys.residual, (keys.residual.shape[0], -1))
-        return 0.5 * xp.sum(self._precision(flat) * flat * flat)
+        return 0.5 * xp.sum(self._precision(flat) * flat * flat, axis=1)
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the equations of these keys to those of the data, in place."""

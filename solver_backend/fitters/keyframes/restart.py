@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from solver_backend.fitters.keyframes.chunked import CHUNK_WINDOWS
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
@@ -63,7 +64,7 @@ def regained(
         again = _anew(lost[first : last + 1], keys.select(some), start.select(some))
         solved = solve_keys(judged, part, again, schedule, fixed)
         before = judged.equations(part.rows(schedule.stride), keys.select(some), schedule.scales[-1])[0]
-        if solved.cost < float(before):
+        if solved.cost < float(array_namespace(before).sum(before)):
             keys = keys.replaced(some, solved.keys)
     return replace(found, keys=hemisphere_aligned(keys))
 

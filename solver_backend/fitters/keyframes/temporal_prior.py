@@ -43,13 +43,14 @@ class MotionPrior:
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def cost(self, keys: Keyframes) -> Array:
-        """Return the energy of these keys."""
+        """Return the energy (K,) at each of these keys: of the differences about it, or from it to the next."""
         xp = array_namespace(keys.z)
-        cost = zeros((), keys.z)
+        cost = zeros((keys.z.shape[0],), keys.z)
         for value, _, sigma, _ in self._smooth_parts(keys):
             for stencil, weight in self._stencils(sigma):
                 rest, weights = _differences(value, stencil, weight)
-                cost = cost + 0.5 * xp.sum(weights[:, None] * rest * rest)
+                first = (len(stencil) - 1) // 2
+                cost[first : first + rest.shape[0]] += 0.5 * weights * xp.sum(rest * rest, axis=1)
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
