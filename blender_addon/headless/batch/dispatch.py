@@ -104,6 +104,8 @@ def _record_of(request: BatchRequest, one: Ended, engine: Engine) -> dict[str, A
     """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
     folder = request.out / one.ticket.name
     code = (one.record.get("error") or {}).get("code")
+    if one.record.get("status") == "skipped":  # done by a worker that died before it could say so
+        return {**one.record, "status": "done"}
     if one.how != DIED and (engine.tries == 1 or code not in _CRASHES):
         return one.record
     if one.how == DIED:

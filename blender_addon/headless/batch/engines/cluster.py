@@ -88,7 +88,7 @@ class ClusterEngine:
         self._workers = _Workers()
         self._looked = 0.0
         self._without_workers: float | None = None
-        self._client = _connected(address, patience_s=_CONNECT_S, tend=tend)
+        self._client = _connected(address, patience_s=min(_CONNECT_S, patience_s), tend=tend)
         self._marker = put_marker(request.out)
         self._plain = request.plain()
         try:
@@ -239,12 +239,15 @@ class ClusterEngine:
         self._workers.note("The scheduler was lost and came back; what it had was begun again.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
+        self._connect_again()
+        self._wait_for_workers()
+        return lost
+
+    def _connect_again(self) -> None:
         with suppress(Exception):
             self._client.close(timeout=2)
         self._client = _connected(self._address, self._patience_s, self._tend)
         self._workers.looked_at.clear()
-        self._wait_for_workers()
-        return lost
 
     def _infos(self) -> dict[str, Any]:
         try:
@@ -310,6 +313,8 @@ class ClusterEngine:
         end = time.monotonic() + self._patience_s
         while time.monotonic() < end and not self._infos():
             self._tend()
+            if self._client.status != "running":
+                self._connect_again()
             time.sleep(0.2)
         self._look_at_new_workers()
         self._without_workers = None

@@ -13,7 +13,7 @@ from pathlib import Path
 _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
 """Least time between two starts of one process."""
-_END_S = 5.0
+_END_S = 2.0
 
 
 class LocalCluster:
@@ -50,20 +50,18 @@ class LocalCluster:
             late = time.monotonic() - self._started[k] > _AGAIN_S
             if (process is None or process.poll() is not None) and late:
                 self._started[k] = time.monotonic()
+                _let_go(process)
                 self.processes[k] = self._start(self._commands[k])
 
     def close(self) -> None:
-        """End all processes."""
-        running = [process for process in self.processes if process is not None and process.poll() is None]
-        for process in reversed(running):
-            process.terminate()
-        end = time.monotonic() + _END_S
-        for process in running:
+        """End all processes: they hold nothing that is not in the takes' records."""
+        for process in self.processes:
+            _let_go(process)
+        for process in filter(None, self.processes):
             with suppress(subprocess.TimeoutExpired):
-                process.wait(max(0.1, end - time.monotonic()))
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+                process.wait(_END_S)
+            process.kill()
+            process.wait()
 
     def _start(self, command: list[str]) -> subprocess.Popen[bytes]:
         known = os.environ.get("PYTHONPATH", "")
@@ -74,6 +72,12 @@ class LocalCluster:
                 [sys.executable, *command], env=environment, stdin=subprocess.PIPE, stdout=log, stderr=log,
                 start_new_session=True,
             )  # fmt: skip
+
+
+def _let_go(process: subprocess.Popen[bytes] | None) -> None:
+    """Close the pipe of a process that has ended."""
+    if process is not None and process.stdin is not None:
+        process.stdin.close()
 
 
 def _free_port() -> int:

@@ -248,5 +248,5 @@ def test_a_real_batch_solves_bakes_and_exports(tmp_path: Path, capfd: pytest.Cap
     )
     assert again.returncode == 3
     assert "ein Gang  skipped" in again.stderr and again.stdout.splitlines() == [
-        str(out / "summary.json"), str(out / "summary.txt"),
+        str(out / "summary.json"), str(out / "summary.txt"), str(out / "summary.html"),
     ]  # fmt: skip
