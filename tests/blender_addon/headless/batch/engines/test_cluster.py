@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -28,33 +27,10 @@ from blender_addon.headless.batch.record import read_record
 from blender_addon.headless.batch.request import BatchRequest, Spread
 from blender_addon.headless.batch.run_batch import run_batch
 from tests.support.stand_in_solver import write_stand_in
+from tests.support.tended_cluster import Tended
 
 ROOT = Path(__file__).resolve().parents[5]
 pytestmark = pytest.mark.slow
-
-
-class Tended(LocalCluster):
-    """A cluster that somebody else's batch uses, started again by a thread of its own."""
-
-    def __init__(self, workers: int, folder: Path) -> None:
-        super().__init__(workers, 2000, folder)
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._go_on, daemon=True)
-        self._thread.start()
-
-    def _go_on(self) -> None:
-        while not self._over.wait(0.3):
-            self.tend()
-
-    def kill(self, number: int) -> None:
-        process = self.processes[number]
-        if process is not None and process.poll() is None:
-            process.send_signal(signal.SIGKILL)
-
-    def close(self) -> None:
-        self._over.set()
-        self._thread.join()
-        super().close()
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +117,7 @@ def test_every_take_is_done_once_though_workers_and_the_scheduler_die(cluster: T
 
 def test_takes_that_crash_are_set_aside_with_their_log_and_the_rest_goes_on(cluster: Tended, tmp_path: Path) -> None:
     request = batch(tmp_path, ["a", "bad", "crash", "poison", "z"])
+    cluster.wait_for_workers(2)
     result = run_batch(request, silent, Spread(cluster.address))
     assert states(result) == {"bad": "failed", "crash": "set aside", "poison": "set aside", "a": "done", "z": "done"}
     errors = {take["take"]: take["error"]["code"] for take in result["takes"] if "error" in take}
