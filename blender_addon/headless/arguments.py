@@ -128,6 +128,7 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     who = batch.add_mutually_exclusive_group()
     who.add_argument("--scheduler", default="", metavar="ADDRESS", help="spread over the workers of a Dask scheduler")
     who.add_argument("--workers", type=_count, default=0, metavar="N", help="so many takes at a time on this machine")
+    batch.add_argument("--stretches", action="store_true", help="spread the stretches of each long take, too (Dask)")
     batch.add_argument(
         "--patience", type=_positive, default=60.0, metavar="S", help="wait so long for scheduler and workers; 60"
     )

@@ -162,8 +162,9 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         TakeLimits(options.take_seconds, options.take_memory),
     )  # fmt: skip
     spread = Spread(
-        options.scheduler, options.workers, options.watch is not None, options.settled, options.idle, options.patience
-    )
+        options.scheduler, options.workers, options.watch is not None, options.settled, options.idle,
+        options.stretches, options.patience,
+    )  # fmt: skip
     return run_batch(request, progress, spread)
 
 

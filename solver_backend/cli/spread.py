@@ -6,16 +6,19 @@ What is sent is pickled by Dask, as everything is that its workers do: a schedul
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from solver_backend import __version__
 from solver_backend.exchange.errors import BackendMissing, Cancelled, CommandLineInvalid
 from solver_backend.fitters.keyframes.chunked import Stretch, in_turn
-from solver_backend.fitters.keyframes.optimise import KeySolution
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.priors.base import PosePrior
 
 logger = logging.getLogger("solver_backend")
-_CONNECT_S, _POLL_S = 10.0, 0.5
+_CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
 
 
@@ -57,7 +60,9 @@ class ClusterStretches:
         """Return the solution of each stretch; one alone stays here."""
         if len(stretches) < 2:
             return in_turn(stretches, alive)
-        futures = [self._submitted(stretch) for stretch in stretches]
+        model = stretches[0].model
+        common = self._sent_ahead((model.subject, model.prior))
+        futures = [self._submitted(stretch, common) for stretch in stretches]
         try:
             return [self._result(future, stretch, alive) for future, stretch in zip(futures, stretches, strict=True)]
         finally:
@@ -68,9 +73,20 @@ class ClusterStretches:
         """Leave the cluster."""
         self._client.close(timeout=2)
 
-    def _submitted(self, stretch: Stretch) -> Any:
+    def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
+        """Send what all stretches share to the workers; it is most of what they need."""
         try:
-            return self._client.submit(_solve, stretch.alone(), __version__, pure=False, retries=_RETRIES)
+            return self._client.scatter(common, broadcast=True, hash=False)
+        except Exception:
+            logger.exception("The person could not be sent to the workers; stretches take it along.")
+            return common
+
+    def _submitted(self, stretch: Stretch, common: Any) -> Any:
+        alone = stretch.alone()
+        model = alone.model
+        rest = (model.objective, model.residuals, alone.layout, alone.keys, alone.schedule, alone.fixed)
+        try:
+            return self._client.submit(_solve, common, rest, __version__, pure=False, retries=_RETRIES)
         except Exception:
             logger.exception("A stretch could not be handed over; it is solved here.")
             return None
@@ -79,7 +95,7 @@ class ClusterStretches:
         if future is not None:
             while future.status == "pending" and self._client.status == "running":
                 alive()
-                _wait(future)
+                time.sleep(_POLL_S)
             try:
                 if future.status == "finished":
                     solved = future.result(timeout=_CONNECT_S)
@@ -93,20 +109,12 @@ class ClusterStretches:
         return stretch.solve(alive)
 
 
-def _solve(stretch: Stretch, version: str) -> KeySolution:
+def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
+    """Solve a stretch; this is what workers do."""
+    objective, residuals, layout, keys, schedule, fixed = rest
     if version != __version__:
         raise VersionsDiffer(f"the worker has Manifold MoCap {__version__}, the take is solved with {version}")
-    return stretch.solve()
-
-
-def _wait(future: Any) -> None:
-    from distributed import TimeoutError as DaskTimeout
-    from distributed import wait
-
-    try:
-        wait(future, timeout=_POLL_S)
-    except (DaskTimeout, TimeoutError):
-        return
+    return Stretch(BundleModel(*common, objective, residuals), layout, keys, schedule, fixed).solve()
 
 
 def _why(future: Any) -> str:

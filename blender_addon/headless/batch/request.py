@@ -84,6 +84,8 @@ class Spread:
     """A capture has arrived when it has not changed for so long."""
     idle_s: float | None = None
     """Stop watching when nothing has arrived for so long; None for never."""
+    stretches: bool = False
+    """Let the cluster's workers solve stretches of long takes, too."""
     patience_s: float = 60.0
     """How long to wait for a scheduler that is gone, and for workers."""
 

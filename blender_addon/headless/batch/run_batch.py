@@ -69,7 +69,8 @@ def _engine(request: BatchRequest, choices: dict[str, Any], progress: Progress, 
     if spread.scheduler:
         from .engines.cluster import ClusterEngine
 
-        engine: Engine = ClusterEngine(request, choices, spread.scheduler, patience_s=spread.patience_s)
+        address, patience_s = spread.scheduler, spread.patience_s
+        engine: Engine = ClusterEngine(request, choices, address, patience_s=patience_s, stretches=spread.stretches)
     elif spread.workers and _has_dask():
         with _local(request, choices, spread) as engine:
             yield engine
@@ -93,7 +94,7 @@ def _local(request: BatchRequest, choices: dict[str, Any], spread: Spread) -> It
     with tempfile.TemporaryDirectory(prefix="manifold_mocap_", ignore_cleanup_errors=True) as folder:
         cluster = LocalCluster(spread.workers, machine_memory_mb(), Path(folder))
         try:
-            engine = ClusterEngine(request, choices, cluster.address, cluster.tend, spread.patience_s)
+            engine = ClusterEngine(request, choices, cluster.address, cluster.tend, spread.patience_s, spread.stretches)
             try:
                 yield engine
             finally:

@@ -65,6 +65,7 @@ def recalled(request: BatchRequest, choices: dict[str, Any], capture: Path) -> d
 def run_step(
     request: BatchRequest, choices: dict[str, Any], capture: Path, step: str, progress: Progress, *,
     worker: str = "", stopped: Callable[[], MocapError | None] = lambda: None, in_child: bool = False,
+    scheduler: str = "",
 ) -> dict[str, Any]:  # fmt: skip
     """Do one step of a take, unless it is done or not wanted, and return the take's record.
 
@@ -79,6 +80,7 @@ def run_step(
         worker: who does it, for the record.
         stopped: see ``Place``.
         in_child: see ``Place``.
+        scheduler: see ``Place``.
 
     Raises:
         Cancelled: the work was interrupted.
@@ -97,7 +99,7 @@ def run_step(
         mine = next((one for one in wanted if one.name == step), None)
         if mine is not None and not is_step_done(record, folder, mine.name, mine.key):
             record = _begun(record, folder, step, worker)
-            made = do_step(request, choices, capture, step, Place(folder, of_take, stopped, in_child))
+            made = do_step(request, choices, capture, step, Place(folder, of_take, stopped, in_child, scheduler))
             record = _ended(record, mine, made, time.monotonic() - start)
         if all(is_step_done(record, folder, s.name, s.key) for s in wanted):
             record |= {**_whole(record, folder, wanted), "status": "done"}

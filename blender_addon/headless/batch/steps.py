@@ -43,6 +43,8 @@ class Place:
     """Asked again and again; where it returns an error the step ends with it."""
     in_child: bool = False
     """Let Blender work in a process of its own, as many steps at a time need."""
+    scheduler: str = ""
+    """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
 
 
 def steps_of(request: BatchRequest, choices: dict[str, Any], capture: Path) -> tuple[Step, ...]:
@@ -88,7 +90,7 @@ def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place:
     )
     solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
-    solved = solver("solve", ["--job", str(job_file)])
+    solved = solver("solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])])
     return {
         "outputs": [path.name for path in (copy, job_file, motion, page)],
         "notes": list(solved.get("problems", [])),

@@ -64,6 +64,7 @@ class ClusterEngine:
         address: of the scheduler, or the name of its file.
         tend: called now and then, by a cluster of our own to start again what has died.
         patience_s: how long to wait for a scheduler that is gone, and for workers.
+        stretches: let workers solve stretches of long takes, too.
 
     Raises:
         EngineMissing: Dask is not installed.
@@ -75,13 +76,13 @@ class ClusterEngine:
 
     def __init__(
         self, request: BatchRequest, choices: dict[str, Any], address: str,
-        tend: Callable[[], None] = lambda: None, patience_s: float = 60.0,
+        tend: Callable[[], None] = lambda: None, patience_s: float = 60.0, stretches: bool = False,
     ) -> None:  # fmt: skip
         _require_dask()
         from .cluster_task import versions
 
         self._request, self._choices, self._address, self._tend = request, choices, address, tend
-        self._patience_s = patience_s
+        self._patience_s, self._stretches = patience_s, stretches
         self._versions = versions()
         self._running: dict[str, _Running] = {}
         self._queue: SimpleQueue[tuple[str, Any]] = SimpleQueue()
@@ -100,7 +101,7 @@ class ClusterEngine:
     def free(self) -> int:
         """Return how many takes the workers' threads lack, one waiting for each beside the one at work."""
         threads = sum(info["nthreads"] for address, info in self._infos().items() if address not in self._workers.bad)
-        return _AHEAD * threads - len(self._running)
+        return (1 if self._stretches else _AHEAD) * threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
         """Hand the take's steps to the scheduler."""
@@ -108,7 +109,7 @@ class ClusterEngine:
 
         given = {
             "request": self._plain, "choices": self._choices, "marker": self._marker, "versions": self._versions,
-            "capture": str(ticket.capture.resolve()),
+            "capture": str(ticket.capture.resolve()), "stretches": self._stretches,
         }  # fmt: skip
         allowed = self._allowed(ticket)
         memory_mb = self._request.limits.memory_mb

@@ -50,7 +50,7 @@ def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None
         step: its name.
         before: what the step before this one has returned.
     """
-    from distributed import get_worker
+    from distributed import get_worker, secede
 
     if before is not None and (UNSUITABLE in before or before["record"]["status"] != UNFINISHED):
         return before
@@ -65,9 +65,12 @@ def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None
         return {"worker": worker, UNSUITABLE: f"it does not see the capture {capture}"}
     known = recalled(request, given["choices"], capture)
     if known is None:
+        if given["stretches"]:
+            secede()  # the thread is free for stretches of this very take
         known = run_step(
             request, given["choices"], capture, step, silent,
             worker=worker, stopped=_withdrawn(request.out, given["marker"]), in_child=True,
+            scheduler=get_worker().scheduler.address if given["stretches"] else "",
         )  # fmt: skip
     return {"worker": worker, "record": known}
 

@@ -10,6 +10,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from ....backend_environment import backend_folder
+
 _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
 """Least time between two starts of one process."""
@@ -65,7 +67,7 @@ class LocalCluster:
 
     def _start(self, command: list[str]) -> subprocess.Popen[bytes]:
         known = os.environ.get("PYTHONPATH", "")
-        paths = os.pathsep.join(filter(None, (str(_ROOT), known)))
+        paths = os.pathsep.join(filter(None, (str(_ROOT), str(backend_folder()), known)))
         environment = {**os.environ, "PYTHONPATH": paths, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
         with (self._folder / "cluster.log").open("ab") as log:
             return subprocess.Popen(
