@@ -158,6 +158,7 @@ def tool(dev, monkeypatch, tmp_path):
         monkeypatch.setattr(fresh, name, value)
     fresh.codes, fresh.commands = dev.codes, dev.commands
     monkeypatch.setattr(fresh, "call", dev.call)
+    monkeypatch.delenv("CI", raising=False)
     monkeypatch.setattr(fresh, "blender_error", lambda: "")
     return fresh
 
@@ -170,7 +171,7 @@ def test_set_up_installs_everything_in_one_step_and_only_once(tool, monkeypatch,
     installs = [(command, options) for command, options in tool.commands if "install" in command]
     assert [command[2] for command, _ in installs] == ["pip", "uv"]
     command, options = installs[1]
-    assert command[-2:] == ["--editable", f"{tmp_path}[torch,bpy,capture,train,dev]"]
+    assert command[-2:] == ["--editable", f"{tmp_path}[torch,bpy,capture,train,scale,dev]"]
     assert options["env"]["UV_FIND_LINKS"] == "some folder"
     before = len(tool.commands)
     tool.set_up()
@@ -178,6 +179,19 @@ def test_set_up_installs_everything_in_one_step_and_only_once(tool, monkeypatch,
     (tmp_path / "pyproject.toml").write_text("[project]\nname = 'changed'\n")
     tool.set_up()
     assert len(tool.commands) > before
+
+
+@pytest.mark.parametrize("has_archives", [True, False])
+def test_ci_installs_the_locked_versions_where_they_can_be_had(tool, monkeypatch, tmp_path, has_archives):
+    monkeypatch.setenv("CI", "true")
+    monkeypatch.setattr(tool, "PYTHON", Path(sys.executable))
+    monkeypatch.setattr(tool, "LOCK", tmp_path / "requirements-ci.lock")
+    tool.LOCK.write_text("numpy==1.26.4 --hash=sha256:0\n")
+    tool.codes |= {} if has_archives else {"--constraint": 2}
+    tool.set_up()
+    installs = [command for command, _ in tool.commands if "--editable" in command]
+    assert installs[0][installs[0].index("--constraint") + 1] == str(tool.LOCK)
+    assert ["--constraint" in command for command in installs] == ([True] if has_archives else [True, False])
 
 
 @pytest.mark.parametrize("failing", ["uv>=0.5", "uv"])
