@@ -222,6 +222,9 @@ def demo(args: argparse.Namespace) -> int:
     solve = [*backend, "solve", str(capture), "--out", str(motion), "--report", str(out / "report.html")]
     solve += ["--method", args.method, "--backend", args.backend]
     bake = [str(PYTHON), "-m", "blender_addon", "bake", str(motion), "--capture", str(capture), "--out", str(out)]
+    if args.capture is not None:
+        chosen = args.capture.resolve()
+        bake += ["--footage-from", str(chosen if chosen.is_dir() else chosen.parent)]
     stages = [("Capture", read), ("Solve", solve), ("Bake in Blender", bake)]
     if args.capture is None and not args.markers:
         stages.insert(2, ("Compare with the truth", [*backend, "evaluate", str(capture), str(motion)]))

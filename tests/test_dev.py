@@ -74,7 +74,9 @@ def test_the_demo_takes_any_capture_and_says_where_results_go(dev, tmp_path, cap
     convert, solve, bake = (command for command, _ in dev.commands)
     assert convert[4:] == [str(take), "--out", str(out / "capture.npz"), "--fps=50.0", "--up-axis=-y", "--trim"]
     assert solve[-2:] == ["--backend", "torch"]
-    assert bake[4:] == [str(out / "motion.npz"), "--capture", str(out / "capture.npz"), "--out", str(out)]
+    motion, capture = str(out / "motion.npz"), str(out / "capture.npz")
+    assert bake[4:-2] == [motion, "--capture", capture, "--out", str(out)]
+    assert bake[-2:] == ["--footage-from", str(take)], "it lies in the folder that was chosen"
 
 
 def test_a_folder_that_is_not_empty_is_left_alone(dev, tmp_path, capsys):

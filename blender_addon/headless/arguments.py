@@ -62,6 +62,10 @@ def _shared_options() -> dict[str, argparse.ArgumentParser]:
     add["motion"](
         "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
     )
+    add["motion"](
+        "--footage-from", type=Path, nargs="+", default=[], metavar="DIR",
+        help="where footage of the capture may lie, beside the capture's own folder; / for anywhere",
+    )  # fmt: skip
     return shared
 
 

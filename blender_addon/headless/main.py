@@ -111,7 +111,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
         keys_per_second=options.keys_per_second, asset=options.asset, fps=options.fps,
-        overwrite=options.overwrite,
+        overwrite=options.overwrite, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -119,8 +119,9 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     request = BakeRequest(
-        options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite
-    )
+        options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite,
+        footage_from=tuple(options.footage_from),
+    )  # fmt: skip
     return run_bake(request, progress)
 
 

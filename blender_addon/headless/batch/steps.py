@@ -99,24 +99,34 @@ def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place:
 
 
 def _bake(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    return _shown(request, place, blend=True)
+    return _shown(request, capture, place, blend=True)
 
 
 def _render(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    return _shown(request, place, blend=False)
+    return _shown(request, capture, place, blend=False)
 
 
-def _shown(request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
+def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
     """Write the Blender file, or the video and the contact sheet."""
     folder, motion, copy = place.folder, *_files(place.folder)
+    footage = capture if capture.is_dir() else capture.parent
     if place.in_child:
         words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
+        words += ["--footage-from", str(footage)]
         words += ["--no-pictures"] if blend else []
         words += ["--body", str(request.body)] if request.body else []
         made = run_verb("bake" if blend else "render", words, place.progress, place.stopped)
     else:
         wanted = BakeRequest(
-            motion, folder, copy, request.body, blend=blend, video=not blend, pictures=not blend, overwrite=True
+            motion,
+            folder,
+            copy,
+            request.body,
+            blend=blend,
+            video=not blend,
+            pictures=not blend,
+            overwrite=True,
+            footage_from=(footage,),
         )
         made = run_bake(wanted, place.progress)
     return {"outputs": _inside(folder, made["outputs"]), "notes": made["notes"]}
