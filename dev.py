@@ -22,10 +22,11 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+LOCK = ROOT / "requirements-ci.lock"
 STAMP = VENV / "manifold_mocap.stamp"
 WANTED = (3, 11)
 IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
-EXTRAS = ("torch", "bpy", "capture", "train", "dev")
+EXTRAS = ("torch", "bpy", "capture", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
 VERBS = {
@@ -120,7 +121,8 @@ def set_up() -> None:
 
 def fingerprint() -> str:
     """Return what the environment depends on, as a hash."""
-    parts = ((ROOT / "pyproject.toml").read_bytes(), repr((EXTRAS, sys.version, str(ROOT))).encode())
+    lock = LOCK.read_bytes() if os.environ.get("CI") and LOCK.is_file() else b""
+    parts = ((ROOT / "pyproject.toml").read_bytes(), lock, repr((EXTRAS, sys.version, str(ROOT))).encode())
     return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 
@@ -145,8 +147,13 @@ def install() -> None:
     env.pop("UV_SYSTEM_PYTHON", None)
     pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     uv = [str(PYTHON), "-m", "uv", "pip", "install", "--python", str(PYTHON)]
-    if call([*pip, "uv>=0.5"]) == 0 and call([*uv, "--editable", project], env=env) == 0:
-        return
+    if call([*pip, "uv>=0.5"]) == 0:
+        if os.environ.get("CI") and LOCK.is_file():  # exact versions, by hash; this machine may have other archives
+            if call([*uv, "--constraint", str(LOCK), "--editable", project], env=env) == 0:
+                return
+            print("The locked versions could not be had; others within their bounds are tried.", flush=True)
+        if call([*uv, "--editable", project], env=env) == 0:
+            return
     print("uv could not be had or did not succeed; pip tries, which is slower.", flush=True)
     if call([*pip, "--editable", project], env=env) != 0:
         raise Failed(
@@ -215,6 +222,9 @@ def demo(args: argparse.Namespace) -> int:
     solve = [*backend, "solve", str(capture), "--out", str(motion), "--report", str(out / "report.html")]
     solve += ["--method", args.method, "--backend", args.backend]
     bake = [str(PYTHON), "-m", "blender_addon", "bake", str(motion), "--capture", str(capture), "--out", str(out)]
+    if args.capture is not None:
+        chosen = args.capture.resolve()
+        bake += ["--footage-from", str(chosen if chosen.is_dir() else chosen.parent)]
     stages = [("Capture", read), ("Solve", solve), ("Bake in Blender", bake)]
     if args.capture is None and not args.markers:
         stages.insert(2, ("Compare with the truth", [*backend, "evaluate", str(capture), str(motion)]))

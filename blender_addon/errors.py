@@ -103,6 +103,36 @@ class BatchInvalid(MocapError):
     code = "batch_invalid"
 
 
+class EngineMissing(MocapError):
+    """A batch was to be spread by a program that is not installed."""
+
+    code = "engine_missing"
+
+
+class SchedulerMissing(MocapError):
+    """No scheduler answers, or none that this program understands."""
+
+    code = "scheduler_missing"
+
+
+class WorkersUnsuitable(MocapError):
+    """There are no workers, or none of them can do the batch's takes."""
+
+    code = "workers_unsuitable"
+
+
+class BatchTaken(MocapError):
+    """Another batch works in the same folder of results."""
+
+    code = "batch_taken"
+
+
+class TakeUndoable(MocapError):
+    """A take of a batch has ended every worker that tried it."""
+
+    code = "take_undoable"
+
+
 class BlenderMissing(MocapError):
     """The command was started by a Python without Blender's module."""
 

@@ -74,7 +74,9 @@ def test_the_demo_takes_any_capture_and_says_where_results_go(dev, tmp_path, cap
     convert, solve, bake = (command for command, _ in dev.commands)
     assert convert[4:] == [str(take), "--out", str(out / "capture.npz"), "--fps=50.0", "--up-axis=-y", "--trim"]
     assert solve[-2:] == ["--backend", "torch"]
-    assert bake[4:] == [str(out / "motion.npz"), "--capture", str(out / "capture.npz"), "--out", str(out)]
+    motion, capture = str(out / "motion.npz"), str(out / "capture.npz")
+    assert bake[4:-2] == [motion, "--capture", capture, "--out", str(out)]
+    assert bake[-2:] == ["--footage-from", str(take)], "it lies in the folder that was chosen"
 
 
 def test_a_folder_that_is_not_empty_is_left_alone(dev, tmp_path, capsys):
@@ -158,6 +160,7 @@ def tool(dev, monkeypatch, tmp_path):
         monkeypatch.setattr(fresh, name, value)
     fresh.codes, fresh.commands = dev.codes, dev.commands
     monkeypatch.setattr(fresh, "call", dev.call)
+    monkeypatch.delenv("CI", raising=False)
     monkeypatch.setattr(fresh, "blender_error", lambda: "")
     return fresh
 
@@ -170,7 +173,7 @@ def test_set_up_installs_everything_in_one_step_and_only_once(tool, monkeypatch,
     installs = [(command, options) for command, options in tool.commands if "install" in command]
     assert [command[2] for command, _ in installs] == ["pip", "uv"]
     command, options = installs[1]
-    assert command[-2:] == ["--editable", f"{tmp_path}[torch,bpy,capture,train,dev]"]
+    assert command[-2:] == ["--editable", f"{tmp_path}[torch,bpy,capture,train,scale,dev]"]
     assert options["env"]["UV_FIND_LINKS"] == "some folder"
     before = len(tool.commands)
     tool.set_up()
@@ -178,6 +181,19 @@ def test_set_up_installs_everything_in_one_step_and_only_once(tool, monkeypatch,
     (tmp_path / "pyproject.toml").write_text("[project]\nname = 'changed'\n")
     tool.set_up()
     assert len(tool.commands) > before
+
+
+@pytest.mark.parametrize("has_archives", [True, False])
+def test_ci_installs_the_locked_versions_where_they_can_be_had(tool, monkeypatch, tmp_path, has_archives):
+    monkeypatch.setenv("CI", "true")
+    monkeypatch.setattr(tool, "PYTHON", Path(sys.executable))
+    monkeypatch.setattr(tool, "LOCK", tmp_path / "requirements-ci.lock")
+    tool.LOCK.write_text("numpy==1.26.4 --hash=sha256:0\n")
+    tool.codes |= {} if has_archives else {"--constraint": 2}
+    tool.set_up()
+    installs = [command for command, _ in tool.commands if "--editable" in command]
+    assert installs[0][installs[0].index("--constraint") + 1] == str(tool.LOCK)
+    assert ["--constraint" in command for command in installs] == ([True] if has_archives else [True, False])
 
 
 @pytest.mark.parametrize("failing", ["uv>=0.5", "uv"])

@@ -52,6 +52,7 @@ def _shared_options() -> dict[str, argparse.ArgumentParser]:
     shared = {name: argparse.ArgumentParser(add_help=False) for name in names}
     add = {name: options.add_argument for name, options in shared.items()}
     add["common"]("--json", action="store_true", help="progress and result as JSON lines on standard output")
+    add["common"]("--parent-pipe", action="store_true", help=argparse.SUPPRESS)
     add["common"]("--verbose", action="store_true", help="show what Blender prints, on standard error")
     add["body"]("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
     add["out"]("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
@@ -61,6 +62,10 @@ def _shared_options() -> dict[str, argparse.ArgumentParser]:
     add["motion"](
         "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
     )
+    add["motion"](
+        "--footage-from", type=Path, nargs="+", default=[], metavar="DIR",
+        help="where footage of the capture may lie, beside the capture's own folder; / for anywhere",
+    )  # fmt: skip
     return shared
 
 
@@ -118,7 +123,18 @@ def _add_body_options(body: argparse.ArgumentParser) -> None:
 
 def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     batch.add_argument(
-        "captures", type=Path, metavar="FOLDER", help="holds the captures: files .npz, recordings of markers, folders"
+        "captures", type=Path, nargs="?", metavar="FOLDER",
+        help="holds the captures: files .npz, recordings of markers, folders",
+    )  # fmt: skip
+    batch.add_argument("--watch", type=Path, metavar="FOLDER", help="instead: go on with what arrives there")
+    batch.add_argument("--settled", type=_positive, default=5.0, metavar="S", help="watched: unchanged for so long; 5")
+    batch.add_argument("--idle", type=_positive, metavar="S", help="stop watching when nothing arrives for so long")
+    who = batch.add_mutually_exclusive_group()
+    who.add_argument("--scheduler", default="", metavar="ADDRESS", help="spread over the workers of a Dask scheduler")
+    who.add_argument("--workers", type=_count, default=0, metavar="N", help="so many takes at a time on this machine")
+    batch.add_argument("--stretches", action="store_true", help="spread the stretches of each long take, too (Dask)")
+    batch.add_argument(
+        "--patience", type=_positive, default=60.0, metavar="S", help="wait so long for scheduler and workers; 60"
     )
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
@@ -147,6 +163,12 @@ def _betas(text: str) -> tuple[float, ...]:
     if not 1 <= len(betas) <= NUM_BETAS or not all(map(math.isfinite, betas)):
         raise argparse.ArgumentTypeError(f"{text} is not 1 to {NUM_BETAS} numbers with commas between")
     return betas
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text} is not a number from 1 to 1024")
+    return int(text)
 
 
 def _positive(text: str) -> float:

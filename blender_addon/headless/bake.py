@@ -51,6 +51,8 @@ class BakeRequest:
     """Mark the action as an asset."""
     overwrite: bool = False
     """Replace files that are there."""
+    footage_from: tuple[Path, ...] = ()
+    """Folders that footage may lie in, beside the capture's own."""
 
 
 def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
@@ -66,6 +68,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
     """
     from ..render.subject import Subject
     from ..scene.bake import BakeSettings, bake_take
+    from ..scene.footage import near_footage
     from ..scene.session import frame_viewports, fresh_scene, save_file
 
     start = time.monotonic()
@@ -73,6 +76,9 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
     body = read_body(request.body or body_path_of(motion.provenance))
     require_body(motion, body)
     capture = read_capture(request.capture) if request.capture is not None else None
+    refused: tuple[str, ...] = ()
+    if capture is not None and request.capture is not None:
+        capture, refused = near_footage(capture, (request.capture.parent, *request.footage_from))
     names = _names(request, motion)
     with atomic_outputs(request.out, tuple(names.values()), overwrite=request.overwrite) as temporary:
         scene = fresh_scene()
@@ -87,7 +93,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
         if request.blend:
             save_file(temporary[names["blend"]])
-        notes = [*take.notes, *(_deviation_notes(deviation) if request.keys_per_second is None else [])]
+        notes = [*take.notes, *refused, *(_deviation_notes(deviation) if request.keys_per_second is None else [])]
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
         "event": "result",

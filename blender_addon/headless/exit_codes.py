@@ -6,13 +6,18 @@ from .._exchange.errors import BackendMissing, Cancelled, MocapError
 from ..errors import (
     BakeFailed,
     BatchInvalid,
+    BatchTaken,
     BlenderMissing,
+    EngineMissing,
     ExporterMissing,
     ExportFailed,
     RenderFailed,
+    SchedulerMissing,
     SolverStopped,
     TakeTooLarge,
     TakeTooSlow,
+    TakeUndoable,
+    WorkersUnsuitable,
 )
 
 BROKEN = 4
@@ -30,6 +35,7 @@ one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., 
 """
 _BROKEN = (
     RenderFailed, BlenderMissing, BackendMissing, BakeFailed, ExportFailed, ExporterMissing, TakeTooSlow, TakeTooLarge,
+    TakeUndoable, EngineMissing, SchedulerMissing, WorkersUnsuitable, BatchTaken,
 )  # fmt: skip
 
 

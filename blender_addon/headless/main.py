@@ -15,15 +15,16 @@ from typing import Any
 from .._exchange.errors import Cancelled, MocapError
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
-from ..errors import BakeFailed, BlenderMissing
+from ..errors import BakeFailed, BatchInvalid, BlenderMissing
 from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake
 from .batch.limits import TakeLimits
-from .batch.request import BatchRequest
+from .batch.request import BatchRequest, Spread
 from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
+from .parent_pipe import end_with_input
 from .quiet import own_streams
 from .retarget import RetargetRequest, run_retarget
 from .solver import run_solver
@@ -47,6 +48,8 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
     if rest and options.verb not in SOLVERS_VERBS:
         parse.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
+    if options.parent_pipe:
+        end_with_input()
     with own_streams(verbose=options.verbose) as (out, err):
         lines = JsonProgress(out, _INTERVAL_S)
         progress = lines if options.json else ConsoleProgress(err, _INTERVAL_S)
@@ -108,7 +111,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
         keys_per_second=options.keys_per_second, asset=options.asset, fps=options.fps,
-        overwrite=options.overwrite,
+        overwrite=options.overwrite, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -116,8 +119,9 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     request = BakeRequest(
-        options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite
-    )
+        options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite,
+        footage_from=tuple(options.footage_from),
+    )  # fmt: skip
     return run_bake(request, progress)
 
 
@@ -148,13 +152,21 @@ def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if options.bake or options.render or options.export:
         _require_blender()
+    if (options.captures is None) == (options.watch is None):
+        raise BatchInvalid(
+            "A batch needs a folder of captures, or one to watch.", hint="batch FOLDER, or --watch FOLDER."
+        )
     formats = tuple(dict.fromkeys(options.export))
     request = BatchRequest(
-        options.captures, options.out, options.job, options.bake, options.render, formats, options.body, options.python,
-        tuple(dict.fromkeys(options.export_markers)),
+        options.captures or options.watch, options.out, options.job, options.bake, options.render, formats,
+        options.body, options.python, tuple(dict.fromkeys(options.export_markers)),
         TakeLimits(options.take_seconds, options.take_memory),
     )  # fmt: skip
-    return run_batch(request, progress)
+    spread = Spread(
+        options.scheduler, options.workers, options.watch is not None, options.settled, options.idle,
+        options.stretches, options.patience,
+    )  # fmt: skip
+    return run_batch(request, progress, spread)
 
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {

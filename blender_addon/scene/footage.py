@@ -1,10 +1,15 @@
-"""Footage on disk: a video file or a numbered sequence of images."""
+"""Footage on disk: a video file or a numbered sequence of images; and which of it a capture may name."""
 
 from __future__ import annotations
 
+import os
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from .._exchange.capture_file import CaptureFile
+from .._exchange.plain_text import plain
 
 _VIDEOS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".mts", ".wmv"})
 _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".tga", ".webp"})
@@ -37,6 +42,38 @@ def find_footage(path: Path | None) -> Footage | None:
         images = sorted((p for p in path.iterdir() if p.suffix.lower() in _IMAGES), key=_natural)
         return Footage(tuple(images)) if images else None
     return None
+
+
+def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[CaptureFile, tuple[str, ...]]:
+    """Return the capture without the footage that lies outside of some folders, and a sentence for each that does.
+
+    Somebody else's capture may name any file of this machine, or a server that would be asked with the user's name.
+    Paths are compared as text: nothing is looked for before it is allowed.
+
+    Args:
+        capture: as it was read.
+        folders: those that the user has chosen; what lies in them may be shown.
+    """
+    cameras, refused = [], []
+    for camera in capture.cameras:
+        outside = camera.footage is not None and not any(_lies_in(camera.footage, folder) for folder in folders)
+        if outside:
+            refused.append(
+                f"Camera {plain(camera.name)}: its footage lies outside of the capture's folder and was not looked "
+                f"for: {plain(str(camera.footage))}. If you trust the capture, allow footage from anywhere."
+            )
+        cameras.append(replace(camera, footage=None) if outside else camera)
+    return replace(capture, cameras=tuple(cameras)), tuple(refused)
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    """Return whether a path lies in a folder, by their names alone."""
+    full, base = (os.path.normcase(os.path.abspath(p)) for p in (path, folder))
+    if any(text.startswith(("\\\\", "//")) for text in (str(path), full)) and not base.startswith(("\\\\", "//")):
+        return False
+    if os.path.splitdrive(full)[0] != os.path.splitdrive(base)[0]:
+        return False
+    return os.path.commonpath([full, base]) == base
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

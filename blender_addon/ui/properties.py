@@ -76,6 +76,11 @@ class MocapReading(bpy.types.PropertyGroup):
     trim: bpy.props.BoolProperty(
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
     )
+    footage_anywhere: bpy.props.BoolProperty(
+        name="Footage From Anywhere",
+        description="Look for footage wherever the capture says it is, on other machines too; without, only in the "
+        "folder of the capture. Tick it for captures you trust",
+    )
     subject_prefix: bpy.props.StringProperty(
         name="Subject",
         description="Whose markers are read, by the prefix of their labels, where a file holds several people",

@@ -100,6 +100,7 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
     solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
     solve.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
+    solve.add_argument("--scheduler", metavar="ADDRESS", help="let a Dask scheduler's workers solve stretches of it")
     solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.describe_markers import describe_person
@@ -19,6 +20,9 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import READING, Job, Resolve, joint_set_named, positive_fps
 from solver_backend.types import Capture, Motion
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.keyframes.chunked import Stretches
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -37,7 +41,8 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     start = time.monotonic()
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
-        motion = solve_capture(capture, job.settings, progress, person=person).motion
+        with _stretches(args.scheduler) as each:
+            motion = solve_capture(capture, job.settings, progress, person=person, each=each).motion
     else:
         earlier = read_motion(job.resolve.motion)
         motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
@@ -50,6 +55,23 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
     files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
     return Outcome(text + files, {**written, **data, "problems": [*capture.problems, *odd]})
+
+
+@contextmanager
+def _stretches(scheduler: str | None) -> Iterator[Stretches]:
+    """Yield what solves the stretches of a long take: this process, or a cluster."""
+    from solver_backend.fitters.keyframes.chunked import in_turn
+
+    if scheduler is None:
+        yield in_turn
+        return
+    from solver_backend.cli.spread import ClusterStretches
+
+    cluster = ClusterStretches(scheduler)
+    try:
+        yield cluster
+    finally:
+        cluster.close()
 
 
 def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:

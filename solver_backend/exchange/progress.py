@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections import OrderedDict
 from typing import Any, Protocol, TextIO
 
 from .plain_text import plain
@@ -22,12 +23,16 @@ def silent(stage: str, done: int, total: int) -> None:
     """Ignore progress."""
 
 
+_STAGES = 16
+"""Stages whose beginning is remembered: a batch's own goes on between those of its takes."""
+
+
 class _Clock:
     """Time left of a stage from the share that is done."""
 
     def __init__(self) -> None:
         self._stage = ""
-        self._start = 0.0
+        self._starts: OrderedDict[str, float] = OrderedDict()
 
     def starts(self, stage: str) -> bool:
         """Return whether this is another stage than the last one."""
@@ -36,9 +41,15 @@ class _Clock:
     def eta_s(self, stage: str, done: int, total: int) -> float | None:
         """Return the seconds left of the stage, None at its start."""
         now = time.monotonic()
-        if stage != self._stage:
-            self._stage, self._start = stage, now
-        return (now - self._start) * (total - done) / done if done > 0 else None
+        self._stage = stage
+        start = self._starts.setdefault(stage, now)
+        self._starts.move_to_end(stage)
+        while len(self._starts) > _STAGES:
+            self._starts.popitem(last=False)
+        if done <= 0:
+            self._starts[stage] = now
+            return None
+        return (now - start) * (total - done) / done
 
 
 class ConsoleProgress:

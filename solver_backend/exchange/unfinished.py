@@ -54,25 +54,31 @@ def unfinished_names(folder: Path) -> Iterator[str]:
     Raises:
         OSError: the folder cannot be written to.
     """
-    sweep(folder)
     lock, handle = _new_lock(folder)
     try:
+        sweep(folder, os.fstat(handle).st_mtime)
         yield f"{lock.name}_"
     finally:
         _remove(lock)
         os.close(handle)
 
 
-def sweep(folder: Path) -> None:
-    """Remove what processes that are gone have left in a folder."""
+def sweep(folder: Path, now: float | None = None) -> None:
+    """Remove what processes that are gone have left in a folder.
+
+    Args:
+        folder: where to look.
+        now: the time by the folder's own clock, which may be another machine's; None for this one's.
+    """
+    now = time.time() if now is None else now
     with suppress(OSError):
         for path in [path for path in folder.iterdir() if is_leftover(path.name)]:
             with suppress(OSError):
-                _sweep_one(path)
+                _sweep_one(path, now)
 
 
-def _sweep_one(path: Path) -> None:
-    age = time.time() - path.lstat().st_mtime
+def _sweep_one(path: Path, now: float) -> None:
+    age = now - path.lstat().st_mtime
     if age < _YOUNG_S or not stat.S_ISREG(path.lstat().st_mode):
         return
     if _LOCK.fullmatch(path.name) is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from solver_backend import __version__
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.global_method import solve_by_bundle
 from solver_backend.fitters.keyframes.resolve_range import solve_range
@@ -46,7 +48,7 @@ _FIND_THE_SHAPE = ("noise-aware",)
 
 def solve(
     capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
-    prior: AutoencodingPrior | None = None, person: MarkerSubject | None = None,
+    prior: AutoencodingPrior | None = None, person: MarkerSubject | None = None, each: Stretches = in_turn,
 ) -> Solution:  # fmt: skip
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
@@ -56,6 +58,7 @@ def solve(
         progress: called as stages advance.
         prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
         person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
+        each: solves the stretches of a long take, on other machines perhaps; the global method's alone.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -67,12 +70,13 @@ def solve(
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
     problem = prepare(capture, settings, progress, prior, person)
-    return solve_problem(problem, settings, progress, _sources(capture, settings))
+    return solve_problem(problem, settings, progress, _sources(capture, settings), each)
 
 
 def solve_problem(
-    problem: Problem, settings: SolveSettings, progress: Progress = silent, provenance: Mapping[str, Any] | None = None
-) -> Solution:
+    problem: Problem, settings: SolveSettings, progress: Progress = silent,
+    provenance: Mapping[str, Any] | None = None, each: Stretches = in_turn,
+) -> Solution:  # fmt: skip
     """Solve the motion of the person from measurements of any kind.
 
     Args:
@@ -80,11 +84,13 @@ def solve_problem(
         settings: method and the rest.
         progress: called as stages advance.
         provenance: what the motion records besides.
+        each: solves the stretches of a long take; the global method's alone.
     """
     subject = first_subject(problem, settings)
     if settings.method not in _FIND_THE_SHAPE:
         subject = learn_subject(problem, subject, settings, progress)
-    solved, convergence = _METHODS[settings.method](problem, subject, settings, progress)
+    method = partial(solve_by_bundle, each=each) if settings.method == "global" else _METHODS[settings.method]
+    solved, convergence = method(problem, subject, settings, progress)
     prior = pose_prior() if settings.method == "noise-aware" else problem.prior
     record = {
         "solver": __version__,

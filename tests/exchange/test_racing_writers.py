@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -124,6 +125,43 @@ def test_leftovers_are_swept_when_old_and_block_nothing(tmp_path: Path) -> None:
     assert mine.exists()
     assert not is_free(tmp_path)
     assert is_free(tmp_path / "nowhere")
+
+
+def test_ages_are_told_by_the_folders_clock_not_by_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another machine's clock may be days ahead: the files of those who are at work are not old for that."""
+    young = aged(tmp_path / ".part-fedcba9876543210_x.txt", 5)
+    wall = time.time
+    monkeypatch.setattr(unfinished.time, "time", lambda: wall() + 10 * 86400)
+    write_text(tmp_path / "x.txt", "x")
+    assert young.exists()
+
+
+NAMESPACE = ("unshare", "--pid", "--fork")
+HOST = """
+import os, sys, time
+from pathlib import Path
+from solver_backend.exchange.outputs import write_text
+assert os.getpid() == 1
+end = time.monotonic() + 2.0
+while time.monotonic() < end:
+    write_text(Path(sys.argv[1]) / "x.txt", sys.argv[2] * 300_000, overwrite=True)
+"""
+
+
+@pytest.mark.skipif(
+    not shutil.which("unshare") or subprocess.run([*NAMESPACE, "true"], capture_output=True).returncode != 0,
+    reason="hosts of their own need a PID namespace each",
+)
+def test_hosts_whose_writers_have_the_same_pid_damage_no_read(tmp_path: Path) -> None:
+    write_text(tmp_path / "x.txt", "a" * 300_000)
+    hosts = [subprocess.Popen([*NAMESPACE, sys.executable, "-c", HOST, str(tmp_path), name]) for name in "abc"]
+    reads = 0
+    while any(host.poll() is None for host in hosts):
+        text = (tmp_path / "x.txt").read_bytes()
+        assert len(text) == 300_000 and len(set(text)) == 1
+        reads += 1
+    assert [host.returncode for host in hosts] == [0, 0, 0] and reads > 50
+    assert names(tmp_path) == ["x.txt"]
 
 
 def test_a_name_that_is_taken_meanwhile_is_kept(tmp_path: Path) -> None:

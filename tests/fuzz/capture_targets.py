@@ -86,6 +86,24 @@ TARGETS: tuple[Target, ...] = (
         odd_recordings.TRIALS,
     ),
     Target(
+        "tracked points",
+        (
+            odd_recordings.table(),
+            odd_recordings.table("cam_id", points=17),
+        ),
+        lambda f: load_capture(next(f.rglob("xy_POSE.csv"))),
+        {".csv": "text", ".toml": "text"},
+        6,
+        (*odd_recordings.TABLES, odd_recordings.table(rate=""), odd_recordings.table(points=20)),
+    ),
+    Target(
+        "tracked points, told",
+        (odd_recordings.table(rate=""),),
+        lambda f: load_capture(next(f.rglob("xy_POSE.csv")).parent, fps=50.0, up_axis="z", unit="m"),
+        {".csv": "text", ".toml": "text"},
+        3,
+    ),
+    Target(
         "calibration, told",
         (file("a.toml", toml_text(_CAMERAS, scale=1000.0)),),
         lambda f: read_calibration(f / "a.toml", unit="mm", up_axis="-y"),

@@ -17,10 +17,13 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.npz import read_npz
 from solver_backend.io.load import load_motion
 from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.io.native.subject_file import read_subject
+from solver_backend.io.recognition.motion_checks import motion_problems
 from solver_backend.job import Job
 from solver_backend.priors.svae import load_svae
 from solver_backend.priors.weights import arrays_hash
 from tests.body.oracle import model
+from tests.fuzz import odd_motions
 from tests.fuzz.target import Target, Write, file
 from tests.support.pickle_bytes import chumpy, column, sparse
 from tests.support.random_weights import write_random
@@ -140,18 +143,44 @@ TARGETS: tuple[Target, ...] = (
         _NPZ,
         16,
     ),
-    Target("motion file", (_motion(), _motion(False)), lambda f: load_motion(f / "a.npz"), _NPZ, 10),
-    Target("motion file, strict", (_motion(), _motion(False)), lambda f: read_motion(f / "a.npz"), _NPZ, 10),
+    Target(
+        "motion file",
+        (_motion(), _motion(False)),
+        lambda f: motion_problems(load_motion(f / "a.npz")),
+        _NPZ,
+        10,
+        odd_motions.MOTIONS,
+    ),
+    Target(
+        "motion file, strict",
+        (_motion(), _motion(False)),
+        lambda f: read_motion(f / "a.npz"),
+        _NPZ,
+        10,
+        (_amass(), *odd_motions.MOTIONS),
+    ),
+    Target(
+        "subject file", odd_motions.SUBJECTS, lambda f: read_subject(f / "a.npz"), _NPZ, 10, odd_motions.ODD_SUBJECTS
+    ),
     Target(
         "motion file, shown",
         (_motion(), _amass(), _amass(parts=True)),
         lambda f: motion_file.is_motion(f / "a.npz") and motion_file.read_motion(f / "a.npz"),
         _NPZ,
         10,
+        odd_motions.MOTIONS,
     ),
     Target("body .npz", (_body("SMPL"), _body("SMPL-H")), lambda f: load_smpl_file(f / "a.npz"), _NPZ, 8),
     Target(
         "body .npz, relaxed hands", (_body("SMPL-X"),), lambda f: load_smpl_file(f / "a.npz", flat_hands=False), _NPZ, 4
+    ),
+    Target(
+        "body .npz, one family",
+        (_body("SMPL"),),
+        lambda f: load_smpl_file(f / "a.npz", family="SMPL"),
+        _NPZ,
+        2,
+        (_body("SMPL-H"), odd_motions.changed(_body("SMPL"), kintree_table=None)),
     ),
     Target("body .npz, shown", (_body("SMPL"), _body("SMPL-H")), lambda f: read_body(f / "a.npz"), _NPZ, 8),
     Target(
@@ -163,7 +192,14 @@ TARGETS: tuple[Target, ...] = (
         tuple(file("a.pkl", content) for content in _ODD_PICKLES),
     ),
     Target("weights", (lambda f: write_random(f / "a.npz", "svae"),), _read_weights_as_if_whole, _NPZ, 8),
-    Target("job file", (_job,), lambda f: Job.read(f / "job.json"), {".json": "json"}, 50),
+    Target(
+        "job file",
+        (_job,),
+        lambda f: Job.read(f / "job.json").as_dict(),
+        {".json": "json"},
+        50,
+        (*odd_motions.JOBS, *odd_motions.NO_JOBS),
+    ),
     Target("record of a batch", (_record,), read_record, {".json": "json"}, 20),
 )
 """The add-on's readers of captures and motions are those of ``exchange``; bodies it reads by itself."""

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.types import Cameras, JointSet
-from tests.fuzz.target import Write
+from solver_backend.types import Cameras, Capture, JointSet
+from tests.fuzz.odd_motions import changed
+from tests.fuzz.target import Write, file
 from tests.support.calibration_files import json_text, qca_text, toml_text, yaml_camera
-from tests.support.scenes import detected, ring_of_cameras, small_capture, walker
+from tests.support.scenes import detected, ring_of_cameras, small_capture, small_markers, walker
 from tests.support.trial_files import mp4_bytes, renamed, write_trial
 
 People = list[dict[str, Any]]
@@ -93,6 +94,18 @@ def _footage(trial: Path) -> None:
     (trial / "videos" / "cam02.mp4").write_bytes(mp4_bytes(25, 5, (640, 640)))
 
 
+def _footage_of(scale: int) -> Callable[[Path], object]:
+    """Return what adds videos of another size in the cameras' shape, in whose pixels the detections are."""
+
+    def change(trial: Path) -> None:
+        (trial / "videos").mkdir()
+        width, height = (scale * int(n) for n in _CAMERAS.image_size[0])
+        (trial / "videos" / "cam01.mp4").write_bytes(mp4_bytes(30, 5, (width, height)))
+        _people(lambda people: (_scaled(scale, 0)(people), _scaled(scale, 1)(people)))(trial)
+
+    return change
+
+
 def _pictures(trial: Path) -> None:
     for name in _NAMES:
         (trial / "images" / name).mkdir(parents=True)
@@ -144,6 +157,10 @@ CAMERAS = (
 )
 """TOML of cameras that state their values in other ways, or wrongly."""
 TRIALS: tuple[Write, ...] = (
+    _trial(_footage_of(2)),
+    _trial(_people(_scaled(float("inf"), 0))),
+    _trial(lambda trial: [path.unlink() for path in (trial / "pose").rglob("*.json")]),
+    _trial(lambda trial: (trial / "calibration" / "Calib.toml").unlink()),
     _trial(lambda trial: None, names=_THREE, calibrated=("cam_1", "cam_2", "cam_3")),
     _trial(_turned_third, names=_THREE, calibrated=("cam_1", "cam_2", "cam_3")),
     _trial(lambda trial: None, calibrated=None),
@@ -185,7 +202,7 @@ TRIALS: tuple[Write, ...] = (
 """What is called ``trial`` in the folder."""
 
 
-def _capture(**changed: Callable[[Any], Any]) -> Write:
+def _capture(**told: Callable[[Any], Any]) -> Write:
     """Return what writes a capture whose cameras are changed, or whose keypoints are."""
 
     def write(folder: Path) -> None:
@@ -193,8 +210,8 @@ def _capture(**changed: Callable[[Any], Any]) -> Write:
         points = walker(JointSet.COCO_17, 2, (0.0, 0.0), (0.1, 0.0))
         xy, confidence = detected(base.cameras, points, np.random.default_rng(0))
         keypoints = replace(base.keypoints, xy=xy, confidence=confidence)
-        of_cameras = {key: value for key, value in changed.items() if hasattr(base.cameras, key)}
-        others = {key: value for key, value in changed.items() if key not in of_cameras}
+        of_cameras = {key: value for key, value in told.items() if hasattr(base.cameras, key)}
+        others = {key: value for key, value in told.items() if key not in of_cameras}
         keypoints = replace(keypoints, **{key: value(getattr(keypoints, key)) for key, value in others.items()})
         cameras = replace(base.cameras, **{key: value(getattr(base.cameras, key)) for key, value in of_cameras.items()})
         write_capture(folder / "a.npz", replace(base, cameras=cameras, keypoints=keypoints))
@@ -211,7 +228,25 @@ def _set(place: Any, value: float) -> Callable[[np.ndarray], np.ndarray]:
     return change
 
 
+def _markers_as(**arrays: object) -> Write:
+    """Return what writes a capture of markers and changes its arrays."""
+    return changed(lambda folder: write_capture(folder / "a.npz", Capture("m", markers=small_markers())), **arrays)
+
+
+_PLAIN = small_capture(2, views=2)
+_FORGED: tuple[dict[str, Any], ...] = (
+    {"K": -_PLAIN.cameras.K}, {"K": _PLAIN.cameras.K * np.nan}, {"K": _PLAIN.cameras.K[:1]}, {"K": None},
+    {"image_size": [[0, 0], [0, 0]]}, {"image_size": [["a", "b"], ["c", "d"]]}, {"footage": ["a.mp4"]},
+    {"distortion_model": "other"}, {"confidence": None}, {"confidence": np.zeros((2, 2, 3))}, {"xy": np.zeros((2, 2))},
+    {"camera_names": ["a", "a"]}, {"camera_names": ["", ""]}, {"joint_set": "NONE"}, {"fps": 0.0}, {"fps": "fast"},
+    {"footage": ["/elsewhere/a.mp4", "..\\b.mp4"]}, {"name": 3}, {"sources": 1},
+)  # fmt: skip
 CAPTURES: tuple[Write, ...] = (
+    *(changed(lambda folder: write_capture(folder / "a.npz", _PLAIN), **forged) for forged in _FORGED),
+    _markers_as(marker_labels=["C7", "C7", ""]),
+    _markers_as(marker_labels=["C7"]),
+    _markers_as(markers=np.zeros((5, 3))),
+    _markers_as(markers=np.full((5, 3, 3), np.inf)),
     _capture(),
     _capture(K=_set((0, 2, 0), 3.0)),
     _capture(K=_set((0, 0, 0), 3.0)),
@@ -233,3 +268,31 @@ CAPTURES: tuple[Write, ...] = (
     _capture(xy=lambda xy: xy[::-1]),
     _capture(xy=lambda xy: xy[:, :1], confidence=lambda c: c[:, :1]),
 )
+
+_HEADER = "sync_index,port,point_id,img_loc_x,img_loc_y\n"
+TABLES: tuple[Write, ...] = tuple(
+    file("xy_POSE.csv", text)
+    for text in (
+        "", "a,b\n1,2\n", _HEADER, f"{_HEADER}1,0,0,5\n", f"{_HEADER}1,0,left,5,5\n", f"{_HEADER}1,0,0.5,5,5\n",
+        f"{_HEADER}1,0,0,5,5\n99999999,0,0,5,5\n", f"{_HEADER}1,0,501,5,5\n", f"{_HEADER}1,0,1e30,5,5\n",
+        f"{_HEADER}1,0,0,,5\n",
+    )
+)  # fmt: skip
+"""Tables of tracked points that cannot be read."""
+
+
+def table(camera: str = "port", rate: str = "fps_recording = 24\n", points: int = 33) -> Write:
+    """Return what writes a project of two cameras with one table of tracked points."""
+
+    def write(folder: Path) -> None:
+        place = folder / "project" / "recordings" / "walk" / "POSE"
+        place.mkdir(parents=True)
+        text = toml_text(renamed(_CAMERAS, ("cam_0", "cam_1")), nested=True)
+        (folder / "project" / "config.toml").write_text(rate + text)
+        rows = [
+            f"{f},{c},{f},0.1,{k},{300 + 7 * k},{400 + 5 * k}" for f in (3, 4) for c in (0, 1) for k in range(points)
+        ]
+        header = f"sync_index,{camera},frame_index,frame_time,point_id,img_loc_x,img_loc_y"
+        (place / "xy_POSE.csv").write_text("\n".join([header, *rows, "4,0,4,0.1,104,10,10"]) + "\n")
+
+    return write

@@ -29,7 +29,8 @@ _READERS = (
 _NO_READERS = frozenset({"choices.py", "c3d_writer.py", "trc_writer.py"})
 _NOT_READING = frozenset(
     {
-        "write_npz", "write_capture", "write_motion", "write_weights", "write_sequence", "motion_of", "as_motion",
+        "write_npz", "write_capture", "write_motion", "write_subject", "write_weights", "write_sequence", "motion_of",
+        "as_motion",
         "rest_joints", "default_body_path", "positions", "_plain",
     }
 )  # fmt: skip

@@ -91,7 +91,7 @@ OPERATIONS: tuple[Operation, ...] = (
         ("-m", "blender_addon", "batch", "captures", "--out", "out", "--job", "job.json"),
         frozenset(
             {f"out/{take}/{name.format(take)}" for take in "ab" for name in _OF_A_TAKE}
-            | {"out/summary.json", "out/summary.txt"}
+            | {"out/summary.json", "out/summary.txt", "out/summary.html"}
         ),
     ),
     Operation(

@@ -1,4 +1,8 @@
-"""What a batch knows about a take it has done: what it was made from, and how it went."""
+"""What a batch knows about a take it has done: what each step was made from, and how it went.
+
+A take's record is the only state of a batch, whoever works on it: a step is done if the record holds its key and the
+files it wrote are there. Keys follow from the inputs, the settings and the version, never from a clock of this machine.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,23 @@ def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
     stated = [(p.relative_to(capture.parent).as_posix(), *_size_and_time(p)) for p in files if p.is_file()]
     whole = json.dumps([stated, choices, version()], sort_keys=True)
     return hashlib.sha256(whole.encode()).hexdigest()
+
+
+def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
+    """Return the key of a step that works on what another step has made.
+
+    Args:
+        before: key of that other step.
+        step: its name.
+        choices: what decides on its outputs, as plain values.
+    """
+    return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()
+
+
+def is_step_done(record: dict[str, Any], folder: Path, step: str, key: str) -> bool:
+    """Return whether a step's outputs are there, made from just this."""
+    kept = (record.get("steps") or {}).get(step) or {}
+    return kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 
 
 def version() -> str:

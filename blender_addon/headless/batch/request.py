@@ -44,11 +44,50 @@ class BatchRequest:
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Of the solver for each take; a take that was done within others is not done again."""
 
+    def plain(self) -> dict[str, Any]:
+        """Return the request for another process or machine: plain values, paths from the root."""
+        paths = {name: getattr(self, name) for name in ("captures", "out", "body")}
+        whole = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
+        return {
+            **whole, "bake": self.bake, "render": self.render, "formats": list(self.formats),
+            "marker_formats": list(self.marker_formats), "python": None if self.python is None else str(self.python),
+            "limits": [self.limits.seconds, self.limits.memory_mb],
+        }  # fmt: skip
+
+    @classmethod
+    def from_plain(cls, values: dict[str, Any]) -> BatchRequest:
+        """Return the request that ``plain`` has written; the job file's settings travel as choices."""
+        body, python = (Path(values[name]) if values[name] else None for name in ("body", "python"))
+        return cls(
+            Path(values["captures"]), Path(values["out"]), None, values["bake"], values["render"],
+            tuple(values["formats"]), body, python, tuple(values["marker_formats"]), TakeLimits(*values["limits"]),
+        )  # fmt: skip
+
     def choices(self) -> dict[str, Any]:
         """Return what decides what is made of a capture, as plain values."""
         plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": _shared(self.job)}
         plain |= {"markers": self.marker_formats} if self.marker_formats else {}
         return {**plain, "body": str(self.body), "python": str(self.python)}
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Who does the takes of a batch, and until when."""
+
+    scheduler: str = ""
+    """Address of a Dask scheduler, or the path of its file; "" for none."""
+    workers: int = 0
+    """Takes at a time on this machine; 0 does one after the other in this process."""
+    watch: bool = False
+    """Go on with what arrives in the folder."""
+    settled_s: float = 5.0
+    """A capture has arrived when it has not changed for so long."""
+    idle_s: float | None = None
+    """Stop watching when nothing has arrived for so long; None for never."""
+    stretches: bool = False
+    """Let the cluster's workers solve stretches of long takes, too."""
+    patience_s: float = 60.0
+    """How long to wait for a scheduler that is gone, and for workers."""
 
 
 def find_captures(request: BatchRequest) -> list[Path]:
@@ -61,13 +100,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
         raise BatchInvalid(
             "There is no such folder.", where=str(request.captures), hint="Name the folder of the captures."
         )
-    found = [
-        path
-        for path in sorted(request.captures.iterdir())
-        if (path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES))
-        and not path.name.startswith(".")
-        and path.resolve() != request.out.resolve()
-    ]
+    found = captures_in(request)
     names = [take_name(path) for path in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not found:
@@ -77,6 +110,22 @@ def find_captures(request: BatchRequest) -> list[Path]:
             hint=f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders, each with a name of its own.",
         )
     return found
+
+
+def captures_in(request: BatchRequest) -> list[Path]:
+    """Return what the folder holds of captures, by name; nothing where it cannot be looked into."""
+    try:
+        paths = sorted(request.captures.iterdir())
+    except OSError:
+        return []
+    out = request.out.resolve()
+    return [
+        path
+        for path in paths
+        if (path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES))
+        and not path.name.startswith(".")
+        and path.resolve() != out
+    ]
 
 
 def take_name(capture: Path) -> str:

@@ -2,45 +2,109 @@
 
 from __future__ import annotations
 
-import json
 import time
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
-from ..._exchange.outputs import atomic_outputs, is_free
+from ..._exchange.outputs import is_free
 from ..._exchange.progress import Progress
-from ..bake import BakeRequest, run_bake
 from ..exit_codes import BROKEN, exit_code
-from ..export import ExportRequest, run_export
-from ..solver import run_solver
-from .limits import TakeWatch
-from .record import fingerprint, read_record, write_record
-from .request import READING, BatchRequest, take_name
+from .record import is_step_done, read_record, write_record
+from .request import BatchRequest, take_name
+from .steps import NAMES, Place, Step, do_step, steps_of
+
+UNFINISHED = "unfinished"
+"""Status of a take that somebody works on, or was working on when it was interrupted."""
+_KEPT_ATTEMPTS = 20
 
 
-def run_take(request: BatchRequest, choices: dict[str, Any], capture: Path, progress: Progress) -> dict[str, Any]:
-    """Do one take, or recall it; errors become part of its record."""
+def run_take(
+    request: BatchRequest, choices: dict[str, Any], capture: Path, progress: Progress, **place: Any
+) -> dict[str, Any]:
+    """Do all steps of one take, or recall it; errors become part of its record.
+
+    Args:
+        request: the batch.
+        choices: what decides what is made of a capture.
+        capture: file or folder.
+        progress: told how far each stage has come.
+        place: see ``run_step``.
+
+    Returns:
+        The take's record; its status is done, skipped or failed.
+    """
+    record = recalled(request, choices, capture)
+    if record is not None:
+        return record
+    for step in NAMES:
+        record = run_step(request, choices, capture, step, progress, **place)
+        if record["status"] != UNFINISHED:
+            break
+    assert record is not None
+    return record
+
+
+def recalled(request: BatchRequest, choices: dict[str, Any], capture: Path) -> dict[str, Any] | None:
+    """Return the record of a take that is done or was set aside, None where there is something to do."""
+    folder = request.out / take_name(capture)
+    known = read_record(folder) or {}
+    try:
+        steps = steps_of(request, choices, capture)
+    except OSError:
+        return None
+    if known.get("status") == "set aside" and known.get("inputs") == steps[0].key:
+        return known
+    done = known.get("status") == "done" and all(is_step_done(known, folder, s.name, s.key) for s in steps)
+    return {**known, **_whole(known, folder, steps), "status": "skipped"} if done else None
+
+
+def run_step(
+    request: BatchRequest, choices: dict[str, Any], capture: Path, step: str, progress: Progress, *,
+    worker: str = "", stopped: Callable[[], MocapError | None] = lambda: None, in_child: bool = False,
+    scheduler: str = "",
+) -> dict[str, Any]:  # fmt: skip
+    """Do one step of a take, unless it is done or not wanted, and return the take's record.
+
+    It may be run twice, by anybody: what it writes is named when it is whole, and the record is written last.
+
+    Args:
+        request: the batch.
+        choices: what decides what is made of a capture.
+        capture: file or folder.
+        step: its name.
+        progress: told how far each stage has come.
+        worker: who does it, for the record.
+        stopped: see ``Place``.
+        in_child: see ``Place``.
+        scheduler: see ``Place``.
+
+    Raises:
+        Cancelled: the work was interrupted.
+    """
     name = take_name(capture)
     folder = request.out / name
-    record: dict[str, Any] = {"take": name, "capture": str(capture), "status": "failed"}
+    record: dict[str, Any] = {"take": name, "capture": str(capture)}
     start = time.monotonic()
 
     def of_take(stage: str, done: int, total: int) -> None:
         progress(f"{name}: {stage}", done, total)
 
     try:
-        record["inputs"] = fingerprint(capture, choices)
-        known = _known(folder)
-        if _is_done(known, record["inputs"]):
-            return {**known, "status": "skipped"}
-        write_record(folder, record)
-        record |= _made(request, choices, capture, folder, of_take)
-        record |= {"status": "done", "seconds": round(time.monotonic() - start, 2)}
-        write_record(folder, record)
+        wanted = steps_of(request, choices, capture)
+        record |= _known(folder, wanted)
+        mine = next((one for one in wanted if one.name == step), None)
+        if mine is not None and not is_step_done(record, folder, mine.name, mine.key):
+            record = _begun(record, folder, step, worker)
+            made = do_step(request, choices, capture, step, Place(folder, of_take, stopped, in_child, scheduler))
+            record = _ended(record, mine, made, time.monotonic() - start)
+        if all(is_step_done(record, folder, s.name, s.key) for s in wanted):
+            record |= {**_whole(record, folder, wanted), "status": "done"}
+        if mine is not None:
+            write_record(folder, record)
         return record
     except Cancelled:
         raise
@@ -49,15 +113,22 @@ def run_take(request: BatchRequest, choices: dict[str, Any], capture: Path, prog
     except Exception as error:  # what breaks one take must not stop the others
         traceback.print_exc()
         failure = {"code": "take_failed", "message": f"{type(error).__name__}: {error}", "exit_code": BROKEN}
-    record |= {"status": "failed", "error": failure}
+    return failed(record, folder, failure)
+
+
+def failed(record: dict[str, Any], folder: Path, failure: dict[str, Any], status: str = "failed") -> dict[str, Any]:
+    """Return a take's record with what went wrong, and keep it where the folder is ours and can be written to."""
+    record = {**record, "status": status, "error": failure}
+    if record.get("attempts"):
+        record["attempts"][-1] |= {"how": failure["code"], "message": failure["message"]}
     with suppress(OutputNotWritable):
         if read_record(folder) is not None:
             write_record(folder, record)
     return record
 
 
-def _known(folder: Path) -> dict[str, Any]:
-    """Return the record of a take's folder, an empty one for a folder that is new.
+def _known(folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
+    """Return what is still true of the record of a take's folder, nothing for a folder that is new.
 
     Raises:
         OutputExists: the folder holds files that are not ours.
@@ -67,69 +138,32 @@ def _known(folder: Path) -> dict[str, Any]:
         raise OutputExists(
             "The take's folder holds files that no batch has written.", where=str(folder), hint="Choose another --out."
         )
-    return known or {}
+    inputs = wanted[0].key
+    same = known is not None and known.get("inputs") == inputs
+    kept = {name: known[name] for name in ("steps", "attempts", "solve") if name in known} if known and same else {}
+    return {"status": UNFINISHED, "inputs": inputs, **kept}
 
 
-def _is_done(known: dict[str, Any], inputs: str) -> bool:
-    same = known.get("status") == "done" and known.get("inputs") == inputs
-    return same and all(Path(path).is_file() for path in known["outputs"])
+def _begun(record: dict[str, Any], folder: Path, step: str, worker: str) -> dict[str, Any]:
+    """Return the record, written, of a take that somebody works on: a step without an end was interrupted."""
+    attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
+    record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
+    write_record(folder, record)
+    return record
 
 
-def _made(
-    request: BatchRequest, choices: dict[str, Any], capture: Path, folder: Path, progress: Progress
-) -> dict[str, Any]:
-    """Convert, solve, bake, render and export one capture, and return what goes into its record."""
-    name, shared = folder.name, choices["settings"]
-    copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
-    said = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
-    reading = [text for option in said.items() for text in option]
-    reading += ["--trim"] if shared.get("trim") else []
-    solver = partial(
-        run_solver, progress=progress, python=request.python, over_limit=TakeWatch(request.limits).over_limit
-    )
-    solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
-    job_file = _write_job(folder, copy, motion, page, shared)
-    solved = solver("solve", ["--job", str(job_file)])
-    outputs, notes = [str(copy), str(job_file), str(motion), str(page)], list(solved.get("problems", []))
-    if request.bake or request.render:
-        wanted = BakeRequest(
-            motion,
-            folder,
-            copy,
-            request.body,
-            blend=request.bake,
-            video=request.render,
-            pictures=request.render,
-            overwrite=True,
-        )
-        baked = run_bake(wanted, progress)
-        outputs, notes = outputs + baked["outputs"], notes + baked["notes"]
-    if request.formats:
-        exports = folder / "export"
-        exported = run_export(ExportRequest(motion, exports, request.formats, request.body, overwrite=True), progress)
-        outputs += exported["outputs"]
-    outputs += _exported_markers(request, motion, solved, progress)
-    figures = {key: value for key, value in solved.items() if key != "event"}
-    return {"solve": figures, "outputs": outputs, "notes": notes}
+def _ended(record: dict[str, Any], step: Step, made: dict[str, Any], seconds: float) -> dict[str, Any]:
+    kept = {"key": step.key, "outputs": made["outputs"], "notes": made["notes"], "seconds": round(seconds, 2)}
+    figures = {"solve": made["figures"]} if "figures" in made else {}
+    record["attempts"][-1]["how"] = "done"
+    return {**record, **figures, "steps": {**record.get("steps", {}), step.name: kept}}
 
 
-def _exported_markers(request: BatchRequest, motion: Path, solved: dict[str, Any], progress: Progress) -> list[str]:
-    """Write the cleaned markers of a take that was solved from markers, and return the files."""
-    paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
-    if solved.get("marker_median_mm") is None:
-        return []
-    for path in paths:
-        options = [str(motion), "--out", str(path), "--overwrite"]
-        run_solver("export-markers", options, progress, python=request.python)
-    return [str(path) for path in paths]
-
-
-def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: dict[str, Any]) -> Path:
-    path = folder / f"{folder.name}.job.json"
-    values = {
-        "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
-        "overwrite": True, "settings": shared.get("settings") or {},
-    }  # fmt: skip
-    with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
-        temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
-    return path
+def _whole(record: dict[str, Any], folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
+    """Return what the wanted steps have made together."""
+    steps = [record["steps"][step.name] for step in wanted]
+    return {
+        "outputs": [str(folder / name) for step in steps for name in step["outputs"]],
+        "notes": [note for step in steps for note in step["notes"]],
+        "seconds": round(sum(step["seconds"] for step in steps), 2),
+    }

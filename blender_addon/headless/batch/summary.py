@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-_HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
+_BAD = ("failed", "set aside", "unfinished")
+HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
+"""Columns of the table."""
 _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
 """Figures of a solve that say how far it is from what was measured, by their unit."""
 
@@ -13,19 +15,20 @@ _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
 def worst_first(takes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the takes sorted: failed ones, then by residual, then by the share of frames that deserve a look."""
     return sorted(
-        takes, key=lambda take: (take["status"] != "failed", -_residual(take), -_doubtful(take), take["take"])
+        takes, key=lambda take: (take["status"] not in _BAD, -_residual(take), -_doubtful(take), take["take"])
     )
 
 
 def table(takes: Sequence[dict[str, Any]]) -> str:
     """Return the takes as aligned columns of text."""
-    rows = [_HEAD, *(_row(take) for take in takes)]
-    widths = [max(len(row[c]) for row in rows) for c in range(len(_HEAD))]
+    rows = [HEAD, *(cells(take) for take in takes)]
+    widths = [max(len(row[c]) for row in rows) for c in range(len(HEAD))]
     lines = ["  ".join(_padded(cell, widths[c], c) for c, cell in enumerate(row)).rstrip() for row in rows]
     return "\n".join(lines)
 
 
-def _row(take: dict[str, Any]) -> tuple[str, ...]:
+def cells(take: dict[str, Any]) -> tuple[str, ...]:
+    """Return a take's row of the table."""
     solved = take.get("solve") or {}
     frames, unsure, bridged = (_text(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
@@ -35,7 +38,7 @@ def _row(take: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _padded(cell: str, width: int, column: int) -> str:
-    return cell.rjust(width) if 2 <= column < len(_HEAD) - 1 else cell.ljust(width)
+    return cell.rjust(width) if 2 <= column < len(HEAD) - 1 else cell.ljust(width)
 
 
 def _text(value: float | None) -> str:

@@ -74,7 +74,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         from .import_results import frame_capture, set_up_said, take_capture, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
-        stage = take_capture(context.scene, result)
+        stage = take_capture(context.scene, result, self._source)
         context.scene.mocap.capture.source = stored(self._source)
         frame_capture(context, stage)
         problems = len(result["problems"])

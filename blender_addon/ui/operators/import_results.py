@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.capture_stage import CaptureStage, set_stage
+from ...scene.footage import near_footage
 from ...scene.marker_cloud import marker_positions
 from ...scene.replaced_stage import replace_stage
 from ...scene.users_state import is_untouched, undisturbed
@@ -29,18 +31,22 @@ from ..project_files import bring_home
 from .marker_results import take_markers
 
 
-def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage:
+def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | None = None) -> CaptureStage:
     """Set up a capture the solver has read, and keep what it said in the scene's settings.
 
     Args:
         scene: the scene.
         result: result event of the verb ``convert``.
+        source: what the user chose to be read; footage may lie in its folder.
 
     Raises:
         MocapError: the capture file is missing or wrong.
     """
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
+    refused: tuple[str, ...] = ()
+    if not settings.reading.footage_anywhere:
+        file, refused = near_footage(file, [path.parent, *_folder_of(source)])
     known = next((i for i, capture in enumerate(settings.captures) if file_of(capture.file) == path), None)
     former = None if known is None else settings.captures[known]
     take_over = takes_over(scene, scene.mocap.reading.scene_setup)
@@ -58,7 +64,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
     take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
-    for problem in (*result["problems"], *stage.notes):
+    for problem in (*result["problems"], *stage.notes, *refused):
         _say(capture, problem, is_problem=True)
     for note in result["notes"]:
         _say(capture, note, is_problem=False)
@@ -76,6 +82,12 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
     review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     bring_home()
     return stage
+
+
+def _folder_of(source: Path | None) -> list[Path]:
+    if source is None:
+        return []
+    return [source if source.is_dir() else source.parent]
 
 
 def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
@@ -151,10 +163,15 @@ def add_motion(
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance))
     source = read_capture(capture) if capture else None
+    refused: tuple[str, ...] = ()
+    if source is not None and capture is not None and not context.scene.mocap.reading.footage_anywhere:
+        source, refused = near_footage(source, [capture.parent])
     if not settings.set_scene:
         with undisturbed(context):
-            return bake_take(context.scene, motion, figure, source, settings)
+            take = bake_take(context.scene, motion, figure, source, settings)
+        return replace(take, notes=(*take.notes, *refused))
     take = bake_take(context.scene, motion, figure, source, settings)
+    take = replace(take, notes=(*take.notes, *refused))
     for obj in context.selected_objects:
         obj.select_set(False)
     take.armature.select_set(True)

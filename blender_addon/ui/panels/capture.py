@@ -56,7 +56,16 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.enabled = not current.busy
-        for name in ("scene_setup", "fps", "joint_set", "unit", "up_axis", "trim", "subject_prefix"):
+        for name in (
+            "scene_setup",
+            "fps",
+            "joint_set",
+            "unit",
+            "up_axis",
+            "trim",
+            "footage_anywhere",
+            "subject_prefix",
+        ):
             layout.prop(settings.reading, name)
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -20,7 +21,7 @@ from solver_backend.geometry.symmetric import packed
 CHUNK_WINDOWS = 100
 """Windows solved at a time."""
 OVERLAP_WINDOWS = 8
-"""Windows beyond a chunk that are solved along with it: what comes later has no say in what is kept."""
+"""Windows on both sides of a chunk that are solved along with it: what lies beyond has no say in what is kept."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,46 @@ def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list
     ]
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """A chunk as a problem of its own: all that is needed to solve it, wherever that is."""
+
+    model: BundleModel
+    """Of its frames and keys alone, or of all frames."""
+    layout: KeyframeLayout
+    """Its windows, by the model's frame numbers."""
+    keys: Keyframes
+    """Start."""
+    schedule: Schedule
+    """Robust scales and iterations."""
+    fixed: np.ndarray
+    """(2N + 1,) bool, the keys that stay."""
+
+    def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
+        """Return the solution; ``alive`` is called before each linearisation."""
+        return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
+
+    def alone(self) -> Stretch:
+        """Return the same stretch with the measurements of its own frames alone, to be sent away."""
+        frames = self.layout.frames
+        objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
+        bounds = self.layout.bounds - self.layout.bounds[0]
+        return replace(self, model=replace(self.model, objective=objective), layout=KeyframeLayout(bounds))
+
+
+class Stretches(Protocol):
+    """Solves stretches that do not depend on each other."""
+
+    def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
+        """Return the solution of each; ``alive`` may raise to end the work."""
+        ...
+
+
+def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
+    """Solve stretches here, one after the other."""
+    return [stretch.solve(alive) for stretch in stretches]
+
+
 def solve_long(
     model: BundleModel,
     layout: KeyframeLayout,
@@ -56,10 +97,13 @@ def solve_long(
     alive: Callable[[], None] = lambda: None,
     windows: int = CHUNK_WINDOWS,
     overlap: int = OVERLAP_WINDOWS,
+    each: Stretches = in_turn,
 ) -> KeySolution:
-    """Solve all keys, chunk after chunk, each with the keys of the chunk before it fixed.
+    """Solve all keys, chunk by chunk: every other one with windows beyond it, then those between, whose ends are fixed.
 
-    A chunk goes on from the key at which the one before it ends, so that curves and their bends are joined exactly.
+    The chunks between begin and end at keys of their neighbours, whose outermost windows stay, so that curves and their
+    bends are joined exactly. Chunks of one round do not depend on each other: wherever each of them is solved, and in
+    what order, the keys are the same (the red-black order of Gauss and Seidel; Young 1971).
 
     Args:
         model: what the keys are judged by.
@@ -68,16 +112,32 @@ def solve_long(
         schedule: robust scales and iterations.
         alive: called before each linearisation; it may raise to end the solve.
         windows: how many are solved at a time.
-        overlap: how many beyond them are solved along.
+        overlap: how many beyond them, on both sides, are solved along in the first round.
+        each: solves the chunks of a round.
     """
     keys, found = hemisphere_aligned(start), []
-    for chunk in chunks_of(layout.num_windows, 1, windows, overlap):
-        part = layout.part(chunk.solved)
-        fixed = np.arange(part.num_keys) < (3 if chunk.kept.start else 0)
-        solved = solve_keys(model.part(chunk.keys), part, keys.select(chunk.keys), schedule, fixed, alive)
-        keys = hemisphere_aligned(keys.replaced(chunk.keys, solved.keys))
-        found.append(solved)
+    for first, beyond in ((0, overlap), (1, 1)):
+        chunks = chunks_of(layout.num_windows, beyond, windows, beyond)[first::2]
+        stretches = [_stretch(model, layout, keys, schedule, chunk, ends_fixed=first == 1) for chunk in chunks]
+        for chunk, solved in zip(chunks, each(stretches, alive), strict=True):
+            lead = 2 * (chunk.kept.start - chunk.solved.start)
+            kept = slice(2 * chunk.kept.start, 2 * chunk.kept.stop + 1)
+            keys = keys.replaced(kept, solved.keys.select(slice(lead, lead + kept.stop - kept.start)))
+            found.append(solved)
+        keys = hemisphere_aligned(keys)
     return joined_solution(keys, found)
+
+
+def _stretch(
+    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, chunk: Chunk, *, ends_fixed: bool
+) -> Stretch:
+    """Return a chunk's problem; with ``ends_fixed`` the windows beyond it stay as they are."""
+    part = layout.part(chunk.solved)
+    number, fixed = np.arange(part.num_keys), np.zeros(part.num_keys, dtype=bool)
+    if ends_fixed:
+        fixed |= (number < 3) & (chunk.solved.start < chunk.kept.start)
+        fixed |= (number >= part.num_keys - 3) & (chunk.solved.stop > chunk.kept.stop)
+    return Stretch(model.part(chunk.keys), part, keys.select(chunk.keys), schedule, fixed)
 
 
 def covariance_of_joints(

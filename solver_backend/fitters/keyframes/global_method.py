@@ -7,7 +7,7 @@ from functools import partial
 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
-from solver_backend.fitters.keyframes.chunked import covariance_of_joints, solve_long
+from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
@@ -26,8 +26,18 @@ from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_s
 from solver_backend.geometry.arrays import index, to_numpy
 
 
-def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> MethodResult:
-    """Solve all keys at once: first on the prior's manifold, then off it, with shape and bias between."""
+def solve_by_bundle(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches = in_turn
+) -> MethodResult:
+    """Solve all keys at once: first on the prior's manifold, then off it, with shape and bias between.
+
+    Args:
+        problem: the measurements made ready.
+        subject: the person.
+        settings: windows, scales, iterations.
+        progress: called as stages advance.
+        each: solves the stretches of a long take.
+    """
     window = problem.frames_of(settings.refine_window)
     layout, contacts = KeyframeLayout.even(problem.num_frames, window), None
     start, data = initial_keys(problem, subject, layout), problem.measurements.term
@@ -38,7 +48,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
     schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3)
     if known:  # markers are exact and their person is known: the first pass need only come near
         schedule = replace(schedule, scales=(2 * scale,), iterations=min(3, steps), tolerance=3e-2)
-    found = solve_long(model, layout, start, schedule, partial(progress, "Global bundle", 0, 3))
+    found = solve_long(model, layout, start, schedule, partial(progress, "Global bundle", 0, 3), each=each)
 
     passes = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2), Schedule((scale,), steps, tolerance=3e-3)
     if known:  # thirty frames a second, five or so between two keys, tell what all of them do
@@ -63,7 +73,7 @@ def solve_by_bundle(problem: Problem, subject: Subject, settings: SolveSettings,
         free = settings.residual_rotations
         objective = bundle_objective(problem, layout, window, points, residuals=free)
         model = replace(model, objective=objective, residuals=free)
-        found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number + 1, 3))
+        found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number + 1, 3), each=each)
     found = regained(problem.measurements, model, layout, found, start, passes[-1])
     progress("Global bundle", 3, 3)
 

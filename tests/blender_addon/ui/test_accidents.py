@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run, start
 from blender_addon.ui import locations
+from blender_addon.ui.operators import review
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthetic.demo import demo_capture
@@ -134,3 +136,26 @@ def test_a_take_arrives_in_the_scene_it_was_solved_for(
     assert bpy.ops.mocap.solve() == {"FINISHED"}
     assert bpy.context.window.scene == other and other.mocap.review.armature is None and not other.objects
     assert scene.mocap.review.armature.name in scene.objects and scene.mocap.review.take["frames"] == 30
+
+
+def test_open_report_opens_what_a_solve_wrote_and_nothing_else(
+    mocap, solved_take, solved: SolvedCapture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    opened: list[str] = []
+
+    def path_open(filepath: str) -> set[str]:
+        opened.append(filepath)
+        return {"FINISHED"}
+
+    monkeypatch.setattr(review, "bpy", SimpleNamespace(ops=SimpleNamespace(wm=SimpleNamespace(path_open=path_open))))
+    report = Path(solved_take["report_file"])
+    assert bpy.ops.mocap.open_report() == {"FINISHED"} and opened == [str(report)]
+    (solved.folder / "page.html").write_text("<script>alert(1)</script>")
+    (solved.folder / "run.sh").write_bytes(report.read_bytes())
+    shutil.copyfile(report, tmp_path / "elsewhere.html")
+    (solved.folder / "link.html").symlink_to(tmp_path / "elsewhere.html")
+    for path in (*(solved.folder / name for name in ("page.html", "run.sh", "link.html")), tmp_path / "elsewhere.html"):
+        solved_take["report_file"] = str(path)
+        with pytest.raises(RuntimeError, match="This is no report that a solve wrote beside the take"):
+            bpy.ops.mocap.open_report()
+    assert len(opened) == 1

@@ -14,7 +14,7 @@ import pytest
 from blender_addon._exchange.errors import Cancelled
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import BatchInvalid, SolverStopped
-from blender_addon.headless.batch import run_take
+from blender_addon.headless.batch import steps
 from blender_addon.headless.batch.record import fingerprint
 from blender_addon.headless.batch.request import BatchRequest
 from blender_addon.headless.batch.run_batch import run_batch
@@ -75,7 +75,7 @@ def captures(tmp_path: Path) -> Path:
 @pytest.fixture
 def solver(monkeypatch: pytest.MonkeyPatch) -> Solver:
     solver = Solver({"good": 1.5, "worst": 9.0, "a folder": 3.0})
-    monkeypatch.setattr(run_take, "run_solver", solver)
+    monkeypatch.setattr(steps, "run_solver", solver)
     return solver
 
 
@@ -112,8 +112,12 @@ def test_recordings_of_markers_are_captures_and_their_markers_are_exported(
     rows = {line.split("  ")[0]: line for line in result["table"].splitlines()}
     assert "4.25 mm" in rows["markers a"] and "1.50 px" in rows["good"]
     solver.solved.clear()
-    run_batch(BatchRequest(captures, out, job), silent)
-    assert "markers a" in solver.solved, "other wanted outputs make another take"
+    again = run_batch(BatchRequest(captures, out, job, marker_formats=("trc",)), silent)
+    assert "markers a" not in solver.solved, "other wanted outputs are made of the same solve"
+    outputs = {take["take"]: take.get("outputs") for take in again["takes"]}["markers a"]
+    assert [Path(path).name for path in outputs] == [
+        "markers a_capture.npz", "markers a.job.json", "markers a.npz", "markers a.html", "markers a.trc",
+    ]  # fmt: skip
 
 
 def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: Solver, tmp_path: Path) -> None:
@@ -173,10 +177,10 @@ def test_cancelling_keeps_what_is_done(captures: Path, solver: Solver, tmp_path:
             raise Cancelled("The work was cancelled.")
         return solver(verb, given, **more)
 
-    run_take.run_solver = interrupted  # undone with the fixture
+    steps.run_solver = interrupted  # undone with the fixture
     with pytest.raises(Cancelled):
         run_batch(BatchRequest(captures, tmp_path / "out"), silent)
-    run_take.run_solver = solver
+    steps.run_solver = solver
     solver.solved.clear()
     run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     assert solver.solved == ["broken", "good", "worst"]
@@ -187,7 +191,7 @@ def test_what_breaks_unforeseen_is_one_takes_failure(
 ) -> None:
     result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert {take["status"] for take in result["takes"]} == {"failed"}, "the stand-in's motions cannot be baked"
-    monkeypatch.setattr(run_take, "run_bake", lambda *_: 1 / 0)
+    monkeypatch.setattr(steps, "run_bake", lambda *_: 1 / 0)
     result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert result["exit_code"] == 4
     assert result["takes"][0]["error"]["message"] == "ZeroDivisionError: division by zero"
@@ -244,5 +248,5 @@ def test_a_real_batch_solves_bakes_and_exports(tmp_path: Path, capfd: pytest.Cap
     )
     assert again.returncode == 3
     assert "ein Gang  skipped" in again.stderr and again.stdout.splitlines() == [
-        str(out / "summary.json"), str(out / "summary.txt"),
+        str(out / "summary.json"), str(out / "summary.txt"), str(out / "summary.html"),
     ]  # fmt: skip

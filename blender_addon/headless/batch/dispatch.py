@@ -1,0 +1,131 @@
+"""The loop of a batch: captures in, takes to the engine, records out; what fails elsewhere is tried again."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..._exchange.errors import MocapError
+from ..._exchange.outputs import write_text
+from ..._exchange.plain_text import plain
+from ..._exchange.progress import Progress
+from ...errors import TakeUndoable
+from ..exit_codes import exit_code
+from .engines.base import DIED, LOST, Ended, Engine, Ticket
+from .record import read_record
+from .request import BatchRequest, take_name
+from .run_take import failed, recalled
+
+SET_ASIDE = "set aside"
+"""Status of a take that is not tried again until its inputs, its settings or the version change."""
+STAGE = "takes"
+_CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_failed", "bake_failed"})
+"""What may be the worker's fault, or the take's: it is tried again, and set aside at last."""
+_OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
+"""What another worker may be able to do; a failure like any other at last."""
+_WAIT_S = 0.5
+
+
+class Source(Protocol):
+    """Where captures come from."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether no more will come."""
+        ...
+
+    def arrived(self) -> list[Path]:
+        """Return captures that were not returned before, or have changed."""
+        ...
+
+
+def dispatch(
+    request: BatchRequest,
+    choices: dict[str, Any],
+    source: Source,
+    engine: Engine,
+    progress: Progress,
+    ended: Callable[[dict[str, Any], bool], None],
+) -> None:
+    """Do all takes of a source.
+
+    Args:
+        request: the batch.
+        choices: what decides what is made of a capture.
+        source: of the captures.
+        engine: does the takes.
+        progress: told how many are done of those that were to be done.
+        ended: called with each record, and whether it was only recalled.
+
+    Raises:
+        MocapError: the engine cannot go on, or the work was interrupted; what is done is kept.
+    """
+    waiting: deque[Ticket] = deque()
+    running, total, done = 0, 0, 0
+    while True:
+        for capture in source.arrived():
+            known = recalled(request, choices, capture)
+            if known is not None:
+                ended(known, True)
+            else:
+                total += 1
+                waiting.append(Ticket(capture, take_name(capture)))
+        progress(STAGE, done, total)
+        while waiting and engine.free() > 0:
+            engine.begin(waiting.popleft())
+            running += 1
+        if not waiting and not running and source.closed:
+            return
+        for one in engine.ended(_WAIT_S):
+            running -= 1
+            again = _again(request, engine, one)
+            if again is None:
+                done += 1
+                ended(_record_of(request, one, engine), False)
+            else:
+                waiting.append(again)
+
+
+def _again(request: BatchRequest, engine: Engine, one: Ended) -> Ticket | None:
+    """Return the ticket of a take that is to be tried again."""
+    if one.how == LOST:
+        return one.ticket
+    code = (one.record.get("error") or {}).get("code")
+    if one.how == DIED or code not in _CRASHES | _OF_THE_WORKER:
+        return None
+    one.ticket.tries += 1
+    one.ticket.avoid.add(one.worker)
+    return one.ticket if one.ticket.tries < engine.tries else None
+
+
+def _record_of(request: BatchRequest, one: Ended, engine: Engine) -> dict[str, Any]:
+    """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
+    folder = request.out / one.ticket.name
+    code = (one.record.get("error") or {}).get("code")
+    if one.record.get("status") == "skipped":  # done by a worker that died before it could say so
+        return {**one.record, "status": "done"}
+    if one.how != DIED and (engine.tries == 1 or code not in _CRASHES):
+        return one.record
+    if one.how == DIED:
+        known = read_record(folder) or {"take": one.ticket.name, "capture": str(one.ticket.capture)}
+        error: MocapError = TakeUndoable(
+            "The take has ended every worker that tried it.", where=str(one.ticket.capture),
+            hint="Solve it alone, with --take-memory. It is not tried again until its files or settings change.",
+        )  # fmt: skip
+        record = failed(known, folder, error.as_event() | {"exit_code": exit_code(error)}, SET_ASIDE)
+    else:
+        record = failed(one.record, folder, one.record["error"], SET_ASIDE)
+    _write_log(folder, record)
+    return record
+
+
+def _write_log(folder: Path, record: dict[str, Any]) -> None:
+    lines = [f"{record['take']} was set aside: {record['error']['message']}", f"capture: {record['capture']}", ""]
+    for number, attempt in enumerate(record.get("attempts", ()), 1):
+        said = attempt.get("message", "")
+        lines.append(f"{number}. {attempt['step']} on {attempt['worker'] or 'this machine'}: {attempt['how']} {said}")
+    if folder.is_dir():
+        text = "\n".join(plain(line) for line in lines) + "\n"
+        write_text(folder / "take.log", text, overwrite=True)

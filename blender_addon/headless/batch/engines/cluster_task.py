@@ -1,0 +1,89 @@
+"""What is run on a worker of a cluster. Arguments and results are plain values, so that versions can be compared."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ...._exchange.errors import Cancelled, MocapError
+from ...._exchange.progress import silent
+from ..record import version
+from ..request import BatchRequest
+from ..run_take import UNFINISHED, recalled, run_step
+from .marker import marker_in
+
+UNSUITABLE = "unsuitable"
+_LOOK_S, _LOOKS = 2.0, 3
+"""The marker must be gone for so many looks: a network's folder may vanish for a moment."""
+
+
+def versions() -> dict[str, str]:
+    """Return what must be the same wherever takes of one batch are done."""
+    import distributed
+
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"Manifold MoCap": version(), "Dask distributed": distributed.__version__, "Python": python}
+
+
+def describe(out: str) -> dict[str, Any]:
+    """Return what is to be known about this worker: versions, the marker that it sees among the results, its clock."""
+    return {"versions": versions(), "marker": marker_in(Path(out)), "time": time.time(), "host": platform.node()}
+
+
+def what_is_wrong(about: dict[str, Any], wanted: dict[str, str], marker: str, out: str) -> str:
+    """Return why a worker cannot do a batch's takes, "" if it can."""
+    for name, mine in wanted.items():
+        theirs = about["versions"].get(name, "none")
+        if theirs != mine:
+            return f"it has {name} {theirs}, this program {mine}"
+    return "" if about["marker"] == marker else f"it does not see the folder {out}"
+
+
+def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None) -> dict[str, Any]:
+    """Do one step of a take and return ``worker`` and ``record``, or ``unsuitable`` and why.
+
+    Args:
+        given: the batch: request, choices, capture, marker and versions.
+        step: its name.
+        before: what the step before this one has returned.
+    """
+    from distributed import get_worker, secede
+
+    if before is not None and (UNSUITABLE in before or before["record"]["status"] != UNFINISHED):
+        return before
+    worker = get_worker().address
+    wrong = what_is_wrong(
+        describe(given["request"]["out"]), given["versions"], given["marker"], given["request"]["out"]
+    )
+    if wrong:
+        return {"worker": worker, UNSUITABLE: wrong}
+    request, capture = BatchRequest.from_plain(given["request"]), Path(given["capture"])
+    if not capture.exists():
+        return {"worker": worker, UNSUITABLE: f"it does not see the capture {capture}"}
+    known = recalled(request, given["choices"], capture)
+    if known is None:
+        if given["stretches"]:
+            secede()  # the thread is free for stretches of this very take
+        known = run_step(
+            request, given["choices"], capture, step, silent,
+            worker=worker, stopped=_withdrawn(request.out, given["marker"]), in_child=True,
+            scheduler=get_worker().scheduler.address if given["stretches"] else "",
+        )  # fmt: skip
+    return {"worker": worker, "record": known}
+
+
+def _withdrawn(out: Path, marker: str) -> Callable[[], MocapError | None]:
+    """Return what tells whether the batch is over: its marker is gone, or another batch's."""
+    looked, missed = time.monotonic(), 0
+
+    def stopped() -> MocapError | None:
+        nonlocal looked, missed
+        if time.monotonic() - looked < _LOOK_S:
+            return None
+        looked, missed = time.monotonic(), 0 if marker_in(out) == marker else missed + 1
+        return Cancelled("The batch was withdrawn.") if missed >= _LOOKS else None
+
+    return stopped

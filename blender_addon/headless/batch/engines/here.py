@@ -1,0 +1,111 @@
+"""Takes one after the other in this process, as one person's machine does them; or several at a time in children."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from typing import Any
+
+from ...._exchange.errors import Cancelled, MocapError
+from ...._exchange.progress import Progress, silent
+from ..request import BatchRequest
+from ..run_take import run_take
+from .base import ENDED, Ended, Ticket
+
+
+class HereEngine:
+    """One take at a time, with Blender's part in this process.
+
+    Args:
+        request: the batch.
+        choices: what decides what is made of a capture.
+        progress: told how far each take has come.
+    """
+
+    tries = 1
+
+    def __init__(self, request: BatchRequest, choices: dict[str, Any], progress: Progress) -> None:
+        self._request, self._choices, self._progress = request, choices, progress
+        self._begun: Ticket | None = None
+
+    def free(self) -> int:
+        """Return 1 between two takes."""
+        return int(self._begun is None)
+
+    def begin(self, ticket: Ticket) -> None:
+        """Keep the take; it is done when its end is asked for."""
+        self._begun = ticket
+
+    def ended(self, timeout_s: float) -> list[Ended]:
+        """Do the take that was begun."""
+        ticket, self._begun = self._begun, None
+        if ticket is None:
+            threading.Event().wait(timeout_s)
+            return []
+        record = run_take(self._request, self._choices, ticket.capture, self._progress)
+        return [Ended(ticket, ENDED, record)]
+
+    def notes(self) -> list[str]:
+        """Return nothing: nobody else works."""
+        return []
+
+    def headline(self) -> str:
+        """Return who works."""
+        return "this process"
+
+    def close(self) -> None:
+        """Do nothing: nothing goes on."""
+
+
+class ProcessesEngine:
+    """Several takes at a time, the solver and Blender of each in processes of their own; needs nothing installed.
+
+    Args:
+        request: the batch.
+        choices: what decides what is made of a capture.
+        workers: takes at a time.
+    """
+
+    tries = 2
+
+    def __init__(self, request: BatchRequest, choices: dict[str, Any], workers: int) -> None:
+        self._request, self._choices, self._workers = request, choices, workers
+        self._pool = ThreadPoolExecutor(workers, "take")
+        self._running: dict[Future[dict[str, Any]], Ticket] = {}
+        self._stop = threading.Event()
+
+    def free(self) -> int:
+        """Return how many workers are idle."""
+        return self._workers - len(self._running)
+
+    def begin(self, ticket: Ticket) -> None:
+        """Start the take's processes."""
+        task = self._pool.submit(
+            run_take, self._request, self._choices, ticket.capture, silent,
+            worker="this machine", stopped=self._stopped, in_child=True,
+        )  # fmt: skip
+        self._running[task] = ticket
+
+    def ended(self, timeout_s: float) -> list[Ended]:
+        """Return the takes whose processes have ended."""
+        if not self._running:
+            self._stop.wait(timeout_s)
+            return []
+        done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
+        return [Ended(self._running.pop(task), ENDED, task.result(), "this machine") for task in done]
+
+    def notes(self) -> list[str]:
+        """Return nothing: these workers are all alike."""
+        return []
+
+    def headline(self) -> str:
+        """Return who works."""
+        return f"{self._workers} processes"
+
+    def close(self) -> None:
+        """End all processes; what they have not finished is begun again by the next batch."""
+        self._stop.set()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _stopped(self) -> MocapError | None:
+        return Cancelled("The batch was cancelled.") if self._stop.is_set() else None

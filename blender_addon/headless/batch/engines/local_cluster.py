@@ -1,0 +1,102 @@
+"""A cluster of this machine alone: ``dask scheduler`` and ``dask worker`` as processes, restarted where they die."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from ....backend_environment import backend_folder
+
+_ROOT = Path(__file__).resolve().parents[4]
+_AGAIN_S = 2.0
+"""Least time between two starts of one process."""
+_END_S = 2.0
+
+
+class LocalCluster:
+    """A scheduler and some workers on the loopback address.
+
+    Args:
+        workers: how many, each of one thread.
+        memory_mb: what all takes at a time may have together; None states none.
+        folder: working folder of Dask.
+    """
+
+    def __init__(self, workers: int, memory_mb: float | None, folder: Path) -> None:
+        port = _free_port()
+        self.address = f"tcp://127.0.0.1:{port}"
+        self._folder = folder
+        own = ["--no-dashboard"] if not _has_bokeh() else ["--dashboard-address", "127.0.0.1:0"]
+        own += ["--preload", f"{__package__}.ends_with_parent"]
+        scheduler = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
+        worker = [
+            "-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1",
+            "--memory-limit", "0", "--no-dashboard", "--death-timeout", "30", "--local-directory", str(folder),
+            "--preload", f"{__package__}.ends_with_parent",
+        ]  # fmt: skip
+        worker += ["--resources", f"memory_mb={memory_mb / workers:.0f}"] if memory_mb else []
+        self._commands = [scheduler, *([worker] * workers)]
+        self.processes: list[subprocess.Popen[bytes] | None] = [None] * len(self._commands)
+        """The scheduler, then the workers."""
+        self._started = [-_AGAIN_S] * len(self._commands)
+        self.tend()
+
+    def tend(self) -> None:
+        """Start again what has ended."""
+        for k, process in enumerate(self.processes):
+            late = time.monotonic() - self._started[k] > _AGAIN_S
+            if (process is None or process.poll() is not None) and late:
+                self._started[k] = time.monotonic()
+                _let_go(process)
+                self.processes[k] = self._start(self._commands[k])
+
+    def close(self) -> None:
+        """End all processes: they hold nothing that is not in the takes' records."""
+        for process in self.processes:
+            _let_go(process)
+        for process in filter(None, self.processes):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_END_S)
+            process.kill()
+            process.wait()
+
+    def _start(self, command: list[str]) -> subprocess.Popen[bytes]:
+        known = os.environ.get("PYTHONPATH", "")
+        paths = os.pathsep.join(filter(None, (str(_ROOT), str(backend_folder()), known)))
+        environment = {**os.environ, "PYTHONPATH": paths, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
+        with (self._folder / "cluster.log").open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, *command], env=environment, stdin=subprocess.PIPE, stdout=log, stderr=log,
+                start_new_session=True,
+            )  # fmt: skip
+
+
+def _let_go(process: subprocess.Popen[bytes] | None) -> None:
+    """Close the pipe of a process that has ended."""
+    if process is not None and process.stdin is not None:
+        process.stdin.close()
+
+
+def _free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+def _has_bokeh() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("bokeh") is not None
+
+
+def machine_memory_mb() -> float | None:
+    """Return this machine's memory, None where the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20
+    except (AttributeError, ValueError, OSError):
+        return None

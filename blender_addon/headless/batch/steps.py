@@ -1,0 +1,185 @@
+"""The steps of a take, in their order: solve, bake, render, export; each is done on its own and known by its key."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..._exchange.errors import MocapError
+from ..._exchange.outputs import atomic_outputs
+from ..._exchange.progress import Progress
+from ..bake import BakeRequest, run_bake
+from ..child_verb import run_verb
+from ..export import ExportRequest, run_export
+from ..solver import run_solver
+from .limits import TakeWatch
+from .record import fingerprint, step_key
+from .request import READING, BatchRequest
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a take."""
+
+    name: str
+    """solve, bake, render or export."""
+    key: str
+    """Hash of what it is made from."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and under whose eyes a step is done."""
+
+    folder: Path
+    """Folder of the take."""
+    progress: Progress
+    """Told how far it has come."""
+    stopped: Callable[[], MocapError | None] = lambda: None
+    """Asked again and again; where it returns an error the step ends with it."""
+    in_child: bool = False
+    """Let Blender work in a process of its own, as many steps at a time need."""
+    scheduler: str = ""
+    """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
+
+
+def steps_of(request: BatchRequest, choices: dict[str, Any], capture: Path) -> tuple[Step, ...]:
+    """Return the steps that are wanted of a capture, with their keys.
+
+    Raises:
+        OSError: the capture cannot be looked at.
+    """
+    solve = fingerprint(capture, {name: choices[name] for name in ("settings", "python")})
+    wanted = {
+        "bake": request.bake,
+        "render": request.render,
+        "export": bool(request.formats or request.marker_formats),
+    }
+    about = {name: choices[name] for name in ("formats", "markers", "body") if name in choices}
+    chosen = {"bake": {"body": about["body"]}, "render": {"body": about["body"]}, "export": about}
+    others = (Step(name, step_key(solve, name, chosen[name])) for name, asked in wanted.items() if asked)
+    return Step("solve", solve), *others
+
+
+def do_step(request: BatchRequest, choices: dict[str, Any], capture: Path, step: str, place: Place) -> dict[str, Any]:
+    """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
+
+    Raises:
+        MocapError: the step failed, or was stopped.
+    """
+    return _STEPS[step](request, choices, capture, place)
+
+
+def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+    folder, shared = place.folder, choices["settings"]
+    name = folder.name
+    copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
+    said = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
+    reading = [text for option in said.items() for text in option]
+    reading += ["--trim"] if shared.get("trim") else []
+    watch = TakeWatch(request.limits)
+    solver = partial(
+        run_solver,
+        progress=place.progress,
+        python=request.python,
+        over_limit=lambda pid: place.stopped() or watch.over_limit(pid),
+    )
+    solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
+    job_file = _write_job(folder, copy, motion, page, shared)
+    solved = solver("solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])])
+    return {
+        "outputs": [path.name for path in (copy, job_file, motion, page)],
+        "notes": list(solved.get("problems", [])),
+        "figures": {key: value for key, value in solved.items() if key != "event"},
+    }
+
+
+def _bake(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+    return _shown(request, capture, place, blend=True)
+
+
+def _render(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+    return _shown(request, capture, place, blend=False)
+
+
+def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
+    """Write the Blender file, or the video and the contact sheet."""
+    folder, motion, copy = place.folder, *_files(place.folder)
+    footage = capture if capture.is_dir() else capture.parent
+    if place.in_child:
+        words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
+        words += ["--footage-from", str(footage)]
+        words += ["--no-pictures"] if blend else []
+        words += ["--body", str(request.body)] if request.body else []
+        made = run_verb("bake" if blend else "render", words, place.progress, place.stopped)
+    else:
+        wanted = BakeRequest(
+            motion,
+            folder,
+            copy,
+            request.body,
+            blend=blend,
+            video=not blend,
+            pictures=not blend,
+            overwrite=True,
+            footage_from=(footage,),
+        )
+        made = run_bake(wanted, place.progress)
+    return {"outputs": _inside(folder, made["outputs"]), "notes": made["notes"]}
+
+
+def _export(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+    folder, (motion, _) = place.folder, _files(place.folder)
+    exports, outputs = folder / "export", []
+    if request.formats and place.in_child:
+        words = [str(motion), "--format", *request.formats, "--out", str(exports), "--overwrite"]
+        words += ["--body", str(request.body)] if request.body else []
+        outputs += run_verb("export", words, place.progress, place.stopped)["outputs"]
+    elif request.formats:
+        wanted = ExportRequest(motion, exports, request.formats, request.body, overwrite=True)
+        outputs += run_export(wanted, place.progress)["outputs"]
+    outputs += _exported_markers(request, motion, place)
+    return {"outputs": _inside(folder, outputs), "notes": []}
+
+
+def _exported_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
+    """Write the cleaned markers of a take that was solved from markers, and return the files."""
+    from .record import read_record
+
+    record = read_record(place.folder) or {}
+    paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
+    if (record.get("solve") or {}).get("marker_median_mm") is None:
+        return []
+    for path in paths:
+        options = [str(motion), "--out", str(path), "--overwrite"]
+        run_solver("export-markers", options, place.progress, python=request.python)
+    return [str(path) for path in paths]
+
+
+_STEPS = {"solve": _solve, "bake": _bake, "render": _render, "export": _export}
+NAMES = tuple(_STEPS)
+"""The steps in the order they are done in."""
+
+
+def _files(folder: Path) -> tuple[Path, Path]:
+    """Return a take's motion and the copy of its capture."""
+    return folder / f"{folder.name}.npz", folder / f"{folder.name}_capture.npz"
+
+
+def _inside(folder: Path, paths: list[str]) -> list[str]:
+    return [Path(path).relative_to(folder).as_posix() for path in paths]
+
+
+def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: dict[str, Any]) -> Path:
+    path = folder / f"{folder.name}.job.json"
+    values = {
+        "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
+        "overwrite": True, "settings": shared.get("settings") or {},
+    }  # fmt: skip
+    with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
+        temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
+    return path

@@ -1,0 +1,106 @@
+"""The summary of a batch as one page: the worst takes first, each with a picture, its figures and what happened."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable, Sequence
+from hashlib import sha256
+from html import escape
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from ..._exchange.plain_text import plain
+from .summary import HEAD, cells
+from .thumbnails import thumbnail
+
+MARK = '<meta name="generator" content="Manifold MoCap batch">'
+_ROWS, _PICTURES = 5000, 500
+"""More than these are in summary.json alone."""
+_STYLE = """
+:root { color-scheme: light dark; --bg: #f6f7f9; --card: #fff; --ink: #1b2330; --soft: #5b6675; --rule: #dfe3e8;
+  --line: #2563c9; --bad: #c2255c; }
+@media (prefers-color-scheme: dark) { :root { --bg: #12161c; --card: #1a2029; --ink: #e6eaf0; --soft: #98a4b3;
+  --rule: #2d3643; --line: #6ea8fe; --bad: #f06595; } }
+body { margin: 0; background: var(--bg); color: var(--ink); font: 15px/1.5 system-ui, sans-serif; }
+main { max-width: 1280px; margin: 0 auto; padding: 28px 20px 60px; }
+h1 { font-size: 27px; margin: 0; }
+.sub { color: var(--soft); margin: 0 0 18px; }
+.scroll { overflow-x: auto; background: var(--card); border: 1px solid var(--rule); border-radius: 10px; }
+table { border-collapse: collapse; width: 100%; }
+th, td { padding: 6px 12px; border-bottom: 1px solid var(--rule); text-align: left; vertical-align: middle; }
+th { color: var(--soft); font-weight: 500; font-size: 13px; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; }
+tr.bad td:nth-child(3) { color: var(--bad); font-weight: 600; }
+a { color: var(--line); }
+svg, img { display: block; width: 220px; height: auto; max-height: 140px; object-fit: contain; }
+svg path { fill: none; stroke: var(--line); stroke-width: 1.5; stroke-linecap: round; }
+"""
+
+
+def summary_page(
+    takes: Sequence[dict[str, Any]], out: Path, said: str, picture: Callable[[Path], str] = thumbnail
+) -> str:
+    """Return the page.
+
+    Args:
+        takes: records, worst first.
+        out: folder that the page and the takes' folders lie in.
+        said: how the batch goes.
+        picture: SVG of a motion file.
+    """
+    counts = Counter(str(take["status"]) for take in takes)
+    head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
+    rows = "".join(_row(take, out, picture if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
+    more = f"<p>The other {len(takes) - _ROWS} takes are in summary.json.</p>" if len(takes) > _ROWS else ""
+    told = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    hashed = b64encode(sha256(_STYLE.encode()).digest()).decode()
+    policy = (
+        f"default-src 'none'; img-src 'self' file:; style-src 'sha256-{hashed}'; base-uri 'none'; form-action 'none'"
+    )
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">{MARK}'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>Batch of {len(takes)} takes</title><style>{_STYLE}</style></head><body><main>"
+        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(told)}. {_text(said)}.</p>'
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{more}'
+        "</main></body></html>\n"
+    )
+
+
+def _row(take: dict[str, Any], out: Path, picture: Callable[[Path], str] | None) -> str:
+    bad = take["status"] not in ("done", "skipped")
+    values = cells(take)
+    shown = "".join(
+        f"<td{' class=number' if 2 <= c < len(HEAD) - 1 else ''}>{_text(value)}</td>" for c, value in enumerate(values)
+    )
+    kind = " class=bad" if bad else ""
+    return f"<tr{kind}><td>{_picture(take, out, picture)}</td>{shown}<td>{_links(take, out)}</td></tr>"
+
+
+def _picture(take: dict[str, Any], out: Path, picture: Callable[[Path], str] | None) -> str:
+    """Return the contact sheet if one was rendered, or stick figures."""
+    name = take["take"]
+    if picture is None:
+        return ""
+    sheet = Path(name) / f"{name}_contact.png"
+    if any(Path(path).name == sheet.name for path in take.get("outputs", ())) and (out / sheet).is_file():
+        return f'<img loading="lazy" alt="contact sheet" src="{_link(sheet)}">'
+    return picture(out / name / f"{name}.npz") if take.get("outputs") else ""
+
+
+def _links(take: dict[str, Any], out: Path) -> str:
+    name = take["take"]
+    wanted = {"report": f"{name}.html", "video": f"{name}.mp4", "log": "take.log"}
+    files = {word: Path(name) / file for word, file in wanted.items()}
+    return " ".join(f'<a href="{_link(path)}">{word}</a>' for word, path in files.items() if (out / path).is_file())
+
+
+def _link(path: Path) -> str:
+    return escape(quote(path.as_posix()))
+
+
+def _text(value: object) -> str:
+    return escape(plain(str(value), keep="\n\t"))

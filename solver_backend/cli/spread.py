@@ -1,0 +1,124 @@
+"""Stretches of a long take solved by the workers of a Dask cluster (Rocklin 2015), which is optional.
+
+What is sent is pickled by Dask, as everything is that its workers do: a scheduler is as trusted as the machine itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from solver_backend import __version__
+from solver_backend.exchange.errors import BackendMissing, Cancelled, CommandLineInvalid
+from solver_backend.fitters.keyframes.chunked import Stretch, in_turn
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.priors.base import PosePrior
+
+logger = logging.getLogger("solver_backend")
+_CONNECT_S, _POLL_S = 10.0, 0.05
+_RETRIES = 2
+
+
+class VersionsDiffer(Exception):
+    """A worker has another version."""
+
+
+class ClusterStretches:
+    """Solves stretches on a cluster; those that it cannot do are solved here, so that a take is always finished.
+
+    Args:
+        address: of the scheduler, or the name of its file.
+
+    Raises:
+        BackendMissing: Dask is not installed.
+        CommandLineInvalid: no scheduler answers.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise BackendMissing(
+                "Dask is not installed in this Python.", hint="pip install 'manifold-mocap[scale]', or no --scheduler."
+            ) from error
+        where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(**where, timeout=_CONNECT_S, set_as_default=False)
+        except Exception as error:  # of the network, of the protocol, of another version's messages
+            raise CommandLineInvalid(
+                f"No scheduler answers: {type(error).__name__}: {error}.", where=address,
+                hint="Start one with 'dask scheduler', or leave out --scheduler.",
+            ) from error  # fmt: skip
+        self.solved_there = 0
+        """Stretches that workers have solved."""
+
+    def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
+        """Return the solution of each stretch; one alone stays here."""
+        if len(stretches) < 2:
+            return in_turn(stretches, alive)
+        model = stretches[0].model
+        common = self._sent_ahead((model.subject, model.prior))
+        futures = [self._submitted(stretch, common) for stretch in stretches]
+        try:
+            return [self._result(future, stretch, alive) for future, stretch in zip(futures, stretches, strict=True)]
+        finally:
+            for future in filter(None, futures):
+                future.release()
+
+    def close(self) -> None:
+        """Leave the cluster."""
+        self._client.close(timeout=2)
+
+    def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
+        """Send what all stretches share to the workers; it is most of what they need."""
+        try:
+            return self._client.scatter(common, broadcast=True, hash=False)
+        except Exception:
+            logger.exception("The person could not be sent to the workers; stretches take it along.")
+            return common
+
+    def _submitted(self, stretch: Stretch, common: Any) -> Any:
+        alone = stretch.alone()
+        model = alone.model
+        rest = (model.objective, model.residuals, alone.layout, alone.keys, alone.schedule, alone.fixed)
+        try:
+            return self._client.submit(_solve, common, rest, __version__, pure=False, retries=_RETRIES)
+        except Exception:
+            logger.exception("A stretch could not be handed over; it is solved here.")
+            return None
+
+    def _result(self, future: Any, stretch: Stretch, alive: Callable[[], None]) -> KeySolution:
+        if future is not None:
+            while future.status == "pending" and self._client.status == "running":
+                alive()
+                time.sleep(_POLL_S)
+            try:
+                if future.status == "finished":
+                    solved = future.result(timeout=_CONNECT_S)
+                    self.solved_there += 1
+                    return solved
+                logger.warning("A stretch was not solved by the cluster (%s); it is solved here.", _why(future))
+            except Cancelled:
+                raise
+            except Exception:
+                logger.exception("A stretch's result did not arrive; it is solved here.")
+        return stretch.solve(alive)
+
+
+def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
+    """Solve a stretch; this is what workers do."""
+    objective, residuals, layout, keys, schedule, fixed = rest
+    if version != __version__:
+        raise VersionsDiffer(f"the worker has Manifold MoCap {__version__}, the take is solved with {version}")
+    return Stretch(BundleModel(*common, objective, residuals), layout, keys, schedule, fixed).solve()
+
+
+def _why(future: Any) -> str:
+    if future.status != "error":
+        return str(future.status)
+    error = future.exception(timeout=_CONNECT_S)
+    return f"{type(error).__name__}: {error}"
