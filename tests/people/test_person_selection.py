@@ -195,7 +195,7 @@ def test_few_views_for_long_count_less_than_many_for_a_while() -> None:
     np.testing.assert_array_equal(chosen(select_person(cameras, detections, 30.0), who) == 0, seen)
 
 
-def test_a_second_person_seen_as_well_is_a_problem() -> None:
+def test_a_second_person_seen_as_well_is_named() -> None:
     cameras, frames = ring_of_cameras(), 40
     scene = Scene(cameras)
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames))
@@ -203,7 +203,7 @@ def test_a_second_person_seen_as_well_is_a_problem() -> None:
     detections, who = scene.detections()
     found = select_person(cameras, detections, 30.0)
     assert len(np.unique(chosen(found, who))) == 1
-    assert "Another person is seen as well: 4.0 views in 40 frames" in found.problems[0]
+    assert "Person 2 is seen as well: 4.0 views in 40 frames" in found.notes[-1] and not found.problems
 
 
 def test_views_that_agree_on_nobody_are_an_error() -> None:
