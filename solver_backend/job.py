@@ -16,7 +16,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix")
+READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix", "person")
 """Fields that say how a capture is read."""
 
 
@@ -81,6 +81,7 @@ class Job(JobFile):
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),
             subject_prefix=_typed(values, "subject_prefix", str),
+            person=_typed(values, "person", str),
             subject=None if subject is None else folder / subject,
             settings=_settings(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),

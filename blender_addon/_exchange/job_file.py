@@ -85,6 +85,8 @@ class JobFile:
     """Axis of the calibration's world that points up, where it is not Z."""
     subject_prefix: str | None = None
     """Whose markers are solved, by the prefix of their labels, where a file holds several people."""
+    person: str | None = None
+    """Who is solved, by name or number, where the views show several people; "all" for each of them."""
     subject: Path | None = None
     """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
     settings: Any = field(default_factory=dict)
@@ -109,7 +111,7 @@ class JobFile:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values in the file's schema; what is left at its default is left out."""
-        names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "settings")
+        names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "person", "settings")
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)

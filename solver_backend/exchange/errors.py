@@ -105,6 +105,12 @@ class NoDetections(MocapError):
     code = "no_detections"
 
 
+class PersonUnknown(MocapError):
+    """The capture shows nobody of this name."""
+
+    code = "person_unknown"
+
+
 class MarkersUnknown(MocapError):
     """Optical markers have no labels, or labels that no layout knows."""
 

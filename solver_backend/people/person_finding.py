@@ -86,9 +86,7 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
     return FoundPerson(followed.people, followed.rows, accepted, fit)
 
 
-def follow_people(
-    cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
-) -> FollowedPeople:
+def follow_people(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FollowedPeople:
     """Group the detections of all views into people in space, frame by frame, and follow these over the take.
 
     Args and raises: those of ``find_person``.
