@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from solver_backend.cli.describe import describe_capture, describe_people, people_lines
 from solver_backend.cli.describe_markers import describe_person

@@ -12,7 +12,7 @@ from solver_backend.people.person_finding import FollowedPeople, detections_of
 LEAST_S = 0.5
 """Somebody whom two views agree on for less than this, and for less than half of a shorter take, is not listed."""
 LEAST_AGREEMENT = 0.4
-"""Mean over a person's views of 1 - distance / tolerance; rays of different people meet by chance, and hardly so well."""
+"""Mean over a person's views of 1 - distance / tolerance: rays of different people meet by chance, hardly so well."""
 USUAL_NAME = "Person {}"
 """What people are called until somebody names them, by the number of views and frames that agree on them."""
 

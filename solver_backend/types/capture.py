@@ -130,7 +130,7 @@ class Capture:
     problems: tuple[str, ...] = ()
     """What the user should know before solving; one sentence each."""
     people: tuple[PersonInViews, ...] = ()
-    """Everybody whom two or more views see, where that is more than one; ``keypoints`` are of the one that is solved."""
+    """Everybody whom two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
     person: str = ""
     """Whose ``keypoints`` are, by name, where a recording shows several people."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
