@@ -56,12 +56,37 @@ class MocapReview(bpy.types.PropertyGroup):
     last: bpy.props.IntProperty(name="Last", description="Last scene frame to solve again", default=1)
     pins: bpy.props.CollectionProperty(type=MocapPin)
 
+    def plays(self, obj: bpy.types.Object) -> bool:
+        """Return whether an object is the body or its skin."""
+        return self.armature is not None and (obj == self.armature or obj.find_armature() == self.armature)
+
     @property
     def take(self) -> bpy.types.Action | None:
         """The solved action that the body plays now."""
         animation = self.armature.animation_data if self.armature is not None else None
         action = animation.action if animation is not None else None
         return action if action is not None and "motion_file" in action else None
+
+
+def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Keep to the person chosen from the list until another object is made active, and select their body."""
+    body = self.review_of(self.person_shown).armature
+    if body is not None and body.name in context.view_layer.objects and context.mode == "OBJECT":
+        for other in context.selected_objects:
+            other.select_set(False)
+        body.select_set(True)
+        context.view_layer.objects.active = body
+    self.person_at = active_object(self.id_data)
+
+
+class MocapPerson(bpy.types.PropertyGroup):
+    """One of several people whom a capture shows."""
+
+    name: bpy.props.StringProperty(name="Name", description="What this person is called; double-click to change")
+    key: bpy.props.StringProperty(name="Person", description="What the capture file calls them")
+    frames: bpy.props.IntProperty(name="Frames", description="Frames in which two or more views see them")
+    views: bpy.props.FloatProperty(name="Views", description="How many views see them on average")
+    review: bpy.props.PointerProperty(type=MocapReview)
 
 
 def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -99,14 +124,51 @@ class MocapCapture(bpy.types.PropertyGroup):
     collection: bpy.props.PointerProperty(type=bpy.types.Collection, name="Collection")
     floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
     review: bpy.props.PointerProperty(type=MocapReview)
+    people: bpy.props.CollectionProperty(type=MocapPerson)
+    person_shown: bpy.props.IntProperty(name="Person", description="Who is solved and reviewed", update=_show_person)
+    person_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when they were chosen")
+
+    def review_of(self, person: int) -> MocapReview:
+        """Return what is looked at of one of the people, by index; of the only one where there are none."""
+        return self.people[person].review if 0 < person < len(self.people) else self.review
+
+    @property
+    def reviews(self) -> list[MocapReview]:
+        """Return what is looked at of each person."""
+        return [self.review_of(person) for person in range(max(1, len(self.people)))]
+
+    @property
+    def person_index(self) -> int:
+        """Return which person panels and operators are about: whose body is active, or who was chosen last."""
+        active = active_object(self.id_data)
+        if active is not None and active != self.person_at:
+            for person, review in enumerate(self.reviews):
+                if review.plays(active):
+                    return person
+        return min(self.person_shown, max(0, len(self.people) - 1))
+
+    @property
+    def person(self) -> MocapPerson | None:
+        """Return that person, None where the capture shows one alone."""
+        return self.people[self.person_index] if self.people else None
+
+    def person_named(self, key: str) -> int:
+        """Return the index of a person by the capture file's name for them; 0 where there is none."""
+        return next((index for index, person in enumerate(self.people) if person.key == key), 0)
 
     def owns(self, obj: bpy.types.Object) -> bool:
         """Return whether an object is the capture's body, its skin, or anything else in its collection."""
-        body = self.review.armature
-        if body is not None and (obj == body or obj.find_armature() == body):
+        if any(review.plays(obj) for review in self.reviews):
             return True
         return self.collection is not None and self.collection.all_objects.get(obj.name) == obj
 
 
-CAPTURE_CLASSES = (MocapMessage, MocapCamera, MocapMarker, MocapPin, MocapReview, MocapCapture)
+def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the active object of a scene, in the window's view layer where the scene is shown."""
+    shown = getattr(bpy.context, "scene", None) == scene
+    layer = bpy.context.view_layer if shown else scene.view_layers[0]
+    return layer.objects.active if layer is not None else None
+
+
+CAPTURE_CLASSES = (MocapMessage, MocapCamera, MocapMarker, MocapPin, MocapReview, MocapPerson, MocapCapture)
 """In the order of registration."""

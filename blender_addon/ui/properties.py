@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..solving.presets import PRESETS
-from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
+from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
 
@@ -205,19 +205,12 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def review(self) -> MocapReview:
-        """What is looked at of that capture."""
-        return self.capture.review
+        """What is looked at of that capture, of one person where it shows several."""
+        return self.capture.review_of(self.capture.person_index)
 
     def show(self, index: int) -> None:
         """Let panels be about a capture until an object of another one is made active."""
         self.shown, self.shown_at = index, active_object(self.id_data)
-
-
-def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the active object of a scene, in the window's view layer where the scene is shown."""
-    shown = getattr(bpy.context, "scene", None) == scene
-    layer = bpy.context.view_layer if shown else scene.view_layers[0]
-    return layer.objects.active if layer is not None else None
 
 
 CLASSES = (*CAPTURE_CLASSES, MocapReading, MocapSolve, MocapSettings)

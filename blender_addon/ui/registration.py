@@ -25,6 +25,7 @@ from .operators import (
     retarget,
     review,
     solve,
+    solve_all,
     solver_operator,
     takes,
     views,
@@ -33,6 +34,7 @@ from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
 from .panels import markers as marker_panel
+from .panels import people as people_panel
 from .panels import retarget as retarget_panels
 from .panels import review as review_panels
 from .panels import shape as shape_panel
@@ -77,6 +79,7 @@ TABLE: tuple[Entry, ...] = (
     _class(import_capture.MOCAP_FH_capture),
     _class(calibrate_subject.MOCAP_OT_calibrate_subject),
     _class(solve.MOCAP_OT_solve),
+    _class(solve_all.MOCAP_OT_solve_all),
     _class(solve.MOCAP_OT_resolve_range),
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
@@ -92,6 +95,7 @@ TABLE: tuple[Entry, ...] = (
     _class(marker_panel.VIEW3D_PT_mocap_labels),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
+    *map(_class, people_panel.CLASSES),
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),
     _class(solve_panels.VIEW3D_PT_mocap_solve),
     _class(solve_panels.VIEW3D_PT_mocap_solve_settings),

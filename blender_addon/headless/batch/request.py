@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import BatchInvalid
-from ...solving.take_paths import MARKER_SUFFIXES
+from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
 
 READING = {
     "fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis",
-    "subject_prefix": "--subject-prefix",
+    "subject_prefix": "--subject-prefix", "person": "--person",
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
 _SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
@@ -24,7 +24,7 @@ class BatchRequest:
     """What to do with every capture of a folder."""
 
     captures: Path
-    """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture."""
+    """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture; or a session."""
     out: Path
     """Folder of the results: one folder a take, and the summary."""
     job: Path | None = None
@@ -61,13 +61,17 @@ def find_captures(request: BatchRequest) -> list[Path]:
         raise BatchInvalid(
             "There is no such folder.", where=str(request.captures), hint="Name the folder of the captures."
         )
-    found = [
-        path
-        for path in sorted(request.captures.iterdir())
-        if (path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES))
-        and not path.name.startswith(".")
-        and path.resolve() != request.out.resolve()
-    ]
+    found = (
+        trials_below(request.captures)
+        if is_session(request.captures)
+        else [
+            path
+            for path in sorted(request.captures.iterdir())
+            if (path.is_dir() or path.suffix.lower() in (".npz", *MARKER_SUFFIXES))
+            and not path.name.startswith(".")
+            and path.resolve() != request.out.resolve()
+        ]
+    )
     names = [take_name(path) for path in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not found:

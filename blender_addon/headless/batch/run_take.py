@@ -90,7 +90,23 @@ def _made(
     solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
     solved = solver("solve", ["--job", str(job_file)])
-    outputs, notes = [str(copy), str(job_file), str(motion), str(page)], list(solved.get("problems", []))
+    outputs, notes = [str(copy), str(job_file)], list(solved.get("problems", []))
+    takes = solved.get("takes", [solved])
+    for take in takes:
+        own = (Path(take["motion"]), Path(take["report"])) if "takes" in solved else (motion, page)
+        made, said = _made_of(request, copy, own[0], take, progress)
+        outputs, notes = [*outputs, *map(str, own), *made], notes + said
+    worst = max(takes, key=lambda take: take.get("reprojection_median_px") or take.get("marker_median_mm") or 0.0)
+    figures = {key: value for key, value in worst.items() if key != "event"}
+    whole = {"people": [take.get("person", "") for take in takes]} if "takes" in solved else {}
+    return {"solve": figures, **whole, "outputs": outputs, "notes": notes}
+
+
+def _made_of(
+    request: BatchRequest, copy: Path, motion: Path, solved: dict[str, Any], progress: Progress
+) -> tuple[list[str], list[str]]:
+    """Bake, render and export one motion, and return the files and what was noted."""
+    folder, outputs, notes = motion.parent, list[str](), list[str]()
     if request.bake or request.render:
         wanted = BakeRequest(
             motion,
@@ -103,14 +119,12 @@ def _made(
             overwrite=True,
         )
         baked = run_bake(wanted, progress)
-        outputs, notes = outputs + baked["outputs"], notes + baked["notes"]
+        outputs, notes = outputs + baked["outputs"], baked["notes"]
     if request.formats:
         exports = folder / "export"
         exported = run_export(ExportRequest(motion, exports, request.formats, request.body, overwrite=True), progress)
         outputs += exported["outputs"]
-    outputs += _exported_markers(request, motion, solved, progress)
-    figures = {key: value for key, value in solved.items() if key != "event"}
-    return {"solve": figures, "outputs": outputs, "notes": notes}
+    return outputs + _exported_markers(request, motion, solved, progress), notes
 
 
 def _exported_markers(request: BatchRequest, motion: Path, solved: dict[str, Any], progress: Progress) -> list[str]:
@@ -130,6 +144,7 @@ def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: di
         "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
         "overwrite": True, "settings": shared.get("settings") or {},
     }  # fmt: skip
+    values |= {"person": shared["person"]} if shared.get("person") else {}
     with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
         temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
     return path

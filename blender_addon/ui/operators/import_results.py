@@ -13,7 +13,7 @@ from mathutils import Vector
 from ..._exchange.capture_file import read_capture
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
-from ...animation.takes import SolveFiles
+from ...animation.takes import PERSON, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...conventions.file_paths import file_of, stored
@@ -51,7 +51,6 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         stage = replace_stage(scene, stage, _former(again, stage), again.collection)
     capture = former or settings.captures.add()  # which moves the others: no earlier reference to one is valid
     settings.show(len(settings.captures) - 1 if known is None else known)
-    review = capture.review
     capture.name, capture.file = plain(result["name"]), stored(result["capture"])
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], start
     capture.joint_set = result["joint_set"] or ""
@@ -69,11 +68,13 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         item.name, item.object, item.detections = said["name"], camera, views.get(camera)
         item.seen_percent = said["seen_percent"] or 0.0
         item.has_footage = bool(camera.data.background_images)
-    if again is None:
-        review.armature = None
-        review.pins.clear()
-    review.first = start
-    review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
+    take_people(capture, result["people"])
+    for review in capture.reviews:
+        if again is None:
+            review.armature = None
+            review.pins.clear()
+        review.first = start
+        review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     bring_home()
     return stage
 
@@ -107,8 +108,26 @@ def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
     space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
-def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Action:
-    """Add the solved motion to the scene.
+def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) -> None:
+    """Keep who is seen; those who were known keep their body and the name the user gave them."""
+    names = {person.key: person.name for person in capture.people}
+    while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
+        capture.people.remove(len(capture.people) - 1)
+    for index, said in enumerate(people if len(people) > 1 else ()):
+        item = capture.people[index] if index < len(capture.people) else capture.people.add()
+        item.key, item.frames, item.views = said["name"], said["frames"], said["views"]
+        item.name = names.get(item.key) or plain(item.key)
+
+
+def take_motion(
+    context: bpy.types.Context, files: SolveFiles, capture: bpy.types.PropertyGroup | None = None
+) -> bpy.types.Action:
+    """Add the solved motion to the scene, to the body of the person it is of.
+
+    Args:
+        context: anywhere.
+        files: what the solve wrote.
+        capture: one of the scene's captures; None for the one panels are about.
 
     Raises:
         MocapError: the motion or the body cannot be read, or do not belong together.
@@ -116,14 +135,20 @@ def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Acti
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
     body = read_body(body_path_of(motion.provenance))
-    name = f"{settings.capture.name} {files.motion.stem.replace('_', ' ')}"
-    parent = settings.capture.collection
-    armature, start = settings.review.armature, settings.capture.frame_start
+    capture = settings.capture if capture is None else capture
+    whom = person_of(motion.provenance)
+    index = capture.person_named(whom)
+    review = capture.review_of(index)
+    who = f" {capture.people[index].name}" if capture.people else ""
+    name = f"{capture.name}{who} {files.motion.stem.replace('_', ' ')}"
+    armature, start, parent = review.armature, capture.frame_start, capture.collection
     needs_body = armature is None or not plays_body(armature, motion.body)
     with undisturbed(context) if needs_body else nullcontext():
-        armature, action = add_take(scene, name, motion, body, armature, parent, start)
+        armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
     files.write(action)
-    settings.review.armature = armature
+    if whom:
+        action[PERSON] = whom
+    review.armature = armature
     colour_markers(scene)
     bring_home()
     return action

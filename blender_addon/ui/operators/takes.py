@@ -24,7 +24,8 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
         from ...conventions.timing import show_frame
 
         scene, settings = context.scene, context.scene.mocap
-        action = next((a for a in takes_of(settings.capture.file) if a.name == self.name), None)
+        whose = settings.capture.person.key if settings.capture.person else ""
+        action = next((a for a in takes_of(settings.capture.file, whose) if a.name == self.name), None)
         if action is None:
             raise TakeMissing(f"There is no take '{self.name}' for this body.")
         show_take(settings.review.armature, action)
@@ -107,14 +108,18 @@ class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
         scene, settings = context.scene, context.scene.mocap
         ratio = relay(scene, takes_of_captures(scene))
         for capture in settings.captures:
-            start, review = capture.frame_start, capture.review
-            for pin in review.pins:
-                pin.frame = round(start + (pin.frame - start) * ratio)
-            ends = (review.first, review.last)
-            review.first, review.last = (round(start + (frame - start) * ratio) for frame in ends)
+            for review in capture.reviews:
+                _relay_review(review, capture.frame_start, ratio)
         show_frame(scene)
         self.report({"INFO"}, f"Everything is laid by time at {scene_frame_rate(scene):g} fps")
         return {"FINISHED"}
+
+
+def _relay_review(review: bpy.types.PropertyGroup, start: int, ratio: float) -> None:
+    for pin in review.pins:
+        pin.frame = round(start + (pin.frame - start) * ratio)
+    ends = (review.first, review.last)
+    review.first, review.last = (round(start + (frame - start) * ratio) for frame in ends)
 
 
 def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:

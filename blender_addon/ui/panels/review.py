@@ -14,7 +14,7 @@ from ..operators.review import (
 from ..operators.solve import MOCAP_OT_resolve_range
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
-from ..properties import MocapReview
+from ..properties import MocapCapture, MocapReview
 from .parts import BodyPanel, TakePanel, wrapped
 
 
@@ -29,7 +29,7 @@ class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
         """Draw takes, confidence and the report."""
         layout, review = self.layout, context.scene.mocap.review
         take = review.take
-        _draw_takes(layout, context.scene.mocap.capture.file, take)
+        _draw_takes(layout, context.scene.mocap.capture, take)
         if take is None:
             return
         _draw_worst(layout, review)
@@ -87,10 +87,10 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
         column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
 
 
-def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:
+def _draw_takes(layout: bpy.types.UILayout, capture: MocapCapture, take: bpy.types.Action | None) -> None:
     from ...animation.takes import takes_of
 
-    takes = takes_of(capture_file)
+    takes = takes_of(capture.file, capture.person.key if capture.person else "")
     if len(takes) < 2 and take is not None:
         layout.label(text=take.name, icon="ACTION", translate=False)
         return
