@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.people.person_selection import select_people
-from tests.people.test_person_selection import COCO, Scene, everywhere
+from tests.support.crowds import COCO, Scene, everywhere
 from tests.support.scenes import ring_of_cameras, walker
 
 
