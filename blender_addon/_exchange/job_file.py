@@ -102,7 +102,10 @@ class JobFile:
                 hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
             )
         earlier = None if self.resolve is None else self.resolve.motion
-        places = [p.resolve() for p in (self.capture, self.out, self.report, self.subject, earlier) if p is not None]
+        # A motion that came without its recording is measured by itself: then it stands in for the capture.
+        again = earlier is not None and earlier.resolve() == self.capture.resolve()
+        files = (self.capture, self.out, self.report, self.subject, None if again else earlier)
+        places = [p.resolve() for p in files if p is not None]
         if len(set(places)) < len(places):
             raise JobInvalid(
                 "The capture, the motion, the report, a subject and an earlier motion must be different files.",

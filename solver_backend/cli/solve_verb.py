@@ -16,6 +16,7 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
 from solver_backend.exchange.job_file import MOTION_SUFFIX
+from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import atomic_output, check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import FrameRange
@@ -30,6 +31,8 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
         return _several(jobs, progress)
     _check(jobs[0])
+    if jobs[0].resolve is not None and is_motion(jobs[0].capture):
+        return _resolve_alone(jobs[0], progress)
     return _solve_one(jobs[0], load(jobs[0].capture, jobs[0].reading(), progress), progress)
 
 
@@ -37,6 +40,28 @@ def _check(job: Job) -> None:
     for path in (job.out, job.report):
         if path is not None:
             check_output(path, overwrite=job.overwrite)
+
+
+def _resolve_alone(job: Job, progress: Progress) -> Outcome:
+    """Solve frames of a motion again that came without its recording: AMASS, or one of ours from elsewhere."""
+    from solver_backend.cli.motion_reading import any_motion
+    from solver_backend.fitters.pipeline import resolve_motion
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.io.recognition.motion_checks import motion_problems
+
+    assert job.resolve is not None
+    if job.report is not None:
+        raise CommandLineInvalid("A motion without its recording has no report.", where=str(job.report))
+    start = time.monotonic()
+    measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
+    motion = resolve_motion(measured, earlier, job.resolve.stretch, job.settings, progress).motion
+    solve_s = time.monotonic() - start
+    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
+    write_motion(job.out, timed, overwrite=job.overwrite)
+    text, data = describe_motion(timed, solve_s)
+    odd = list(motion_problems(timed))
+    files = {"motion": str(job.out), "report": None}
+    return Outcome(f"{text}\n  motion      {job.out}", {**files, **data, "problems": odd})
 
 
 def _solve_one(job: Job, capture: Capture, progress: Progress) -> Outcome:

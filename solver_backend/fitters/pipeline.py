@@ -20,6 +20,7 @@ from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
+from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.noise_aware.method import pose_prior, solve_noise_aware
@@ -130,6 +131,33 @@ def resolve_range(
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
     problem = prepare(capture, settings, progress, person=person_of(motion))
+    return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
+
+
+def resolve_motion(
+    measured: Motion, motion: Motion, frame_range: FrameRange, settings: SolveSettings = SolveSettings(),
+    progress: Progress = silent,
+) -> Solution:  # fmt: skip
+    """Solve some frames of a motion again without its recording, through poses that a person pinned.
+
+    Where nothing is pinned near by, the motion's own points are what is measured; about a pin the prior fills in.
+
+    Args:
+        measured: the motion as it came.
+        motion: the motion to be changed: the same one, or an earlier change of it.
+        frame_range: what to solve again, and the pins.
+        settings: as of ``solve``.
+        progress: called as stages advance.
+
+    Raises:
+        JobInvalid: the frame range is none of this motion.
+        MotionInvalid: the motion belongs to another body, or the two are of different lengths.
+        NoDetections: too few frames are left beside the pins.
+    """
+    body, like = load_chosen_body(settings.body), _origin(settings.backend)
+    frame_range.check(measured.num_frames)
+    points = measure_motion(body, measured, [pin.frame for pin in frame_range.pins], like)
+    problem = Problem.of(body, load_sposer(), points)
     return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
 
