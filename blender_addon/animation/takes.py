@@ -25,14 +25,19 @@ class SolveFiles:
     """The files that a solve read and wrote."""
 
     motion: Path
-    capture: Path
+    capture: Path | None
     report: Path | None
-    job: Path
+    job: Path | None
 
-    def write(self, action: bpy.types.Action) -> None:
-        """Keep the paths as custom properties of the action."""
-        for key, path in zip(PATHS, (self.motion, self.capture, self.report or "", self.job), strict=True):
-            action[key] = stored(path)
+    def write(self, action: bpy.types.Action, folder: Path | None = None) -> None:
+        """Keep the paths as custom properties of the action.
+
+        Args:
+            action: the take.
+            folder: where the .blend file will lie, if it is not the open one's folder.
+        """
+        for key, path in zip(PATHS, (self.motion, self.capture, self.report, self.job), strict=True):
+            action[key] = stored(path or "", folder)
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:

@@ -19,6 +19,7 @@ from ..body.body_file import read_body
 if TYPE_CHECKING:
     import bpy
 
+    from ..animation.takes import SolveFiles
     from ..render.subject import Subject
 
 _CHECKED_FRAMES = 8
@@ -64,6 +65,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
     Raises:
         MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
+    from ..animation.takes import PERSON, person_of
     from ..render.subject import Subject
     from ..scene.bake import BakeSettings, bake_take
     from ..scene.session import frame_viewports, fresh_scene, save_file
@@ -80,6 +82,9 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         baking = time.monotonic()
         settings = BakeSettings(keys_per_second=request.keys_per_second, asset=request.asset, scene_fps=request.fps)
         take = bake_take(scene, motion, body, capture, settings)
+        _files_of(request).write(take.action, request.out.absolute())
+        if whom := person_of(motion.provenance):
+            take.action[PERSON] = whom
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
         subject = Subject(take, motion, body, capture)
@@ -99,6 +104,18 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         "seconds": round(time.monotonic() - start, 3),
         **deviation,
     }
+
+
+def _files_of(request: BakeRequest) -> SolveFiles:
+    """Return the files of a take, its report and its job where they lie beside the motion."""
+    from ..animation.takes import SolveFiles
+
+    motion = request.motion.absolute()
+    pages = (motion.with_suffix(".html"), motion.with_name("report.html"))
+    report = next((page for page in pages if page.is_file()), None)
+    job = motion.with_suffix(".job.json")
+    capture = None if request.capture is None else request.capture.absolute()
+    return SolveFiles(motion, capture, report, job if job.is_file() else None)
 
 
 def _names(request: BakeRequest, motion: MotionFile) -> dict[str, str]:

@@ -9,7 +9,7 @@ import bpy
 from .._exchange.capture_file import CaptureFile
 from .._exchange.motion_file import MotionFile
 from ..animation.action import bake_action
-from ..animation.takes import mark_as_asset
+from ..animation.takes import BETAS, mark_as_asset
 from ..body.body_choice import require_body
 from ..body.body_file import BodyFile
 from ..body.rig import create_rig
@@ -92,6 +92,7 @@ def bake_take(
     figure = child_collection("Body", take)
     rig = create_rig(motion.name, body, motion.betas, figure)
     action = bake_action(motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second)
+    action[BETAS] = motion.betas.tolist()
     notes += [action["keys_deviation"]] if "keys_deviation" in action else []
     if settings.asset:
         mark_as_asset(action)

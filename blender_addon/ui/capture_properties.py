@@ -128,6 +128,11 @@ class MocapCapture(bpy.types.PropertyGroup):
     person_shown: bpy.props.IntProperty(name="Person", description="Who is solved and reviewed", update=_show_person)
     person_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when they were chosen")
 
+    @property
+    def measured(self) -> str:
+        """What takes are solved from: the capture file or, where a motion came without one, that motion."""
+        return self.file or (self.source if self.review.armature is not None else "")
+
     def review_of(self, person: int) -> MocapReview:
         """Return what is looked at of one of the people, by index; of the only one where there are none."""
         return self.people[person].review if 0 < person < len(self.people) else self.review

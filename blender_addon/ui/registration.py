@@ -9,6 +9,7 @@ import bpy
 
 from ..headless.blender_command import command
 from . import (
+    adoption,
     bone_colours,
     marker_view,
     preferences,
@@ -107,6 +108,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, retarget_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
+    _handler(bpy.app.handlers.load_post, adoption.on_load),
     _handler(bpy.app.handlers.save_pre, project_files.before_save),
     _handler(bpy.app.handlers.save_post, project_files.after_save),
     _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),

@@ -16,7 +16,7 @@ from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of
 from ..errors import TakeMissing
 from ..review.pinning import FrameRange, resolve_of
-from ..solving.take_paths import next_take
+from ..solving.take_paths import capture_folder, next_take
 from .locations import files_folder, usable
 
 
@@ -44,7 +44,7 @@ def prepare_job(
     chosen = settings.capture if of is None else of
     index = chosen.person_index if person is None else person
     review, capture = chosen.review_of(index), capture_file(chosen)
-    take = next_take(folder_of_takes(scene, capture.parent))
+    take = next_take(folder_of_takes(scene, capture.parent if chosen.file else _own_folder(scene, capture)))
     values, subject = settings.solve.values(), _subject(settings, chosen) if frames is None else None
     mesh = body_mesh(review.armature) if review.armature is not None else None
     if mesh is not None and subject is None and (settings.solve.keep_shape or frames is not None):
@@ -52,12 +52,18 @@ def prepare_job(
     layout = written_layout(chosen, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
     if layout is not None:
         values["layout"] = layout.name
-    report = take.report if settings.solve.report else None
+    report = take.report if settings.solve.report and chosen.file else None
     whom = chosen.people[index].key if chosen.people else None
     job = JobFile(capture=capture, out=take.motion, report=report, person=whom, subject=subject, settings=values)
     if frames is not None:
         job = replace(job, resolve=resolve_of(frames))
     return job, take.job
+
+
+def _own_folder(scene: bpy.types.Scene, motion: Path) -> Path:
+    """Return where takes of a motion go that came without its recording: never into the library it is from."""
+    own = files_folder(scene)
+    return motion.parent if motion.is_relative_to(own) else capture_folder(own, motion)
 
 
 def portable_job(job: JobFile, folder: Path) -> JobFile:
@@ -75,7 +81,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
     Raises:
         TakeMissing: it is no longer on the disk.
     """
-    path = file_of(capture.file)
+    path = file_of(capture.measured)
     if not path.is_file():
         raise TakeMissing("The capture file is gone.", where=str(path), hint="Import the capture again.")
     return path

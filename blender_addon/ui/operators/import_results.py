@@ -20,10 +20,12 @@ from ...conventions.file_paths import file_of, stored
 from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
+from ...scene.cameras import CAMERA_NAME
 from ...scene.capture_stage import CaptureStage, set_stage
 from ...scene.marker_cloud import marker_positions
 from ...scene.replaced_stage import replace_stage
 from ...scene.users_state import is_untouched, undisturbed
+from ..adoption import adopt
 from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
@@ -82,7 +84,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
 def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
     """Return what is there of a capture that was read again, in the order of the new stage."""
     items = {item.name: item for item in capture.cameras}
-    cameras = [items.get(camera.data["capture_camera"]) for camera in stage.cameras]
+    cameras = [items.get(camera.data[CAMERA_NAME]) for camera in stage.cameras]
     views = dict(zip(stage.cameras, cameras, strict=True))
     overlays = [
         capture.cloud if overlay.parent is None else (item := views[overlay.parent]) and item.detections
@@ -176,13 +178,17 @@ def add_motion(
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance))
     source = read_capture(capture) if capture else None
-    if not settings.set_scene:
-        with undisturbed(context):
-            return bake_take(context.scene, motion, figure, source, settings)
-    take = bake_take(context.scene, motion, figure, source, settings)
-    for obj in context.selected_objects:
-        obj.select_set(False)
-    take.armature.select_set(True)
+    with nullcontext() if settings.set_scene else undisturbed(context):
+        take = bake_take(context.scene, motion, figure, source, settings)
+    page = file.with_suffix(".html")
+    SolveFiles(file, capture, page if page.is_file() else None, None).write(take.action)
+    if whom := person_of(motion.provenance):
+        take.action[PERSON] = whom
+    adopt(context.scene)
+    if settings.set_scene:
+        for obj in context.selected_objects:
+            obj.select_set(False)
+        take.armature.select_set(True)
     return take
 
 
