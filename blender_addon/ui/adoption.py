@@ -8,13 +8,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from .._exchange.motion_file import is_motion
-from ..animation.curves import current_action
-from ..animation.retiming import is_take, laid_rate
-from ..animation.takes import PERSON, take_file
 from ..conventions.file_paths import stored
-from ..scene.cameras import CAMERA_NAME
-from ..scene.overlay import POINTS, seen_share
 
 
 def adopt(scene: bpy.types.Scene) -> int:
@@ -27,11 +21,19 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def _is_solved(obj: bpy.types.Object) -> bool:
+    from ..animation.curves import current_action
+    from ..animation.retiming import is_take
+
     action = current_action(obj)
     return action is not None and is_take(action) and "betas" in obj and action.get("motion_file") is not None
 
 
 def _adopt(scene: bpy.types.Scene, body: bpy.types.Object) -> None:
+    from .._exchange.motion_file import is_motion
+    from ..animation.curves import current_action
+    from ..animation.retiming import laid_rate
+    from ..animation.takes import PERSON, take_file
+
     action = current_action(body)
     assert action is not None
     source = take_file(action, "capture_file")
@@ -56,7 +58,15 @@ def _adopt(scene: bpy.types.Scene, body: bpy.types.Object) -> None:
         person.frames = capture.frames
     review.armature, review.first = body, capture.frame_start
     review.last = round(capture.frame_start + (capture.frames - 1) * laid_rate(action) / capture.fps)
-    for obj in capture.collection.all_objects if capture.collection is not None else ():
+    if capture.collection is not None:
+        _adopt_cameras(capture)
+
+
+def _adopt_cameras(capture: bpy.types.PropertyGroup) -> None:
+    from ..scene.cameras import CAMERA_NAME
+    from ..scene.overlay import POINTS, seen_share
+
+    for obj in capture.collection.all_objects:
         if obj.type == "CAMERA" and CAMERA_NAME in obj.data:
             item = capture.cameras.add()
             item.name, item.object = obj.data[CAMERA_NAME], obj
@@ -71,6 +81,8 @@ def _same(capture: bpy.types.PropertyGroup, action: bpy.types.Action, is_alone: 
 
 def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.Collection | None:
     """Return the collection of a take: the smallest with the body and cameras of a capture, or with the body alone."""
+    from ..scene.cameras import CAMERA_NAME
+
     holding = [child for child in scene.collection.children_recursive if body.name in child.all_objects]
     holding.sort(key=lambda child: len(child.all_objects))
     filmed = (c for c in holding if any(o.type == "CAMERA" and CAMERA_NAME in o.data for o in c.all_objects))
