@@ -142,7 +142,7 @@ def _settings(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     """
     for item in fields(SolveSettings):
         kind = (int, float) if isinstance(item.default, float) else type(item.default)
-        _typed(values, item.name, list if item.default is None else kind)
+        _typed(values, item.name, (list, tuple) if item.default is None or kind is tuple else kind)
     settings = SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
     if settings.layout:
         settings = replace(settings, layout=str(folder / settings.layout))

@@ -111,6 +111,12 @@ class PersonUnknown(MocapError):
     code = "person_unknown"
 
 
+class RefinementUseless(MocapError):
+    """Cameras corrected by the people they film fit these no better."""
+
+    code = "refinement_useless"
+
+
 class MarkersUnknown(MocapError):
     """Optical markers have no labels, or labels that no layout knows."""
 

@@ -59,11 +59,18 @@ def person_of(provenance: str) -> str:
     return whom if isinstance(whom, str) else ""
 
 
-def takes_of(capture_file: str, person: str = "") -> list[bpy.types.Action]:
-    """Return the solved actions of a capture, by name; of one of its people, if it shows several."""
+def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
+    """Return the solved actions of a capture, by name; of one of its people, if it shows several.
+
+    Args:
+        capture_file: what they were solved from.
+        person: whose they are, "" for everybody's.
+        original: the file with the recording's own calibration, where it was refined; "" where it was not.
+    """
     if not capture_file:
         return []
-    found = [action for action in bpy.data.actions if _is_of(action, capture_file)]
+    files = [file for file in (capture_file, original) if file]
+    found = [action for action in bpy.data.actions if any(_is_of(action, file) for file in files)]
     return [action for action in found if not person or action.get(PERSON, person) == person]
 
 

@@ -22,8 +22,19 @@ class MocapCamera(bpy.types.PropertyGroup):
         name="Seen", description="Share of the keypoints it sees", subtype="PERCENTAGE"
     )
     has_footage: bpy.props.BoolProperty(name="Footage", description="Footage was found")
+    use: bpy.props.BoolProperty(name="Use", description="Solve with what this camera sees", default=True)
+    before_px: bpy.props.FloatProperty(name="Before", description="Median distance of its detections as calibrated, px")
+    after_px: bpy.props.FloatProperty(name="After", description="The same with the refined cameras, px")
     object: bpy.props.PointerProperty(type=bpy.types.Object, name="Camera")
     detections: bpy.props.PointerProperty(type=bpy.types.Object, name="Detections")
+
+
+class MocapLeftOut(bpy.types.PropertyGroup):
+    """Frames in which a camera takes no part in the solve."""
+
+    name: bpy.props.StringProperty(name="Camera")
+    first: bpy.props.IntProperty(name="First", description="First scene frame in which the camera is left out")
+    last: bpy.props.IntProperty(name="Last", description="Last scene frame in which the camera is left out")
 
 
 class MocapPin(bpy.types.PropertyGroup):
@@ -120,6 +131,11 @@ class MocapCapture(bpy.types.PropertyGroup):
         description="Colour markers by their distance from the solved body: green up to 10 mm, orange up to 25, or red",
     )  # fmt: skip
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
+    left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
+    original: bpy.props.StringProperty(
+        name="Original", description="Capture file with the recording's own calibration, where it was refined",
+        subtype="FILE_PATH", options=RELATIVE,
+    )  # fmt: skip
     messages: bpy.props.CollectionProperty(type=MocapMessage)
     collection: bpy.props.PointerProperty(type=bpy.types.Collection, name="Collection")
     floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
@@ -127,6 +143,29 @@ class MocapCapture(bpy.types.PropertyGroup):
     people: bpy.props.CollectionProperty(type=MocapPerson)
     person_shown: bpy.props.IntProperty(name="Person", description="Who is solved and reviewed", update=_show_person)
     person_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when they were chosen")
+
+    def refined_text(self) -> str:
+        """Return before and after of a refined calibration, "" where it is the recording's own."""
+        pairs = [(item.before_px, item.after_px) for item in self.cameras if item.after_px > 0]
+        if not self.original or not pairs:
+            return ""
+        before, after = (sorted(column)[len(pairs) // 2] for column in zip(*pairs, strict=True))
+        return f"{before:.1f} px before, {after:.1f} px after"
+
+    def leave_out(self, scene_fps: float) -> list[str]:
+        """Return the views that are left out, as the solver's setting says it.
+
+        Args:
+            scene_fps: the scene's frames per second, by which the ranges are laid.
+        """
+        unused = [item.name for item in self.cameras if not item.use]
+        ratio = self.fps / scene_fps if self.fps else 1.0
+        ranges: list[str] = []
+        for item in self.left_out:
+            first, last = (round((frame - self.frame_start) * ratio) for frame in (item.first, item.last))
+            if item.name not in unused and last >= 0 and first < self.frames and first <= last:
+                ranges.append(f"{item.name}:{max(0, first)}-{last}")
+        return unused + ranges
 
     @property
     def measured(self) -> str:
@@ -175,5 +214,14 @@ def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return layer.objects.active if layer is not None else None
 
 
-CAPTURE_CLASSES = (MocapMessage, MocapCamera, MocapMarker, MocapPin, MocapReview, MocapPerson, MocapCapture)
+CAPTURE_CLASSES = (
+    MocapMessage,
+    MocapCamera,
+    MocapLeftOut,
+    MocapMarker,
+    MocapPin,
+    MocapReview,
+    MocapPerson,
+    MocapCapture,
+)
 """In the order of registration."""

@@ -19,6 +19,7 @@ from . import (
 )
 from .operators import (
     calibrate_subject,
+    cameras,
     export_markers,
     export_take,
     import_capture,
@@ -86,6 +87,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, review.CLASSES),
     *map(_class, takes.CLASSES),
     *map(_class, views.CLASSES),
+    *map(_class, cameras.CLASSES),
     *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),

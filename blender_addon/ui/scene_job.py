@@ -14,6 +14,7 @@ from .._exchange.outputs import write_text
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of
+from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
 from ..review.pinning import FrameRange, resolve_of
 from ..solving.take_paths import capture_folder, next_take
@@ -50,6 +51,8 @@ def prepare_job(
     if mesh is not None and subject is None and (settings.solve.keep_shape or frames is not None):
         values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
     layout = written_layout(chosen, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
+    if left_out := chosen.leave_out(scene_frame_rate(scene)):
+        values["leave_out"] = left_out
     if layout is not None:
         values["layout"] = layout.name
     report = take.report if settings.solve.report and chosen.file else None

@@ -102,6 +102,10 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("--backend", help="numpy (default) or torch")
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
     solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
+    solve.add_argument(
+        "--leave-out", action="append", metavar="CAMERA[:FIRST-LAST]",
+        help="leave a camera out, in some frames (from 0) or in all; may be repeated",
+    )  # fmt: skip
     solve.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     solve.add_argument(
         "--job", type=Path, action="append", metavar="JOB.json",
@@ -137,6 +141,12 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
     convert = verbs.add_parser("convert", parents=[reading, writing, common], help="write any capture as one file")
     convert.add_argument("capture", type=Path, metavar="CAPTURE", help="capture, or session of trials")
     convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="file; a session's folder")
+
+    refine = verbs.add_parser(
+        "refine-cameras", parents=[reading, writing, common], help="correct a calibration by the people it films"
+    )
+    refine.add_argument("capture", type=Path, metavar="CAPTURE")
+    refine.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="capture with corrected cameras")
 
     verbs.add_parser("bodies", parents=[common], help="list the bodies that can be chosen by name")
 

@@ -195,7 +195,10 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
-    files, chosen = ("capture", "out", "report", "subject", "overwrite"), ("method", "backend", "body", "layout")
+    files, chosen = (
+        ("capture", "out", "report", "subject", "overwrite"),
+        ("method", "backend", "body", "layout", "leave_out"),
+    )
     names = (*files, *READING, *chosen, "resolve", "frames")
     given = [name for name in names if getattr(args, name) is not None]
     if args.job is not None:

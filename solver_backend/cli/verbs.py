@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
+
+import numpy as np
 
 from solver_backend.cli.describe import describe_capture, describe_people, people_lines
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import load, reading, trials_of
-from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown
+from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown, RefinementUseless
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.settings import SolveSettings
@@ -81,6 +83,49 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
         part = _write(path, load(trial, reading(args), progress), overwrite)
         parts.append(Outcome(part.text, {**part.data, "source": str(trial)}))
     return Outcome("\n".join(part.text for part in parts), {"captures": [part.data for part in parts]})
+
+
+def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Correct camera poses by the people they film, and write the capture with them."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    capture = load(args.capture, reading(args), progress)
+    from solver_backend.cameras.calibration_refinement import refine_calibration
+    from solver_backend.io.recognition.world_check import SHIFTED
+
+    progress("Refining the cameras", 0, 1)
+    found = refine_calibration(capture)
+    progress("Refining the cameras", 1, 1)
+    note = (
+        f"Cameras were refined by the people they film: {np.nanmedian(found.before_px):.1f} px before, "
+        f"{np.nanmedian(found.after_px):.1f} px after (median of views, on other frames than those fitted to)."
+    )
+    if not found.is_better:
+        raise RefinementUseless(
+            f"The cameras fit the people no better when refined: {np.nanmedian(found.before_px):.1f} px before, "
+            f"{np.nanmedian(found.after_px):.1f} px after.",
+            where=capture.name, hint="The calibration is as good as the detections tell; keep it.",
+        )  # fmt: skip
+    problems = tuple(problem for problem in capture.problems if not problem.startswith(SHIFTED))
+    refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
+    written = _write(args.out, refined, overwrite)
+    rows = [
+        {
+            "name": name, "before_px": _rounded(found.before_px[c]), "after_px": _rounded(found.after_px[c]),
+            "moved_mm": _rounded(found.moved_mm[c]), "turned_degrees": _rounded(found.turned_degrees[c]),
+        }
+        for c, name in enumerate(found.cameras.names)
+    ]  # fmt: skip
+    lines = [
+        f"  refined     {row['name']}: {row['before_px']} px before, {row['after_px']} px after; "
+        f"moved by {row['moved_mm']} mm, turned by {row['turned_degrees']}°"
+        for row in rows
+    ]
+    return Outcome("\n".join([written.text, *lines]), {**written.data, "refined": rows})
+
+
+def _rounded(value: float) -> float | None:
+    return round(float(value), 2) if np.isfinite(value) else None
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -72,6 +72,11 @@ def _each(tests: dict[str, _Test]) -> _Test:
     return holds
 
 
+_REFINED: dict[str, _Test] = {
+    "name": _text, "before_px": _or_none(_number), "after_px": _or_none(_number), "moved_mm": _or_none(_number),
+    "turned_degrees": _or_none(_number),
+}  # fmt: skip
+_RESULTS["refine-cameras"] = {**_CAPTURE, "refined": _each(_REFINED)}
 _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
     "convert": ("captures", {"captures": _each({**_CAPTURE, "source": _text})}),
     "solve": (

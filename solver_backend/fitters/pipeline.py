@@ -11,6 +11,7 @@ import numpy as np
 
 from solver_backend import __version__
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
+from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.keyframes.frame_range import FrameRange
@@ -184,7 +185,9 @@ def prepare(
         if settings.method in _FIND_THE_SHAPE and person is None:
             return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
         return marker_problem(capture.markers, body, prior, like, settings, progress, person)
-    views = measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
+    views = measure_views(
+        without_views(capture, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync
+    )
     return Problem.of(body, prior, views)
 
 

@@ -44,6 +44,8 @@ class SolveSettings:
     """Hold feet that stand to where they stand."""
     learn_noise: bool = True
     """Learn how reliable each keypoint is in each view; without it all views of a keypoint count alike."""
+    leave_out: tuple[str, ...] = ()
+    """Views that take no part: CAMERA, or CAMERA:FIRST-LAST in frames from 0."""
     betas: tuple[float, ...] | None = None
     """Known shape; None estimates it from the take."""
 
@@ -67,6 +69,10 @@ class SolveSettings:
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
             "layout": (isinstance(self.layout, str), "the path of a layout's file"),
             "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),
+            "leave_out": (
+                all(isinstance(item, str) for item in self.leave_out),
+                "a list of CAMERA or CAMERA:FIRST-LAST",
+            ),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
         }
         for name, (valid, expected) in checks.items():
@@ -86,5 +92,5 @@ class SolveSettings:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise JobInvalid(f"Unknown setting {', '.join(unknown)}.", hint=f"Known settings: {', '.join(known)}.")
-        betas = values.get("betas")
-        return cls(**{**values, "betas": tuple(betas) if betas is not None else None})
+        lists = {name: tuple(values[name]) for name in ("betas", "leave_out") if values.get(name) is not None}
+        return cls(**{**values, **lists})

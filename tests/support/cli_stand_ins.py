@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -46,9 +45,9 @@ class StandIns:
         self.calls.append(("resolve", {"capture": capture.name, "stretch": stretch}))
         return Solution(motion, "Converged.")
 
-    def write_report(self, path, capture, motion, *, overwrite=False):
-        self.calls.append(("report", {"path": path, "overwrite": overwrite}))
-        Path(path).write_text("<html></html>", encoding="utf-8")
+    def report_html(self, capture, motion):
+        self.calls.append(("report", {"capture": capture, "motion": motion}))
+        return "<html>a page</html>"
 
     def modules(self) -> dict[str, ModuleType]:
         """Return modules to put in place of the real ones."""
@@ -56,7 +55,7 @@ class StandIns:
         for name, functions in (
             ("solver_backend.io.load", (self.load_capture,)),
             ("solver_backend.fitters.pipeline", (self.solve, self.resolve_range)),
-            ("solver_backend.report.page", (self.write_report,)),
+            ("solver_backend.report.page", (self.report_html,)),
         ):
             found[name] = ModuleType(name)
             for function in functions:

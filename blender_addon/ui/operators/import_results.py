@@ -63,12 +63,13 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any]) -> CaptureStage
         _say(capture, problem, is_problem=True)
     for note in result["notes"]:
         _say(capture, note, is_problem=False)
+    unused = {item.name for item in capture.cameras if not item.use}
     capture.cameras.clear()
     views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
     for camera, said in zip(stage.cameras, result["cameras"], strict=True):
         item = capture.cameras.add()
         item.name, item.object, item.detections = said["name"], camera, views.get(camera)
-        item.seen_percent = said["seen_percent"] or 0.0
+        item.seen_percent, item.use = said["seen_percent"] or 0.0, item.name not in unused
         item.has_footage = bool(camera.data.background_images)
     take_people(capture, result["people"])
     for review in capture.reviews:

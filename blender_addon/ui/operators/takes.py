@@ -25,7 +25,10 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
 
         scene, settings = context.scene, context.scene.mocap
         whose = settings.capture.person.key if settings.capture.person else ""
-        action = next((a for a in takes_of(settings.capture.measured, whose) if a.name == self.name), None)
+        action = next(
+            (a for a in takes_of(settings.capture.measured, whose, settings.capture.original) if a.name == self.name),
+            None,
+        )
         if action is None:
             raise TakeMissing(f"There is no take '{self.name}' for this body.")
         show_take(settings.review.armature, action)
@@ -108,6 +111,9 @@ class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
         scene, settings = context.scene, context.scene.mocap
         ratio = relay(scene, takes_of_captures(scene))
         for capture in settings.captures:
+            for item in capture.left_out:
+                start = capture.frame_start
+                item.first, item.last = (round(start + (frame - start) * ratio) for frame in (item.first, item.last))
             for review in capture.reviews:
                 _relay_review(review, capture.frame_start, ratio)
         show_frame(scene)
@@ -127,7 +133,12 @@ def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
     from ...animation.retiming import is_take
     from ...animation.takes import takes_of
 
-    return [action for capture in scene.mocap.captures for action in takes_of(capture.measured) if is_take(action)]
+    return [
+        action
+        for capture in scene.mocap.captures
+        for action in takes_of(capture.measured, original=capture.original)
+        if is_take(action)
+    ]
 
 
 CLASSES = (MOCAP_OT_follow_rate, MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)

@@ -90,7 +90,7 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
 def _draw_takes(layout: bpy.types.UILayout, capture: MocapCapture, take: bpy.types.Action | None) -> None:
     from ...animation.takes import takes_of
 
-    takes = takes_of(capture.measured, capture.person.key if capture.person else "")
+    takes = takes_of(capture.measured, capture.person.key if capture.person else "", capture.original)
     if len(takes) < 2 and take is not None:
         layout.label(text=take.name, icon="ACTION", translate=False)
         return
