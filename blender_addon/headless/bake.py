@@ -46,6 +46,8 @@ class BakeRequest:
     """Write the contact sheet."""
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep; None for a key on every frame."""
+    tolerance_mm: float | None = None
+    """How far any joint may be from the full take, with as few keys as that needs; None for no thinning by it."""
     fps: float | None = None
     """Frame rate of the file's scene; None for the motion's own."""
     asset: bool = False
@@ -80,7 +82,10 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         scene = fresh_scene()
         progress("baking", 0, 1)
         baking = time.monotonic()
-        settings = BakeSettings(keys_per_second=request.keys_per_second, asset=request.asset, scene_fps=request.fps)
+        settings = BakeSettings(
+            keys_per_second=request.keys_per_second, tolerance_mm=request.tolerance_mm, asset=request.asset,
+            scene_fps=request.fps,
+        )  # fmt: skip
         take = bake_take(scene, motion, body, capture, settings)
         _files_of(request).write(take.action, request.out.absolute())
         if whom := person_of(motion.provenance):
@@ -92,7 +97,8 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
         if request.blend:
             save_file(temporary[names["blend"]])
-        notes = [*take.notes, *(_deviation_notes(deviation) if request.keys_per_second is None else [])]
+        is_full = request.keys_per_second is None and request.tolerance_mm is None
+        notes = [*take.notes, *(_deviation_notes(deviation) if is_full else [])]
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
         "event": "result",

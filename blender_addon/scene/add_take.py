@@ -64,9 +64,13 @@ def add_take(
 
 
 def thinned_take(
-    scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, keys_per_second: float
+    scene: bpy.types.Scene,
+    take: bpy.types.Action,
+    armature: bpy.types.Object,
+    keys_per_second: float | None,
+    tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
-    """Add a take of smooth curves through about so many keys a second of a solved take's motion, and play it.
+    """Add a take of smooth curves through about so many keys a second, or as few as a tolerance asks for, and play it.
 
     Raises:
         MocapError: the take's motion or body can no longer be read.
@@ -76,7 +80,7 @@ def thinned_take(
     require_body(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
-    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second)
+    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm)
     for key in (*PATHS, BETAS, PERSON):
         if key in take:
             action[key] = take[key]

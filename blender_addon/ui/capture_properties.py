@@ -50,6 +50,12 @@ def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None
     colour_bones(context.scene)
 
 
+def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Lay the floor offset on the body's own offset, which no key touches."""
+    if self.armature is not None:
+        self.armature.delta_location.z = self.floor_offset
+
+
 class MocapReview(bpy.types.PropertyGroup):
     """What is looked at."""
 
@@ -62,6 +68,10 @@ class MocapReview(bpy.types.PropertyGroup):
     below: bpy.props.FloatProperty(
         name="Doubtful Below", description="Confidence below which a frame deserves a look",
         default=0.5, min=0.02, max=0.98,
+    )  # fmt: skip
+    floor_offset: bpy.props.FloatProperty(
+        name="Floor Offset", description="Lifts the body of all its takes over the floor, or lowers it; no key is changed",
+        unit="LENGTH", soft_min=-0.2, soft_max=0.2, precision=4, step=0.1, update=_lift,
     )  # fmt: skip
     first: bpy.props.IntProperty(name="First", description="First scene frame to solve again", default=1)
     last: bpy.props.IntProperty(name="Last", description="Last scene frame to solve again", default=1)

@@ -131,6 +131,14 @@ class MocapSolve(bpy.types.PropertyGroup):
         name="Outlier Scale", description="Standard deviations at which a detection starts to be doubted",
         default=4.0, min=0.1, max=100,
     )  # fmt: skip
+    smoothing: bpy.props.FloatProperty(
+        name="Smoothing", default=1.0, min=0.1, soft_max=10.0, max=100.0,
+        description="How many times as calm as recorded motion is: 1 follows the detections, 3 is calm, 10 loses detail",
+    )  # fmt: skip
+    foot_lock: bpy.props.FloatProperty(
+        name="Foot Lock", default=1.0, min=0.1, soft_max=10.0, max=100.0,
+        description="How many times as firmly standing feet are held where they stand",
+    )  # fmt: skip
     estimate_sync: bpy.props.BoolProperty(
         name="Correct Delays", description="Where some camera is late, move the others by their delays too; "
         "without, only sure delays from 0.3 frames on are corrected", default=False,
@@ -157,6 +165,9 @@ class MocapSolve(bpy.types.PropertyGroup):
             chosen["estimate_sync"] = True
         if self.body:
             chosen["body"] = self.body
+        for name in ("smoothing", "foot_lock"):
+            if abs(getattr(self, name) - 1.0) > 1e-6:
+                chosen[name] = round(getattr(self, name), 4)
         if self.preset != "CUSTOM":
             return {**PRESETS[self.preset], **chosen}
         return {**{name: getattr(self, name) for name in CHOSEN_BY_PRESETS}, **chosen}

@@ -20,6 +20,7 @@ from . import (
 from .operators import (
     calibrate_subject,
     cameras,
+    clean_up,
     export_markers,
     export_take,
     import_capture,
@@ -88,6 +89,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, takes.CLASSES),
     *map(_class, views.CLASSES),
     *map(_class, cameras.CLASSES),
+    *map(_class, clean_up.CLASSES),
     *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
@@ -104,6 +106,7 @@ TABLE: tuple[Entry, ...] = (
     _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
     _class(review_panels.VIEW3D_PT_mocap_review),
     _class(review_panels.VIEW3D_PT_mocap_resolve),
+    _class(review_panels.VIEW3D_PT_mocap_clean_up),
     _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),

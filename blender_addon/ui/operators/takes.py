@@ -47,16 +47,33 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
         "the full one; edits of the full take's curves are not taken over"
     )
 
+    by: bpy.props.EnumProperty(
+        name="Keep by",
+        items=(
+            ("RATE", "Keys a Second", "So many keys, wherever that leads"),
+            ("TOLERANCE", "Tolerance", "As few keys as leave every joint so near to the full take"),
+        ),
+    )
+    tolerance_mm: bpy.props.FloatProperty(
+        name="Tolerance", description="Millimetres by which any joint may be off the full take in any frame",
+        default=10.0, min=0.5, max=500.0,
+    )  # fmt: skip
     keys_per_second: bpy.props.FloatProperty(
         name="Keys a Second", description="How many keys are left, on average", default=2.0, min=0.1, max=30.0
     )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what counts of the options."""
+        self.layout.prop(self, "by", expand=True)
+        self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Make it and play it."""
         from ...scene.add_take import thinned_take
 
         scene, review = context.scene, context.scene.mocap.review
-        action = thinned_take(scene, review.take, review.armature, self.keys_per_second)
+        limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
+        action = thinned_take(scene, review.take, review.armature, *limits)
         self.report({"INFO"}, action["keys_deviation"])
         return {"FINISHED"}
 
