@@ -16,7 +16,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix")
+READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix", "person")
 """Fields that say how a capture is read."""
 
 
@@ -81,6 +81,7 @@ class Job(JobFile):
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),
             subject_prefix=_typed(values, "subject_prefix", str),
+            person=_typed(values, "person", str),
             subject=None if subject is None else folder / subject,
             settings=_settings(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
@@ -141,7 +142,7 @@ def _settings(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     """
     for item in fields(SolveSettings):
         kind = (int, float) if isinstance(item.default, float) else type(item.default)
-        _typed(values, item.name, list if item.default is None else kind)
+        _typed(values, item.name, (list, tuple) if item.default is None or kind is tuple else kind)
     settings = SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
     if settings.layout:
         settings = replace(settings, layout=str(folder / settings.layout))

@@ -105,6 +105,18 @@ class NoDetections(MocapError):
     code = "no_detections"
 
 
+class PersonUnknown(MocapError):
+    """The capture shows nobody of this name."""
+
+    code = "person_unknown"
+
+
+class RefinementUseless(MocapError):
+    """Cameras corrected by the people they film fit these no better."""
+
+    code = "refinement_useless"
+
+
 class MarkersUnknown(MocapError):
     """Optical markers have no labels, or labels that no layout knows."""
 

@@ -41,24 +41,55 @@ _EVENTS: dict[str, dict[str, _Test]] = {
     "error": {"code": _text, "message": _text, "where": _text, "hint": _text},
     "result": {},
 }
+
+
+def _people(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(item, dict) and _text(item.get("name")) and _whole(item.get("frames")) and _number(item.get("views"))
+        for item in value
+    )
+
+
 _CAPTURE: dict[str, _Test] = {
     "capture": _text, "name": _text, "frames": _whole, "fps": _number, "joint_set": _or_none(_text),
-    "markers": _or_none(_whole), "cameras": _cameras, "notes": _texts, "problems": _texts,
+    "markers": _or_none(_whole), "cameras": _cameras, "people": _people, "person": _text,
+    "notes": _texts, "problems": _texts,
 }  # fmt: skip
-_RESULTS: dict[str, dict[str, _Test]] = {
-    "convert": _CAPTURE,
-    "demo-capture": _CAPTURE,
-    "solve": {
-        "motion": _text,
-        "report": _or_none(_text),
-        "problems": _texts,
-        "frames": _whole,
-        "reprojection_median_px": _or_none(_number),
-        "unsure_frames": _whole,
-        "unseen_frames": _whole,
-    },
-}
+_SOLVED: dict[str, _Test] = {
+    "motion": _text, "report": _or_none(_text), "problems": _texts, "frames": _whole,
+    "reprojection_median_px": _or_none(_number), "unsure_frames": _whole, "unseen_frames": _whole,
+}  # fmt: skip
+_RESULTS: dict[str, dict[str, _Test]] = {"convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED}
 """What the results of the verbs hold that somebody acts on."""
+
+
+def _each(tests: dict[str, _Test]) -> _Test:
+    def holds(value: Any) -> bool:
+        return isinstance(value, list) and all(
+            isinstance(item, dict) and all(test(item.get(key)) for key, test in tests.items()) for item in value
+        )
+
+    return holds
+
+
+_REFINED: dict[str, _Test] = {
+    "name": _text, "before_px": _or_none(_number), "after_px": _or_none(_number), "moved_mm": _or_none(_number),
+    "turned_degrees": _or_none(_number),
+}  # fmt: skip
+_RESULTS["refine-cameras"] = {**_CAPTURE, "refined": _each(_REFINED)}
+_SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
+    "convert": ("captures", {"captures": _each({**_CAPTURE, "source": _text})}),
+    "solve": (
+        "takes",
+        {"takes": _each({**_SOLVED, "name": _text}), "failed": _each({"name": _text, "message": _text})},
+    ),
+}
+"""The key that tells a result of several captures or takes, and what such a result holds."""
+
+
+def _tests_of(event: Mapping[str, Any], verb: str) -> dict[str, _Test]:
+    key, several = _SEVERAL.get(verb, ("", {}))
+    return several if key and key in event else _RESULTS.get(verb, {})
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
@@ -71,6 +102,6 @@ def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"
-    tests = _EVENTS[kind] | (_RESULTS.get(verb, {}) if kind == "result" else {})
+    tests = _EVENTS[kind] | (_tests_of(event, verb) if kind == "result" else {})
     wrong = [key for key, test in tests.items() if not test(event.get(key))]
     return f"a {kind} event lacks {', '.join(wrong)} as it should be" if wrong else ""

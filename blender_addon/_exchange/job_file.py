@@ -85,6 +85,8 @@ class JobFile:
     """Axis of the calibration's world that points up, where it is not Z."""
     subject_prefix: str | None = None
     """Whose markers are solved, by the prefix of their labels, where a file holds several people."""
+    person: str | None = None
+    """Who is solved, by name or number, where the views show several people; "all" for each of them."""
     subject: Path | None = None
     """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
     settings: Any = field(default_factory=dict)
@@ -100,7 +102,10 @@ class JobFile:
                 hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
             )
         earlier = None if self.resolve is None else self.resolve.motion
-        places = [p.resolve() for p in (self.capture, self.out, self.report, self.subject, earlier) if p is not None]
+        # A motion that came without its recording is measured by itself: then it stands in for the capture.
+        again = earlier is not None and earlier.resolve() == self.capture.resolve()
+        files = (self.capture, self.out, self.report, self.subject, None if again else earlier)
+        places = [p.resolve() for p in files if p is not None]
         if len(set(places)) < len(places):
             raise JobInvalid(
                 "The capture, the motion, the report, a subject and an earlier motion must be different files.",
@@ -109,7 +114,7 @@ class JobFile:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values in the file's schema; what is left at its default is left out."""
-        names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "settings")
+        names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "person", "settings")
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)

@@ -26,6 +26,7 @@ def bake_action(
     rest_pelvis: np.ndarray,
     timing: TakeTiming,
     keys_per_second: float | None = None,
+    tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
     """Write the motion as one new action of the armature.
 
@@ -37,18 +38,19 @@ def bake_action(
         timing: where the take lies in the scene.
         keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
             the full take is noted on the action. None for a key on every frame.
+        tolerance_mm: instead of that, as few keys as leave every joint so near to the full take.
     """
     target = create_action(name, armature)
     action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
     channels = pose_channels(motion, armature, rest_pelvis)
-    if keys_per_second is None:
+    if keys_per_second is None and tolerance_mm is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
         for path, joint, part in pose_columns():
             write_curves(target, path, joint, times, channels[:, part], types)
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
     else:
-        count = 1 + round(keys_per_second * motion.num_frames / motion.fps)
-        curves, deviation = thin_channels(channels, armature, motion.keyframes, count)
+        count = 1 + round((keys_per_second or 0.0) * motion.num_frames / motion.fps)
+        curves, deviation = thin_channels(channels, armature, motion.keyframes, count, tolerance_mm)
         slopes = curves.slopes * motion.fps / timing.scene_fps
         for path, joint, part in pose_columns():
             write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])

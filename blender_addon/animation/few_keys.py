@@ -9,7 +9,7 @@ import numpy as np
 
 from .._exchange.so3 import matrix_from_quat
 from ..conventions.skeleton import JOINTS, NUM_JOINTS, PARENTS
-from .key_reduction import reduce_keys
+from .key_reduction import keys_within, reduce_keys
 from .sparse_curves import SparseCurves
 
 
@@ -32,7 +32,11 @@ class KeyDeviation:
 
 
 def thin_channels(
-    channels: np.ndarray, armature: bpy.types.Object, keyframes: np.ndarray | None, count: int
+    channels: np.ndarray,
+    armature: bpy.types.Object,
+    keyframes: np.ndarray | None,
+    count: int,
+    tolerance_mm: float | None = None,
 ) -> tuple[SparseCurves, KeyDeviation]:
     """Return the channels of an armature with few keys.
 
@@ -41,6 +45,7 @@ def thin_channels(
         armature: whose channels they are.
         keyframes: (F,) frames that may keep a key; None for any.
         count: keys at most.
+        tolerance_mm: instead of ``count``, how far any joint may be from the full take; keys may then lie anywhere.
     """
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
@@ -52,7 +57,10 @@ def thin_channels(
         off = _joints(found, heads, axes) - joints[first : first + len(found)]
         return np.linalg.norm(off, axis=-1).max(axis=1)
 
-    curves = reduce_keys(channels, candidates, max(2, count), apart)
+    if tolerance_mm is None:
+        curves = reduce_keys(channels, candidates, max(2, count), apart)
+    else:
+        curves = keys_within(channels, apart, 1e-3 * tolerance_mm)
     found = curves.sampled(frames)
     cosine = np.abs((_quaternions(found) * _quaternions(channels)).sum(-1)).clip(max=1)
     return curves, KeyDeviation(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +41,51 @@ def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     return SparseCurves.fitted(values, _move(values, free, _lay(values, free, count, distance), distance))
+
+
+def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> SparseCurves:
+    """Return curves that are nowhere further from a take than a tolerance, with as few keys as are found to do.
+
+    Keys are laid at the worst frames until all are near enough; then each that is not needed goes.
+
+    Args:
+        values: (F, N) whole curves.
+        distance: how far curves are from the take.
+        tolerance_m: metres.
+    """
+    free, count = np.arange(len(values)), 2
+    keys = free[[0, -1]] if len(values) > 1 else free
+    while len(keys) < len(free):
+        error = distance(0, SparseCurves.fitted(values, keys).sampled(len(values)))
+        if error.max() <= tolerance_m:
+            break
+        pieces = [(a, b) for a, b in pairwise(keys.tolist()) if error[a : b + 1].max() > tolerance_m]
+        worst = [int(a + error[a : b + 1].argmax()) for a, b in pieces]
+        laid = [frame if a < frame < b else int((a + b) // 2) for frame, (a, b) in zip(worst, pieces, strict=True)]
+        keys = np.union1d(keys, [frame for frame, (a, b) in zip(laid, pieces, strict=True) if a < frame < b])
+        if len(keys) == count:
+            break
+        count = len(keys)
+    return SparseCurves.fitted(values, _pruned(values, keys, distance, tolerance_m))
+
+
+def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
+    """Return the keys without those that the curves stay within the tolerance without; judged by their neighbours."""
+    taken = keys.tolist()
+    k = 1
+    while k < len(taken) - 1:
+        first, stop = max(0, k - _NEIGHBOURS), min(len(taken), k + _NEIGHBOURS + 1)
+        around = [*taken[first:k], *taken[k + 1 : stop]]
+        start, part = around[0], values[around[0] : around[-1] + 1]
+        found = SparseCurves.fitted(part, np.array(around) - start).sampled(len(part))
+        if distance(start, found).max() <= tolerance_m:
+            without = np.array([*taken[:k], *taken[k + 1 :]])
+            # What lies beyond the neighbours feels it, too, if little: the whole take decides.
+            if distance(0, SparseCurves.fitted(values, without).sampled(len(values))).max() <= tolerance_m:
+                taken.pop(k)
+                continue
+        k += 1
+    return np.array(taken)
 
 
 def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -> np.ndarray:

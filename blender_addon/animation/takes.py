@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from ..conventions.file_paths import file_of, stored
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files it came from and went to."""
+PERSON = "person"
+"""Custom property of an action: whose motion it is, where a capture shows several people."""
 BETAS = "betas"
 """Custom property of an action: the shape it was solved with."""
 
@@ -22,14 +25,19 @@ class SolveFiles:
     """The files that a solve read and wrote."""
 
     motion: Path
-    capture: Path
+    capture: Path | None
     report: Path | None
-    job: Path
+    job: Path | None
 
-    def write(self, action: bpy.types.Action) -> None:
-        """Keep the paths as custom properties of the action."""
-        for key, path in zip(PATHS, (self.motion, self.capture, self.report or "", self.job), strict=True):
-            action[key] = stored(path)
+    def write(self, action: bpy.types.Action, folder: Path | None = None) -> None:
+        """Keep the paths as custom properties of the action.
+
+        Args:
+            action: the take.
+            folder: where the .blend file will lie, if it is not the open one's folder.
+        """
+        for key, path in zip(PATHS, (self.motion, self.capture, self.report, self.job), strict=True):
+            action[key] = stored(path or "", folder)
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:
@@ -42,11 +50,28 @@ def take_file(action: bpy.types.Action, key: str) -> Path:
     return file_of(action.get(key) or "", action.library)
 
 
-def takes_of(capture_file: str) -> list[bpy.types.Action]:
-    """Return the solved actions of a capture, by name."""
+def person_of(provenance: str) -> str:
+    """Return whose motion it is by its provenance, JSON text; "" where its capture shows one person alone."""
+    try:
+        whom = json.loads(provenance)["person"]
+    except (ValueError, KeyError, TypeError):
+        return ""
+    return whom if isinstance(whom, str) else ""
+
+
+def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
+    """Return the solved actions of a capture, by name; of one of its people, if it shows several.
+
+    Args:
+        capture_file: what they were solved from.
+        person: whose they are, "" for everybody's.
+        original: the file with the recording's own calibration, where it was refined; "" where it was not.
+    """
     if not capture_file:
         return []
-    return [action for action in bpy.data.actions if _is_of(action, capture_file)]
+    files = [file for file in (capture_file, original) if file]
+    found = [action for action in bpy.data.actions if any(_is_of(action, file) for file in files)]
+    return [action for action in found if not person or action.get(PERSON, person) == person]
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:

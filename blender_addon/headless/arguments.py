@@ -76,6 +76,9 @@ def _add_bake_options(bake: argparse.ArgumentParser) -> None:
         "--keys-per-second", type=_positive, metavar="N", help="keep about so many of the solver's keys, such as 2"
     )
     bake.add_argument(
+        "--keys-within", type=_positive, metavar="MM", help="keep as few keys as leave every joint within so many mm"
+    )
+    bake.add_argument(
         "--fps",
         type=_positive,
         metavar="N",

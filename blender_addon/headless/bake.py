@@ -19,6 +19,7 @@ from ..body.body_file import read_body
 if TYPE_CHECKING:
     import bpy
 
+    from ..animation.takes import SolveFiles
     from ..render.subject import Subject
 
 _CHECKED_FRAMES = 8
@@ -45,6 +46,8 @@ class BakeRequest:
     """Write the contact sheet."""
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep; None for a key on every frame."""
+    tolerance_mm: float | None = None
+    """How far any joint may be from the full take, with as few keys as that needs; None for no thinning by it."""
     fps: float | None = None
     """Frame rate of the file's scene; None for the motion's own."""
     asset: bool = False
@@ -66,6 +69,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
     Raises:
         MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
+    from ..animation.takes import PERSON, person_of
     from ..render.subject import Subject
     from ..scene.bake import BakeSettings, bake_take
     from ..scene.footage import near_footage
@@ -84,8 +88,14 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         scene = fresh_scene()
         progress("baking", 0, 1)
         baking = time.monotonic()
-        settings = BakeSettings(keys_per_second=request.keys_per_second, asset=request.asset, scene_fps=request.fps)
+        settings = BakeSettings(
+            keys_per_second=request.keys_per_second, tolerance_mm=request.tolerance_mm, asset=request.asset,
+            scene_fps=request.fps,
+        )  # fmt: skip
         take = bake_take(scene, motion, body, capture, settings)
+        _files_of(request).write(take.action, request.out.absolute())
+        if whom := person_of(motion.provenance):
+            take.action[PERSON] = whom
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
         subject = Subject(take, motion, body, capture)
@@ -93,7 +103,8 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
         if request.blend:
             save_file(temporary[names["blend"]])
-        notes = [*take.notes, *refused, *(_deviation_notes(deviation) if request.keys_per_second is None else [])]
+        is_full = request.keys_per_second is None and request.tolerance_mm is None
+        notes = [*take.notes, *refused, *(_deviation_notes(deviation) if is_full else [])]
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
     return {
         "event": "result",
@@ -105,6 +116,18 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         "seconds": round(time.monotonic() - start, 3),
         **deviation,
     }
+
+
+def _files_of(request: BakeRequest) -> SolveFiles:
+    """Return the files of a take, its report and its job where they lie beside the motion."""
+    from ..animation.takes import SolveFiles
+
+    motion = request.motion.absolute()
+    pages = (motion.with_suffix(".html"), motion.with_name("report.html"))
+    report = next((page for page in pages if page.is_file()), None)
+    job = motion.with_suffix(".job.json")
+    capture = None if request.capture is None else request.capture.absolute()
+    return SolveFiles(motion, capture, report, job if job.is_file() else None)
 
 
 def _names(request: BakeRequest, motion: MotionFile) -> dict[str, str]:

@@ -110,7 +110,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
-        keys_per_second=options.keys_per_second, asset=options.asset, fps=options.fps,
+        keys_per_second=options.keys_per_second, tolerance_mm=options.keys_within, asset=options.asset, fps=options.fps,
         overwrite=options.overwrite, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)

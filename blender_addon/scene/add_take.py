@@ -9,7 +9,7 @@ import bpy
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
 from ..animation.curves import current_action
-from ..animation.takes import BETAS, PATHS, show_take, take_file
+from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
 from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
@@ -24,6 +24,7 @@ def add_take(
     armature: bpy.types.Object | None,
     parent: bpy.types.Collection | None,
     frame_start: int,
+    suffix: str = "",
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
     """Add a solved motion as a new action, to the body that is there or with a new one.
 
@@ -36,6 +37,7 @@ def add_take(
             of another body gets an armature of its own.
         parent: collection a new body goes into, None for the scene's.
         frame_start: scene frame of the first frame.
+        suffix: of a new body's name, beside that of the collection: whose it is, where there are several.
 
     Returns:
         The armature and the action, which is now its current one.
@@ -48,7 +50,7 @@ def add_take(
         armature = None
     if armature is None:
         settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
-        body_name = name if parent is None else parent.name
+        body_name = name if parent is None else f"{parent.name}{suffix}"
         take = bake_take(scene, replace(motion, name=body_name), body, None, settings, parent)
         armature, action = take.armature, take.action
         action.name = name
@@ -62,9 +64,13 @@ def add_take(
 
 
 def thinned_take(
-    scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, keys_per_second: float
+    scene: bpy.types.Scene,
+    take: bpy.types.Action,
+    armature: bpy.types.Object,
+    keys_per_second: float | None,
+    tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
-    """Add a take of smooth curves through about so many keys a second of a solved take's motion, and play it.
+    """Add a take of smooth curves through about so many keys a second, or as few as a tolerance asks for, and play it.
 
     Raises:
         MocapError: the take's motion or body can no longer be read.
@@ -74,9 +80,10 @@ def thinned_take(
     require_body(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
-    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second)
-    for key in (*PATHS, BETAS):
-        action[key] = take[key]
+    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm)
+    for key in (*PATHS, BETAS, PERSON):
+        if key in take:
+            action[key] = take[key]
     show_take(armature, action)
     show_frame(scene)
     return action

@@ -9,7 +9,7 @@ import bpy
 from .._exchange.capture_file import CaptureFile
 from .._exchange.motion_file import MotionFile
 from ..animation.action import bake_action
-from ..animation.takes import mark_as_asset
+from ..animation.takes import BETAS, mark_as_asset
 from ..body.body_choice import require_body
 from ..body.body_file import BodyFile
 from ..body.rig import create_rig
@@ -37,6 +37,8 @@ class BakeSettings:
     """Frame rate that ``set_scene`` sets, by which the motion is laid; None for the motion's own."""
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
+    tolerance_mm: float | None = None
+    """As few keys as leave every joint so near to the full take; None for no thinning by it."""
     asset: bool = False
     """Mark the action as an asset."""
     floor: bool = True
@@ -91,7 +93,10 @@ def bake_take(
     rest = body.rest_joints(motion.betas)
     figure = child_collection("Body", take)
     rig = create_rig(motion.name, body, motion.betas, figure)
-    action = bake_action(motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second)
+    action = bake_action(
+        motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second, settings.tolerance_mm
+    )
+    action[BETAS] = motion.betas.tolist()
     notes += [action["keys_deviation"]] if "keys_deviation" in action else []
     if settings.asset:
         mark_as_asset(action)

@@ -18,6 +18,9 @@ from ..conventions.timing import TakeTiming
 from .footage import Footage, find_footage
 from .footage_timing import lay_footage, remember_footage
 
+CAMERA_NAME = "capture_camera"
+"""Custom property of a camera's data: what the capture calls it."""
+
 
 def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:
     """Create one camera, named as the capture's; its image size is kept in the camera's custom properties."""
@@ -29,7 +32,7 @@ def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.t
     data.shift_x, data.shift_y = lens.shift_x, lens.shift_y
     data.clip_start, data.clip_end = 0.05, 500.0
     data.display_size = 0.25
-    data["capture_camera"] = source.name
+    data[CAMERA_NAME] = source.name
     data["image_size"] = list(source.image_size)
     data["pixel_aspect"] = list(lens.pixel_aspect)
     camera = bpy.data.objects.new(source.name, data)

@@ -70,6 +70,14 @@ def create_point_overlay(
     return overlay
 
 
+def seen_share(overlay: bpy.types.Object) -> float:
+    """Return the share, 0..1, of an overlay's points that are there."""
+    seen = np.zeros(len(overlay.data.vertices), np.float32)
+    if len(seen):
+        overlay.data.attributes[SEEN].data.foreach_get("value", seen)
+    return float(seen.mean()) if len(seen) else 0.0
+
+
 def create_view_overlay(
     camera: bpy.types.Object,
     source: CameraFile,

@@ -66,6 +66,29 @@ def capture_root(path: Path) -> Path:
     return next((folder for folder in around if _holds_cameras(folder)), alone)
 
 
+def is_session(path: Path) -> bool:
+    """Return whether a folder is no recording itself but holds some below it."""
+    return path.is_dir() and not _holds_cameras(path) and bool(trials_below(path))
+
+
+def trials_below(path: Path, levels: int = 3) -> list[Path]:
+    """Return the recordings of a session's folder, which lie at most so many folders deep, by name."""
+    found: list[Path] = []
+    for folder in _folders(path):
+        if not _POSE_FOLDERS.isdisjoint(inner.name.lower() for inner in _folders(folder)):
+            found.append(folder)
+        elif levels > 1:
+            found += trials_below(folder, levels - 1)
+    return found
+
+
+def _folders(path: Path) -> list[Path]:
+    try:
+        return sorted(folder for folder in path.iterdir() if folder.is_dir())
+    except OSError:
+        return []  # not ours to look into
+
+
 def _holds_cameras(folder: Path) -> bool:
     """Return whether a folder holds one folder of detections a camera, by itself or in its folder of poses."""
     try:

@@ -11,13 +11,14 @@ def colour_bones(scene: bpy.types.Scene) -> None:
     from ..review.bone_colours import paint_bones
 
     for capture in scene.mocap.captures:
-        review = capture.review
-        if review.armature is not None and review.armature.type == "ARMATURE":
-            paint_bones(review.armature, scene.frame_current, shown=review.colours)
+        for review in capture.reviews:
+            if review.armature is not None and review.armature.type == "ARMATURE":
+                paint_bones(review.armature, scene.frame_current, shown=review.colours)
 
 
 @persistent
 def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
     """Repaint before the new frame is evaluated, so that it is evaluated once; nothing is done with colours off."""
-    if any(capture.review.colours for capture in scene.mocap.captures) and not bpy.app.is_job_running("RENDER"):
+    colours = any(review.colours for capture in scene.mocap.captures for review in capture.reviews)
+    if colours and not bpy.app.is_job_running("RENDER"):
         colour_bones(scene)

@@ -22,8 +22,19 @@ class MocapCamera(bpy.types.PropertyGroup):
         name="Seen", description="Share of the keypoints it sees", subtype="PERCENTAGE"
     )
     has_footage: bpy.props.BoolProperty(name="Footage", description="Footage was found")
+    use: bpy.props.BoolProperty(name="Use", description="Solve with what this camera sees", default=True)
+    before_px: bpy.props.FloatProperty(name="Before", description="Median distance of its detections as calibrated, px")
+    after_px: bpy.props.FloatProperty(name="After", description="The same with the refined cameras, px")
     object: bpy.props.PointerProperty(type=bpy.types.Object, name="Camera")
     detections: bpy.props.PointerProperty(type=bpy.types.Object, name="Detections")
+
+
+class MocapLeftOut(bpy.types.PropertyGroup):
+    """Frames in which a camera takes no part in the solve."""
+
+    name: bpy.props.StringProperty(name="Camera")
+    first: bpy.props.IntProperty(name="First", description="First scene frame in which the camera is left out")
+    last: bpy.props.IntProperty(name="Last", description="Last scene frame in which the camera is left out")
 
 
 class MocapPin(bpy.types.PropertyGroup):
@@ -39,6 +50,12 @@ def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None
     colour_bones(context.scene)
 
 
+def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Lay the floor offset on the body's own offset, which no key touches."""
+    if self.armature is not None:
+        self.armature.delta_location.z = self.floor_offset
+
+
 class MocapReview(bpy.types.PropertyGroup):
     """What is looked at."""
 
@@ -52,9 +69,17 @@ class MocapReview(bpy.types.PropertyGroup):
         name="Doubtful Below", description="Confidence below which a frame deserves a look",
         default=0.5, min=0.02, max=0.98,
     )  # fmt: skip
+    floor_offset: bpy.props.FloatProperty(
+        name="Floor Offset", description="Lifts the body over the floor or lowers it, in all its takes; no key is changed",
+        unit="LENGTH", soft_min=-0.2, soft_max=0.2, precision=4, step=0.1, update=_lift,
+    )  # fmt: skip
     first: bpy.props.IntProperty(name="First", description="First scene frame to solve again", default=1)
     last: bpy.props.IntProperty(name="Last", description="Last scene frame to solve again", default=1)
     pins: bpy.props.CollectionProperty(type=MocapPin)
+
+    def plays(self, obj: bpy.types.Object) -> bool:
+        """Return whether an object is the body or its skin."""
+        return self.armature is not None and (obj == self.armature or obj.find_armature() == self.armature)
 
     @property
     def take(self) -> bpy.types.Action | None:
@@ -62,6 +87,27 @@ class MocapReview(bpy.types.PropertyGroup):
         animation = self.armature.animation_data if self.armature is not None else None
         action = animation.action if animation is not None else None
         return action if action is not None and "motion_file" in action else None
+
+
+def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Keep to the person chosen from the list until another object is made active, and select their body."""
+    body = self.review_of(self.person_shown).armature
+    if body is not None and body.name in context.view_layer.objects and context.mode == "OBJECT":
+        for other in context.selected_objects:
+            other.select_set(False)
+        body.select_set(True)
+        context.view_layer.objects.active = body
+    self.person_at = active_object(self.id_data)
+
+
+class MocapPerson(bpy.types.PropertyGroup):
+    """One of several people whom a capture shows."""
+
+    name: bpy.props.StringProperty(name="Name", description="What this person is called; double-click to change")
+    key: bpy.props.StringProperty(name="Person", description="What the capture file calls them")
+    frames: bpy.props.IntProperty(name="Frames", description="Frames in which two or more views see them")
+    views: bpy.props.FloatProperty(name="Views", description="How many views see them on average")
+    review: bpy.props.PointerProperty(type=MocapReview)
 
 
 def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -95,18 +141,97 @@ class MocapCapture(bpy.types.PropertyGroup):
         description="Colour markers by their distance from the solved body: green up to 10 mm, orange up to 25, or red",
     )  # fmt: skip
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
+    left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
+    original: bpy.props.StringProperty(
+        name="Original", description="Capture file with the recording's own calibration, where it was refined",
+        subtype="FILE_PATH", options=RELATIVE,
+    )  # fmt: skip
     messages: bpy.props.CollectionProperty(type=MocapMessage)
     collection: bpy.props.PointerProperty(type=bpy.types.Collection, name="Collection")
     floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
     review: bpy.props.PointerProperty(type=MocapReview)
+    people: bpy.props.CollectionProperty(type=MocapPerson)
+    person_shown: bpy.props.IntProperty(name="Person", description="Who is solved and reviewed", update=_show_person)
+    person_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when they were chosen")
+
+    def refined_text(self) -> str:
+        """Return before and after of a refined calibration, "" where it is the recording's own."""
+        pairs = [(item.before_px, item.after_px) for item in self.cameras if item.after_px > 0]
+        if not self.original or not pairs:
+            return ""
+        before, after = (sorted(column)[len(pairs) // 2] for column in zip(*pairs, strict=True))
+        return f"{before:.1f} px before, {after:.1f} px after"
+
+    def leave_out(self, scene_fps: float) -> list[str]:
+        """Return the views that are left out, as the solver's setting says it.
+
+        Args:
+            scene_fps: the scene's frames per second, by which the ranges are laid.
+        """
+        unused = [item.name for item in self.cameras if not item.use]
+        ratio = self.fps / scene_fps if self.fps else 1.0
+        ranges: list[str] = []
+        for item in self.left_out:
+            first, last = (round((frame - self.frame_start) * ratio) for frame in (item.first, item.last))
+            if item.name not in unused and last >= 0 and first < self.frames and first <= last:
+                ranges.append(f"{item.name}:{max(0, first)}-{last}")
+        return unused + ranges
+
+    @property
+    def measured(self) -> str:
+        """What takes are solved from: the capture file or, where a motion came without one, that motion."""
+        return self.file or (self.source if self.review.armature is not None else "")
+
+    def review_of(self, person: int) -> MocapReview:
+        """Return what is looked at of one of the people, by index; of the only one where there are none."""
+        return self.people[person].review if 0 < person < len(self.people) else self.review
+
+    @property
+    def reviews(self) -> list[MocapReview]:
+        """Return what is looked at of each person."""
+        return [self.review_of(person) for person in range(max(1, len(self.people)))]
+
+    @property
+    def person_index(self) -> int:
+        """Return which person panels and operators are about: whose body is active, or who was chosen last."""
+        active = active_object(self.id_data)
+        if active is not None and active != self.person_at:
+            for person, review in enumerate(self.reviews):
+                if review.plays(active):
+                    return person
+        return min(self.person_shown, max(0, len(self.people) - 1))
+
+    @property
+    def person(self) -> MocapPerson | None:
+        """Return that person, None where the capture shows one alone."""
+        return self.people[self.person_index] if self.people else None
+
+    def person_named(self, key: str) -> int:
+        """Return the index of a person by the capture file's name for them; 0 where there is none."""
+        return next((index for index, person in enumerate(self.people) if person.key == key), 0)
 
     def owns(self, obj: bpy.types.Object) -> bool:
         """Return whether an object is the capture's body, its skin, or anything else in its collection."""
-        body = self.review.armature
-        if body is not None and (obj == body or obj.find_armature() == body):
+        if any(review.plays(obj) for review in self.reviews):
             return True
         return self.collection is not None and self.collection.all_objects.get(obj.name) == obj
 
 
-CAPTURE_CLASSES = (MocapMessage, MocapCamera, MocapMarker, MocapPin, MocapReview, MocapCapture)
+def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the active object of a scene, in the window's view layer where the scene is shown."""
+    shown = getattr(bpy.context, "scene", None) == scene
+    layer = bpy.context.view_layer if shown else scene.view_layers[0]
+    return layer.objects.active if layer is not None else None
+
+
+CAPTURE_CLASSES = (
+    MocapMessage,
+    MocapCamera,
+    MocapLeftOut,
+    MocapMarker,
+    MocapPin,
+    MocapReview,
+    MocapPerson,
+    MocapCapture,
+)
 """In the order of registration."""

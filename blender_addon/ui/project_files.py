@@ -185,6 +185,7 @@ def _links() -> Iterator[_Link]:
         if scene.library is None:
             for capture in (*scene.mocap.captures, scene.mocap.blank):
                 yield _Link(capture, "file", follows=True)
+                yield _Link(capture, "original", follows=True)
                 yield _Link(capture, "source", follows=False)
             yield _Link(scene.mocap.solve, "subject", follows=True)
             yield _Link(scene.mocap, "folder", follows=False)

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..solving.presets import PRESETS
-from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
+from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
 
@@ -137,6 +137,14 @@ class MocapSolve(bpy.types.PropertyGroup):
         name="Outlier Scale", description="Standard deviations at which a detection starts to be doubted",
         default=4.0, min=0.1, max=100,
     )  # fmt: skip
+    smoothing: bpy.props.FloatProperty(
+        name="Smoothing", default=1.0, min=0.1, soft_max=10.0, max=100.0,
+        description="How many times as calm as recorded motion: 1 follows the detections, 3 is calm, 10 loses detail",
+    )  # fmt: skip
+    foot_lock: bpy.props.FloatProperty(
+        name="Foot Lock", default=1.0, min=0.1, soft_max=10.0, max=100.0,
+        description="How many times as firmly standing feet are held where they stand",
+    )  # fmt: skip
     estimate_sync: bpy.props.BoolProperty(
         name="Correct Delays", description="Where some camera is late, move the others by their delays too; "
         "without, only sure delays from 0.3 frames on are corrected", default=False,
@@ -163,6 +171,9 @@ class MocapSolve(bpy.types.PropertyGroup):
             chosen["estimate_sync"] = True
         if self.body:
             chosen["body"] = self.body
+        for name in ("smoothing", "foot_lock"):
+            if abs(getattr(self, name) - 1.0) > 1e-6:
+                chosen[name] = round(getattr(self, name), 4)
         if self.preset != "CUSTOM":
             return {**PRESETS[self.preset], **chosen}
         return {**{name: getattr(self, name) for name in CHOSEN_BY_PRESETS}, **chosen}
@@ -211,19 +222,12 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def review(self) -> MocapReview:
-        """What is looked at of that capture."""
-        return self.capture.review
+        """What is looked at of that capture, of one person where it shows several."""
+        return self.capture.review_of(self.capture.person_index)
 
     def show(self, index: int) -> None:
         """Let panels be about a capture until an object of another one is made active."""
         self.shown, self.shown_at = index, active_object(self.id_data)
-
-
-def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the active object of a scene, in the window's view layer where the scene is shown."""
-    shown = getattr(bpy.context, "scene", None) == scene
-    layer = bpy.context.view_layer if shown else scene.view_layers[0]
-    return layer.objects.active if layer is not None else None
 
 
 CLASSES = (*CAPTURE_CLASSES, MocapReading, MocapSolve, MocapSettings)

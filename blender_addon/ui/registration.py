@@ -9,6 +9,7 @@ import bpy
 
 from ..headless.blender_command import command
 from . import (
+    adoption,
     bone_colours,
     marker_view,
     preferences,
@@ -18,6 +19,8 @@ from . import (
 )
 from .operators import (
     calibrate_subject,
+    cameras,
+    clean_up,
     export_markers,
     export_take,
     import_capture,
@@ -25,6 +28,7 @@ from .operators import (
     retarget,
     review,
     solve,
+    solve_all,
     solver_operator,
     takes,
     views,
@@ -33,6 +37,7 @@ from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
 from .panels import markers as marker_panel
+from .panels import people as people_panel
 from .panels import retarget as retarget_panels
 from .panels import review as review_panels
 from .panels import shape as shape_panel
@@ -77,11 +82,14 @@ TABLE: tuple[Entry, ...] = (
     _class(import_capture.MOCAP_FH_capture),
     _class(calibrate_subject.MOCAP_OT_calibrate_subject),
     _class(solve.MOCAP_OT_solve),
+    _class(solve_all.MOCAP_OT_solve_all),
     _class(solve.MOCAP_OT_resolve_range),
     _class(solve.MOCAP_OT_show_log),
     *map(_class, review.CLASSES),
     *map(_class, takes.CLASSES),
     *map(_class, views.CLASSES),
+    *map(_class, cameras.CLASSES),
+    *map(_class, clean_up.CLASSES),
     *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
@@ -92,17 +100,20 @@ TABLE: tuple[Entry, ...] = (
     _class(marker_panel.VIEW3D_PT_mocap_labels),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
+    *map(_class, people_panel.CLASSES),
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),
     _class(solve_panels.VIEW3D_PT_mocap_solve),
     _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
     _class(review_panels.VIEW3D_PT_mocap_review),
     _class(review_panels.VIEW3D_PT_mocap_resolve),
+    _class(review_panels.VIEW3D_PT_mocap_clean_up),
     _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
+    _handler(bpy.app.handlers.load_post, adoption.on_load),
     _handler(bpy.app.handlers.save_pre, project_files.before_save),
     _handler(bpy.app.handlers.save_post, project_files.after_save),
     _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),

@@ -14,14 +14,26 @@ from .._exchange.outputs import write_text
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of
+from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
 from ..review.pinning import FrameRange, resolve_of
-from ..solving.take_paths import next_take
+from ..solving.take_paths import capture_folder, next_take
 from .locations import files_folder, usable
 
 
-def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[JobFile, Path]:
+def prepare_job(
+    scene: bpy.types.Scene,
+    frames: FrameRange | None,
+    of: bpy.types.PropertyGroup | None = None,
+    person: int | None = None,
+) -> tuple[JobFile, Path]:
     """Return the job of the scene's settings and the path it is to be written to.
+
+    Args:
+        scene: the scene.
+        frames: a range to solve again, None for the whole take.
+        of: one of the scene's captures; None for the one panels are about.
+        person: index of one of its people; None for the one panels are about.
 
     Takes go beside their capture, or where new captures go if that folder has become read-only.
 
@@ -30,20 +42,31 @@ def prepare_job(scene: bpy.types.Scene, frames: FrameRange | None) -> tuple[JobF
         TakeMissing: the capture, or the motion to solve again, is no longer on the disk.
     """
     settings = scene.mocap
-    capture = capture_file(settings.capture)
-    take = next_take(folder_of_takes(scene, capture.parent))
-    values, subject = settings.solve.values(), _subject(settings) if frames is None else None
-    mesh = body_mesh(settings.review.armature) if settings.review.armature is not None else None
+    chosen = settings.capture if of is None else of
+    index = chosen.person_index if person is None else person
+    review, capture = chosen.review_of(index), capture_file(chosen)
+    take = next_take(folder_of_takes(scene, capture.parent if chosen.file else _own_folder(scene, capture)))
+    values, subject = settings.solve.values(), _subject(settings, chosen) if frames is None else None
+    mesh = body_mesh(review.armature) if review.armature is not None else None
     if mesh is not None and subject is None and (settings.solve.keep_shape or frames is not None):
         values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
-    layout = written_layout(settings.capture, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
+    layout = written_layout(chosen, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
+    if left_out := chosen.leave_out(scene_frame_rate(scene)):
+        values["leave_out"] = left_out
     if layout is not None:
         values["layout"] = layout.name
-    report = take.report if settings.solve.report else None
-    job = JobFile(capture=capture, out=take.motion, report=report, subject=subject, settings=values)
+    report = take.report if settings.solve.report and chosen.file else None
+    whom = chosen.people[index].key if chosen.people else None
+    job = JobFile(capture=capture, out=take.motion, report=report, person=whom, subject=subject, settings=values)
     if frames is not None:
         job = replace(job, resolve=resolve_of(frames))
     return job, take.job
+
+
+def _own_folder(scene: bpy.types.Scene, motion: Path) -> Path:
+    """Return where takes of a motion go that came without its recording: never into the library it is from."""
+    own = files_folder(scene)
+    return motion.parent if motion.is_relative_to(own) else capture_folder(own, motion)
 
 
 def portable_job(job: JobFile, folder: Path) -> JobFile:
@@ -61,7 +84,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
     Raises:
         TakeMissing: it is no longer on the disk.
     """
-    path = file_of(capture.file)
+    path = file_of(capture.measured)
     if not path.is_file():
         raise TakeMissing("The capture file is gone.", where=str(path), hint="Import the capture again.")
     return path
@@ -82,9 +105,9 @@ def written_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     return write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
 
-def _subject(settings: bpy.types.PropertyGroup) -> Path | None:
+def _subject(settings: bpy.types.PropertyGroup, capture: bpy.types.PropertyGroup) -> Path | None:
     """Return the file of the calibrated person of a recording of markers, None where there is none."""
-    if not settings.solve.subject or not settings.capture.marker_items:
+    if not settings.solve.subject or not capture.marker_items:
         return None
     path = file_of(settings.solve.subject)
     if not path.is_file():

@@ -78,6 +78,7 @@ def _reading() -> _Parser:
     options.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
     options.add_argument("--unit", help="length unit of the recording, such as m or mm, where it is told wrongly")
     options.add_argument("--up-axis", metavar="AXIS", help="axis of the recording's world that points up, if not z")
+    options.add_argument("--person", metavar="NAME", help="whose keypoints, where the views show several, see people")
     options.add_argument("--subject-prefix", metavar="NAME", help="whose markers, where a file holds several people")
     return options
 
@@ -89,9 +90,11 @@ def _writing() -> _Parser:
 
 
 def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
-    solve = verbs.add_parser("solve", parents=parents, help="solve a capture and write the motion")
-    solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="file or folder of the capture")
-    solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write")
+    solve = verbs.add_parser(
+        "solve", parents=parents, help="solve a capture and write the motion; --person all: of everybody"
+    )
+    solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="capture, or session of trials")
+    solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write; a session's folder")
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
     solve.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
@@ -99,9 +102,16 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("--backend", help="numpy (default) or torch")
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
     solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
+    solve.add_argument(
+        "--leave-out", action="append", metavar="CAMERA[:FIRST-LAST]",
+        help="leave a camera out, in some frames (from 0) or in all; may be repeated",
+    )  # fmt: skip
     solve.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     solve.add_argument("--scheduler", metavar="ADDRESS", help="let a Dask scheduler's workers solve stretches of it")
-    solve.add_argument("--job", type=Path, metavar="JOB.json", help="read all of the above from a job file")
+    solve.add_argument(
+        "--job", type=Path, action="append", metavar="JOB.json",
+        help="read all of the above from a job file; several are solved one after another",
+    )  # fmt: skip
 
 
 def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:
@@ -109,6 +119,9 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
         "info", parents=[reading, common], help="say what a capture holds and what is wrong with it"
     )
     info.add_argument("capture", type=Path, metavar="CAPTURE")
+
+    people = verbs.add_parser("people", parents=[reading, common], help="list everybody whom two or more views see")
+    people.add_argument("capture", type=Path, metavar="CAPTURE")
 
     calibrate = verbs.add_parser(
         "calibrate", parents=[reading, writing, common], help="learn shape and places of the markers from marker takes"
@@ -127,8 +140,14 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
     layout.add_argument("--out", type=Path, required=True, metavar="LAYOUT.json")
 
     convert = verbs.add_parser("convert", parents=[reading, writing, common], help="write any capture as one file")
-    convert.add_argument("capture", type=Path, metavar="CAPTURE")
-    convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+    convert.add_argument("capture", type=Path, metavar="CAPTURE", help="capture, or session of trials")
+    convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="file; a session's folder")
+
+    refine = verbs.add_parser(
+        "refine-cameras", parents=[reading, writing, common], help="correct a calibration by the people it films"
+    )
+    refine.add_argument("capture", type=Path, metavar="CAPTURE")
+    refine.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="capture with corrected cameras")
 
     verbs.add_parser("bodies", parents=[common], help="list the bodies that can be chosen by name")
 

@@ -18,6 +18,7 @@ def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
         "name": capture.name, "frames": capture.num_frames, "fps": capture.fps,
         "duration_s": round(capture.num_frames / capture.fps, 3) if capture.fps else None,
         "cameras": _cameras(capture), "joint_set": None, "markers": None,
+        "people": describe_people(capture), "person": capture.person,
         "truth": sorted(capture.truth), "notes": list(capture.notes), "problems": list(capture.problems),
     }  # fmt: skip
     if capture.keypoints is not None:
@@ -59,6 +60,33 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
     return "\n".join(lines), data
 
 
+def describe_people(capture: Capture) -> list[dict[str, Any]]:
+    """Return name, agreed frames, first and last of them, and the views that see each person, of several people."""
+    people: list[dict[str, Any]] = []
+    for person in capture.people:
+        frames = np.flatnonzero(person.agreed)
+        seen = (person.keypoints.confidence > 0).any(axis=-1)
+        share = seen.mean(axis=1)
+        people.append(
+            {
+                "name": person.name, "frames": len(frames),
+                "first": int(frames[0]) if len(frames) else None, "last": int(frames[-1]) if len(frames) else None,
+                "views": round(float(seen[:, frames].sum(axis=0).mean()), 2) if len(frames) else 0.0,
+                "seen_percent": [round(100 * float(part), 1) for part in share],
+            }
+        )  # fmt: skip
+    return people
+
+
+def people_lines(people: list[dict[str, Any]]) -> list[str]:
+    """Return a line of text on each person."""
+    return [
+        f"  person      {person['name']}: {person['views']:.1f} views in {person['frames']} frames, "
+        f"{person['first']}-{person['last']}"
+        for person in people
+    ]
+
+
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
     """Return [first, last] of each range of frames in which no keypoint is seen by two cameras."""
     assert capture.keypoints is not None
@@ -88,7 +116,7 @@ def _capture_text(data: dict[str, Any], marker_lines: list[str]) -> str:
     lines = [f"Capture {data['name']}", f"  frames      {data['frames']} at {data['fps']:g} fps{seconds}"]
     if data["joint_set"]:
         lines.append(f"  keypoints   {data['joint_set']}")
-    lines += marker_lines
+    lines += marker_lines + people_lines(data["people"])
     for camera in data["cameras"]:
         width, height = camera["image_size"]
         seen = "" if camera["seen_percent"] is None else f", sees {camera['seen_percent']:.0f} % of the keypoints"

@@ -73,7 +73,8 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    module = "pose_verbs" if name in POSE_VERBS else "marker_verbs" if name in MARKER_VERBS else "verbs"
+    special = {"pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "solve_verb": ("solve",)}
+    module = next((module for module, names in special.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")
     return getattr(verbs, name.replace("-", "_"))
 

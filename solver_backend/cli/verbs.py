@@ -3,98 +3,27 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.describe import describe_capture, describe_motion
+import numpy as np
+
+from solver_backend.cli.describe import describe_capture, describe_people, people_lines
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown
-from solver_backend.exchange.outputs import atomic_output, check_output
+from solver_backend.cli.reading import load, reading, trials_of
+from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown, RefinementUseless
+from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.job import READING, Job, Resolve, joint_set_named, positive_fps
-from solver_backend.types import Capture, Motion
-
-if TYPE_CHECKING:
-    from solver_backend.fitters.keyframes.chunked import Stretches
-
-
-def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, write the motion and, if asked for, the report."""
-    job = _job(args)
-    for path in (job.out, job.report):
-        if path is not None:
-            check_output(path, overwrite=job.overwrite)
-    capture = _load(job.capture, job.reading(), progress)
-    from solver_backend.fitters.pipeline import resolve_range
-    from solver_backend.fitters.pipeline import solve as solve_capture
-    from solver_backend.io.native.motion_file import read_motion
-    from solver_backend.io.native.subject_file import read_subject
-    from solver_backend.io.recognition.motion_checks import motion_problems
-
-    start = time.monotonic()
-    if job.resolve is None:
-        person = None if job.subject is None else read_subject(job.subject)
-        with _stretches(args.scheduler) as each:
-            motion = solve_capture(capture, job.settings, progress, person=person, each=each).motion
-    else:
-        earlier = read_motion(job.resolve.motion)
-        motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
-    solve_s = time.monotonic() - start
-    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
-    _write_both(job, capture, timed, progress)
-    text, data = describe_motion(timed, solve_s)
-    odd = motion_problems(timed)
-    text += "".join(f"\n  problem     {problem}" for problem in odd)
-    written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
-    files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
-    return Outcome(text + files, {**written, **data, "problems": [*capture.problems, *odd]})
-
-
-@contextmanager
-def _stretches(scheduler: str | None) -> Iterator[Stretches]:
-    """Yield what solves the stretches of a long take: this process, or a cluster."""
-    from solver_backend.fitters.keyframes.chunked import in_turn
-
-    if scheduler is None:
-        yield in_turn
-        return
-    from solver_backend.cli.spread import ClusterStretches
-
-    cluster = ClusterStretches(scheduler)
-    try:
-        yield cluster
-    finally:
-        cluster.close()
-
-
-def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
-    """Write the motion and its report, named one right after the other; the motion also where the report fails."""
-    from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.report.page import report_html
-
-    with ExitStack() as named_last:
-        try:
-            if job.report is not None:
-                progress("Writing the report", 0, 1)
-                page = named_last.enter_context(atomic_output(job.report, overwrite=job.overwrite))
-                page.write_text(report_html(capture, motion), encoding="utf-8", newline="\n")
-                progress("Writing the report", 1, 1)
-        finally:
-            write_motion(job.out, motion, overwrite=job.overwrite)
+from solver_backend.types import Capture
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Learn a person from one or several marker takes and write the subject file."""
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
-    captures = [_load(path, _reading(args), progress) for path in args.captures]
+    captures = [load(path, reading(args), progress) for path in args.captures]
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.subject_file import write_subject
 
@@ -111,7 +40,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write which place each marker's label is taken for, as a file to be edited."""
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
-    capture = _read(args, progress)
+    capture = load(args.capture, reading(args), progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
     from solver_backend.body.label_places import write_label_places
@@ -123,15 +52,80 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Say what a capture holds, what the reader assumed and what is wrong with it."""
-    text, data = describe_capture(_read(args, progress))
+    text, data = describe_capture(load(args.capture, reading(args), progress))
     return Outcome(text, data)
 
 
+def people(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """List everybody whom two or more views see."""
+    capture = load(args.capture, reading(args), progress)
+    found = describe_people(capture)
+    lines = people_lines(found) or ["  one person"]
+    return Outcome("\n".join([f"Capture {capture.name}", *lines]), {"name": capture.name, "people": found})
+
+
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture as one of our own files."""
+    """Write any capture as one of our own files, or each trial of a session as one of its own."""
+    overwrite = bool(args.overwrite)
+    trials = trials_of(args.capture)
+    if not trials:
+        check_output(args.out, overwrite=overwrite)
+        return _write(args.out, load(args.capture, reading(args), progress), overwrite)
+    if args.out.suffix.lower() == ".npz":
+        raise CommandLineInvalid(
+            "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
+        )
+    files = [args.out / trial.name / "capture.npz" for trial in trials]
+    for path in files:
+        check_output(path, overwrite=overwrite)
+    parts: list[Outcome] = []
+    for trial, path in zip(trials, files, strict=True):
+        part = _write(path, load(trial, reading(args), progress), overwrite)
+        parts.append(Outcome(part.text, {**part.data, "source": str(trial)}))
+    return Outcome("\n".join(part.text for part in parts), {"captures": [part.data for part in parts]})
+
+
+def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Correct camera poses by the people they film, and write the capture with them."""
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
-    return _write(args.out, _read(args, progress), overwrite)
+    capture = load(args.capture, reading(args), progress)
+    from solver_backend.cameras.calibration_refinement import refine_calibration
+    from solver_backend.io.recognition.world_check import SHIFTED
+
+    progress("Refining the cameras", 0, 1)
+    found = refine_calibration(capture)
+    progress("Refining the cameras", 1, 1)
+    note = (
+        f"Cameras were refined by the people they film: {np.nanmedian(found.before_px):.1f} px before, "
+        f"{np.nanmedian(found.after_px):.1f} px after (median of views, on other frames than those fitted to)."
+    )
+    if not found.is_better:
+        raise RefinementUseless(
+            f"The cameras fit the people no better when refined: {np.nanmedian(found.before_px):.1f} px before, "
+            f"{np.nanmedian(found.after_px):.1f} px after.",
+            where=capture.name, hint="The calibration is as good as the detections tell; keep it.",
+        )  # fmt: skip
+    problems = tuple(problem for problem in capture.problems if not problem.startswith(SHIFTED))
+    refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
+    written = _write(args.out, refined, overwrite)
+    rows = [
+        {
+            "name": name, "before_px": _rounded(found.before_px[c]), "after_px": _rounded(found.after_px[c]),
+            "moved_mm": _rounded(found.moved_mm[c]), "turned_degrees": _rounded(found.turned_degrees[c]),
+        }
+        for c, name in enumerate(found.cameras.names)
+    ]  # fmt: skip
+    lines = [
+        f"  refined     {row['name']}: {row['before_px']} px before, {row['after_px']} px after; "
+        f"moved by {row['moved_mm']} mm, turned by {row['turned_degrees']}°"
+        for row in rows
+    ]
+    return Outcome("\n".join([written.text, *lines]), {**written.data, "refined": rows})
+
+
+def _rounded(value: float) -> float | None:
+    return round(float(value), 2) if np.isfinite(value) else None
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -153,7 +147,7 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.markers:
         from solver_backend.synthetic.marker_demo import DEMO_TAKE
 
-        return _write(args.out, _load(DEMO_TAKE, {}, progress), overwrite)
+        return _write(args.out, load(DEMO_TAKE, {}, progress), overwrite)
     from solver_backend.synthetic.demo import demo_capture as make_capture
 
     return _write(args.out, make_capture(), overwrite)
@@ -164,7 +158,7 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 
-    capture = _load(args.capture, {}, progress)
+    capture = load(args.capture, {}, progress)
     found = compare(capture, read_motion(args.motion))
     ratios = {"mpjpe_ratio": found.mpjpe_ratio, "accel_ratio": found.accel_ratio}
     figures = {name: round(value, 4) for name, value in {**asdict(found), **ratios}.items()}
@@ -189,63 +183,6 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
     return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
-
-
-def _job(args: argparse.Namespace) -> Job:
-    """Return the job of the command line: a job file, or the options that would stand in one."""
-    files, chosen = ("capture", "out", "report", "subject", "overwrite"), ("method", "backend", "body", "layout")
-    names = (*files, *READING, *chosen, "resolve", "frames")
-    given = [name for name in names if getattr(args, name) is not None]
-    if args.job is not None:
-        if given:
-            raise CommandLineInvalid(
-                f"--job cannot be combined with {', '.join(given)}.", hint="Write it into the job file."
-            )
-        return Job.read(args.job)
-    if args.capture is None or args.out is None:
-        raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
-    return Job(
-        capture=args.capture,
-        out=args.out,
-        report=args.report,
-        subject=args.subject,
-        overwrite=bool(args.overwrite),
-        **_reading(args),
-        settings=SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given}),
-        resolve=_resolve(args),
-    )
-
-
-def _resolve(args: argparse.Namespace) -> Resolve | None:
-    if args.resolve is None and args.frames is None:
-        return None
-    if args.resolve is None or args.frames is None:
-        raise CommandLineInvalid(
-            "--resolve and --frames belong together.", hint="--resolve MOTION.npz --frames FIRST LAST"
-        )
-    return Resolve(args.resolve, FrameRange(*args.frames))
-
-
-def _read(args: argparse.Namespace, progress: Progress) -> Capture:
-    return _load(args.capture, _reading(args), progress)
-
-
-def _reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the options that say how a capture is read."""
-    return {
-        "fps": None if args.fps is None else positive_fps(args.fps),
-        "trim": bool(args.trim),
-        "joint_set": None if args.joint_set is None else joint_set_named(args.joint_set),
-        "unit": args.unit,
-        "up_axis": args.up_axis,
-        "subject_prefix": args.subject_prefix,
-    }
-
-
-def _load(path: Path, reading: dict[str, Any], progress: Progress) -> Capture:
-    from solver_backend.io.load import load_capture
-
-    return load_capture(path, **reading, progress=progress)
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:

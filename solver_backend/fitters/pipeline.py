@@ -12,6 +12,7 @@ import numpy as np
 
 from solver_backend import __version__
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
+from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
@@ -22,6 +23,7 @@ from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
+from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.noise_aware.method import pose_prior, solve_noise_aware
@@ -139,6 +141,33 @@ def resolve_range(
     return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
 
+def resolve_motion(
+    measured: Motion, motion: Motion, frame_range: FrameRange, settings: SolveSettings = SolveSettings(),
+    progress: Progress = silent,
+) -> Solution:  # fmt: skip
+    """Solve some frames of a motion again without its recording, through poses that a person pinned.
+
+    Where nothing is pinned near by, the motion's own points are what is measured; about a pin the prior fills in.
+
+    Args:
+        measured: the motion as it came.
+        motion: the motion to be changed: the same one, or an earlier change of it.
+        frame_range: what to solve again, and the pins.
+        settings: as of ``solve``.
+        progress: called as stages advance.
+
+    Raises:
+        JobInvalid: the frame range is none of this motion.
+        MotionInvalid: the motion belongs to another body, or the two are of different lengths.
+        NoDetections: too few frames are left beside the pins.
+    """
+    body, like = load_chosen_body(settings.body), _origin(settings.backend)
+    frame_range.check(measured.num_frames)
+    points = measure_motion(body, measured, [pin.frame for pin in frame_range.pins], like)
+    problem = Problem.of(body, load_sposer(), points)
+    return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
+
+
 def prepare(
     capture: Capture, settings: SolveSettings, progress: Progress, prior: AutoencodingPrior | None = None,
     person: MarkerSubject | None = None,
@@ -162,7 +191,9 @@ def prepare(
         if settings.method in _FIND_THE_SHAPE and person is None:
             return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
         return marker_problem(capture.markers, body, prior, like, settings, progress, person)
-    views = measure_views(capture, body, like, progress, estimate_sync=settings.estimate_sync)
+    views = measure_views(
+        without_views(capture, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync
+    )
     return Problem.of(body, prior, views)
 
 
@@ -197,4 +228,5 @@ def _sources(capture: Capture, settings: SolveSettings) -> dict[str, Any]:
     """Return which files went into a solve."""
     path = resolve_body(settings.body)
     fingerprint = {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-    return {"body_file": fingerprint, "capture": capture.name, "sources": list(capture.sources)}
+    whom = {"person": capture.person} if capture.person else {}
+    return {"body_file": fingerprint, "capture": capture.name, **whom, "sources": list(capture.sources)}

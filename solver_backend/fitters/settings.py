@@ -43,8 +43,14 @@ class SolveSettings:
     """Where some camera is late, move the others by their delays too; without, only by sure ones from 0.3 frames on."""
     contacts: bool = True
     """Hold feet that stand to where they stand."""
+    smoothing: float = 1.0
+    """How many times as bounded accelerations are as those of recorded motion: 1 follows the data, 4 is calm."""
+    foot_lock: float = 1.0
+    """How many times as firmly standing feet are held."""
     learn_noise: bool = True
     """Learn how reliable each keypoint is in each view; without it all views of a keypoint count alike."""
+    leave_out: tuple[str, ...] = ()
+    """Views that take no part: CAMERA, or CAMERA:FIRST-LAST in frames from 0."""
     betas: tuple[float, ...] | None = None
     """Known shape; None estimates it from the take."""
 
@@ -66,8 +72,14 @@ class SolveSettings:
             "contacts": (isinstance(self.contacts, bool), "true or false"),
             "learn_noise": (isinstance(self.learn_noise, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
+            "smoothing": (0.1 <= self.smoothing <= 100, "a number from 0.1 to 100"),
+            "foot_lock": (0.1 <= self.foot_lock <= 100, "a number from 0.1 to 100"),
             "layout": (isinstance(self.layout, str), "the path of a layout's file"),
             "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),
+            "leave_out": (
+                all(isinstance(item, str) for item in self.leave_out),
+                "a list of CAMERA or CAMERA:FIRST-LAST",
+            ),
             "betas": (self.betas is None or len(self.betas) == 10, "10 numbers or null"),
         }
         for name, (valid, expected) in checks.items():
@@ -87,5 +99,5 @@ class SolveSettings:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise JobInvalid(f"Unknown setting {', '.join(unknown)}.", hint=f"Known settings: {', '.join(known)}.")
-        betas = values.get("betas")
-        return cls(**{**values, "betas": tuple(betas) if betas is not None else None})
+        lists = {name: tuple(values[name]) for name in ("betas", "leave_out") if values.get(name) is not None}
+        return cls(**{**values, **lists})

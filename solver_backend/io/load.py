@@ -36,6 +36,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     Raises:
         CaptureNotRecognised: no reader knows the path.
         JobInvalid: the frame rate is not positive.
+        PersonUnknown: the capture does not show the person who was asked for.
         CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
         MocapError: whatever else the reader raises.
     """
@@ -44,6 +45,8 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     if reader is None:
         raise _no_capture(path, readers)
     capture = reader.read(path, chosen)
+    if chosen.person is not None:
+        capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:
         capture.require_multiview()
     capture = checked(capture)

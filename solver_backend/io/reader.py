@@ -30,6 +30,8 @@ class ReadOptions:
     """Axis of the file's world that points up; None is the format's own."""
     subject_prefix: str | None = None
     """Whose markers are read, by the prefix of their labels; None takes the only subject."""
+    person: str | None = None
+    """Whose keypoints the capture holds, by name or number; None takes the person whom most views agree on."""
     progress: Progress = silent
     """Called with how far reading has come."""
 

@@ -39,6 +39,20 @@ SURE_SHARE = 0.8
 
 
 @dataclass(frozen=True)
+class FollowedPeople:
+    """Everybody in space, followed over the take."""
+
+    seen: Sightings
+    """All detections, without lens distortion."""
+    tracks: np.ndarray
+    """(C, F, P) number of the view's own track each detection belongs to."""
+    people: PeopleInSpace
+    """Everybody in space."""
+    rows: list[np.ndarray]
+    """The rows of ``people`` of each person, the most agreed on first."""
+
+
+@dataclass(frozen=True)
 class FoundPerson:
     """The person among everybody's detections."""
 
@@ -67,6 +81,16 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
     Raises:
         NoDetections, TooFewViews: see ``select_person``.
     """
+    followed = follow_people(cameras, detections, fps, progress)
+    accepted, fit = detections_of(followed, 0, detections, fps)
+    return FoundPerson(followed.people, followed.rows, accepted, fit)
+
+
+def follow_people(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FollowedPeople:
+    """Group the detections of all views into people in space, frame by frame, and follow these over the take.
+
+    Args and raises: those of ``find_person``.
+    """
     _require_two_views(detections)
     seen = sightings(cameras, detections)
     tracks = view_tracks(seen)
@@ -82,9 +106,24 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
             where=", ".join(cameras.names),
             hint="Check that calibration and recording belong together, its unit, and that cameras are synchronised.",
         )
-    points, near = _expected_points(people, found[0], detections.num_frames, fps)
-    others = _claimed_by_others(people, found[0], points, detections)
-    return FoundPerson(people, found, *_accepted(seen, points, near, others, tracks))
+    return FollowedPeople(seen, tracks, people, found)
+
+
+def detections_of(
+    followed: FollowedPeople, person: int, detections: Detections, fps: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C, F, P) which detections are a person, and how many keypoints of each lie where that person's are.
+
+    Args:
+        followed: everybody.
+        person: index into ``followed.rows``.
+        detections: everybody in every view.
+        fps: frames per second.
+    """
+    rows = followed.rows[person]
+    points, near = _expected_points(followed.people, rows, detections.num_frames, fps)
+    others = _claimed_by_others(followed.people, rows, points, detections)
+    return _accepted(followed.seen, points, near, others, followed.tracks)
 
 
 def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Choose the person to solve: their detections in every view, what was left out, and what is doubtful."""
+"""The detections of each person in every view, what was left out, and what is doubtful."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.people.detections import Detections
-from solver_backend.people.person_finding import FoundPerson, doubtful_views, find_person
+from solver_backend.people.everybody import SeenPerson, everybody_seen
+from solver_backend.people.person_finding import FollowedPeople, doubtful_views, follow_people
 from solver_backend.types import Cameras, Keypoints2D
 
 AGREEING_SHARE = 0.65
@@ -19,6 +20,8 @@ AGREEING_SHARE = 0.65
 class SelectedPerson:
     """The detections of one person in every view."""
 
+    name: str
+    """What they are called."""
     keypoints: Keypoints2D
     """Detections of the person."""
     detection: np.ndarray
@@ -42,17 +45,37 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
         NoDetections: nobody is detected, or no two views agree on anybody.
         TooFewViews: fewer than two views hold detections.
     """
-    found = find_person(cameras, detections, fps, progress)
-    accepted = found.accepted | _alone(detections)
-    notes, problems = _report(cameras, detections, found, accepted)
+    return select_people(cameras, detections, fps, progress)[0]
+
+
+def select_people(
+    cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
+) -> tuple[SelectedPerson, ...]:
+    """Return everybody whom two or more views see, each with their own detections; the most agreed on first.
+
+    Which of them is solved is chosen later. Notes and problems are told with the first, who is the one that is solved
+    where nobody chooses. Views that never show two people at once are the first's but where they show another, see
+    ``select_person``.
+
+    Args and raises: those of ``select_person``.
+    """
+    followed = follow_people(cameras, detections, fps, progress)
+    people = everybody_seen(followed, detections, fps)
+    others = np.any([person.accepted for person in people[1:]], axis=0) if len(people) > 1 else False
+    first = people[0].accepted | (_alone(detections) & ~others)
+    notes, problems = _report(cameras, detections, followed, people, first)
     problems += tuple(
         f"Camera {cameras.names[c]} sees one person, but never where the other cameras do: it may be turned, mirrored, "
         "late or named like another."
-        for c in doubtful_views(detections, found.accepted)
+        for c in doubtful_views(detections, people[0].accepted | others)
     )
-    xy, confidence, detection = _merged(detections, accepted, found.fit)
-    keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps)
-    return SelectedPerson(keypoints, detection, notes, problems)
+    selected: list[SelectedPerson] = []
+    for person in people:
+        xy, confidence, detection = _merged(detections, first if not selected else person.accepted, person.fit)
+        keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps)
+        said = ((), ()) if selected else (notes, problems)
+        selected.append(SelectedPerson(person.name, keypoints, detection, *said))
+    return tuple(selected)
 
 
 def _alone(detections: Detections) -> np.ndarray:
@@ -83,13 +106,18 @@ def _merged(detections: Detections, accepted: np.ndarray, fit: np.ndarray) -> tu
 
 
 def _report(
-    cameras: Cameras, detections: Detections, person: FoundPerson, accepted: np.ndarray
+    cameras: Cameras,
+    detections: Detections,
+    followed: FollowedPeople,
+    people: tuple[SeenPerson, ...],
+    accepted: np.ndarray,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    frames, people, found = detections.num_frames, person.people, person.rows
-    views = (people.members[found[0]] >= 0).sum(1)
+    """Return who was found, and who else; and what is doubtful about the first."""
+    space, person = followed.people, people[0]
+    views = (space.members[person.rows] >= 0).sum(1)
     notes = [
         f"The person is the one most views agree on: {views.mean():.1f} of {len(cameras)} views, "
-        f"in {len(np.unique(people.frame[found[0]]))} of {frames} frames."
+        f"in {len(np.unique(space.frame[person.rows]))} of {detections.num_frames} frames."
     ]
     problems: list[str] = []
     dropped = detections.people() - accepted.sum(-1)
@@ -100,16 +128,15 @@ def _report(
             if count.any()
         )
         notes.append(f"Other people are left out: {listing}.")
-    with_somebody = (detections.people()[:, people.frame[found[0]]] > 0).sum(0)
+    notes += [
+        f"{other.name} is seen as well: {(space.members[other.rows] >= 0).sum(1).mean():.1f} views in "
+        f"{len(other.rows)} frames. Each person can be solved."
+        for other in people[1:]
+    ]
+    with_somebody = (detections.people()[:, space.frame[person.rows]] > 0).sum(0)
     if views.mean() < AGREEING_SHARE * with_somebody.mean():
         problems.append(
             f"Of {with_somebody.mean():.1f} views that see somebody only {views.mean():.1f} agree on the person: "
             "is this the recording's calibration, are the cameras synchronised?"
         )
-    for rows in found[1:]:
-        other = (people.members[rows] >= 0).sum(1)
-        if len(rows) >= 0.5 * len(found[0]) and other.mean() > views.mean() - 0.5:
-            problems.append(
-                f"Another person is seen as well: {other.mean():.1f} views in {len(rows)} frames. Only one is solved."
-            )
     return tuple(notes), tuple(problems)

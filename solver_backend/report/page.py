@@ -61,7 +61,8 @@ def report_html(capture: Capture, motion: Motion) -> str:
     ]
     headline = tiles(headline_tiles(capture, motion, residuals))
     style, script = _part("page.css"), _part("page.js")
-    title = f"Solve of {text(capture.name)}"
+    whose = f", {capture.person}" if capture.person else ""
+    title = f"Solve of {text(capture.name + whose)}"
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">{REPORT_MARK}'

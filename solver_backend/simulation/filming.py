@@ -13,7 +13,7 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.simulation.keypoint_detector import DetectorModel, DetectorOutput, Sight, detect_keypoints
-from solver_backend.simulation.occlusion import self_occluded
+from solver_backend.simulation.occlusion import occluded_by, self_occluded
 from solver_backend.synthetic.demo import tripods
 from solver_backend.types import Cameras, JointSet
 
@@ -91,6 +91,8 @@ class FilmSettings:
     none."""
     delays: np.ndarray | None = None
     """(C,) frames by which views lag; None for none."""
+    hidden: np.ndarray | None = None
+    """(C, F, K) bool, what others hide; None for nothing."""
 
 
 def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
@@ -117,11 +119,23 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
 
 
 def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
-    """Return (C, F, K) bool: hidden by the person's own body; looked at ``OCCLUSION_HZ`` times a second."""
+    """Return (C, F, K) bool: hidden by the person's own body or by others; looked at ``OCCLUSION_HZ``."""
     step = max(1, round(settings.fps / OCCLUSION_HZ))
     frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
     hidden = [
         self_occluded(cameras, person.body, person.skin(chunk), points[chunk], keypoints)
+        for chunk in np.array_split(frames, -(-len(frames) // _CHUNK))
+    ]
+    own = np.repeat(np.concatenate(hidden, axis=1), step, axis=1)[:, : len(points)]
+    return own if settings.hidden is None else own | settings.hidden
+
+
+def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
+    """Return (C, F, K) bool: somebody else stands before the points (F, K, 3); looked at ``OCCLUSION_HZ``."""
+    step = max(1, round(fps / OCCLUSION_HZ))
+    frames = np.arange(0, len(points), step)
+    hidden = [
+        occluded_by(cameras, other.body, other.skin(chunk), points[chunk])
         for chunk in np.array_split(frames, -(-len(frames) // _CHUNK))
     ]
     return np.repeat(np.concatenate(hidden, axis=1), step, axis=1)[:, : len(points)]

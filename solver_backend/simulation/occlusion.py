@@ -50,6 +50,19 @@ def self_occluded(
     return hidden
 
 
+def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return (C, F, K) bool: skin of somebody else stands in a point's sight line.
+
+    Args: those of ``self_occluded``, the body and its skin being the other person's.
+    """
+    hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
+    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
+        for frame in range(len(points)):
+            skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
+            hidden[view, frame, np.unique(stabbed_faces(skin, body.faces, targets)[1])] = True
+    return hidden
+
+
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs (face, target) where a face that looks to the origin crosses the sight line before the target.
 

@@ -17,7 +17,7 @@ from solver_backend.exchange.motion_file import (
     MARKER_SWAPPED,
 )
 from solver_backend.types.cameras import Cameras
-from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud
+from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud, PersonInViews
 from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.limbs import FEET, LIMBS
 from solver_backend.types.marker_subject import MarkerSubject
@@ -27,5 +27,5 @@ __all__ = [
     "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS", "MARKER_FILLED", "MARKER_GHOST", "MARKER_SEEN", "MARKER_SWAPPED",
     "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
     "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "MarkerSubject",
-    "Motion", "Remedy",
+    "Motion", "PersonInViews", "Remedy",
 ]  # fmt: skip

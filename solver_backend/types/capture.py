@@ -7,7 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData, TooFewViews
+from solver_backend.exchange.errors import (
+    KeypointCountMismatch,
+    NoDetections,
+    NonFiniteData,
+    PersonUnknown,
+    TooFewViews,
+)
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.shapes import Float
@@ -75,6 +81,21 @@ class Keypoints2D:
 
 
 @dataclass(frozen=True)
+class PersonInViews:
+    """One of the people whom a recording shows."""
+
+    name: str
+    """What they are called."""
+    keypoints: Keypoints2D
+    """Their detections in every view."""
+
+    @property
+    def agreed(self) -> np.ndarray:
+        """(F,) whether two or more views see them."""
+        return (self.keypoints.confidence > 0).any(axis=-1).sum(axis=0) >= 2
+
+
+@dataclass(frozen=True)
 class MarkerCloud:
     """Optical markers; missing = NaN."""
 
@@ -108,6 +129,10 @@ class Capture:
     """What the reader found and assumed: units, axes, frame rate, dropped people; one sentence each."""
     problems: tuple[str, ...] = ()
     """What the user should know before solving; one sentence each."""
+    people: tuple[PersonInViews, ...] = ()
+    """Everybody whom two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
+    person: str = ""
+    """Whose ``keypoints`` are, by name, where a recording shows several people."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
@@ -149,10 +174,32 @@ class Capture:
             raise NoDetections("No keypoint is seen by two cameras in the same frame.", where=self.name)
         return self.cameras, self.keypoints
 
+    def of_person(self, name: str) -> Capture:
+        """Return the capture with the keypoints of another of its people, by name or, as "2", by number.
+
+        Raises:
+            PersonUnknown: it shows nobody of this name.
+        """
+        wanted = name.strip().casefold()
+        for number, person in enumerate(self.people, 1):
+            if wanted in (person.name.casefold(), str(number)):
+                return replace(self, keypoints=person.keypoints, person=person.name)
+        names = ", ".join(person.name for person in self.people)
+        raise PersonUnknown(
+            f"The capture shows nobody called '{name}'.",
+            where=self.name,
+            hint=f"It shows {names}." if names else "It shows one person: leave the name out.",
+        )
+
     def views(self, indices: list[int]) -> Capture:
         """Return the capture restricted to these cameras."""
         assert self.cameras is not None and self.keypoints is not None
         footage = tuple(self.footage[i] for i in indices) if self.footage else ()
+        people = tuple(replace(person, keypoints=person.keypoints.views(indices)) for person in self.people)
         return replace(
-            self, cameras=self.cameras.subset(indices), keypoints=self.keypoints.views(indices), footage=footage
+            self,
+            cameras=self.cameras.subset(indices),
+            keypoints=self.keypoints.views(indices),
+            footage=footage,
+            people=people,
         )

@@ -54,7 +54,7 @@ def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     )
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
-    reading["subject_prefix"] = "Anna"
+    reading |= {"subject_prefix": "Anna", "person": None}
     assert calls["load"] | {"path": None, "progress": None} == {"path": None, "progress": None, **reading}
     assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch", body="anny")
     assert set(calls["report"]) == {"capture", "motion"}

@@ -12,51 +12,14 @@ from solver_backend.people.sightings import sightings
 from solver_backend.people.view_tracks import view_tracks
 from solver_backend.simulation import bad_input
 from solver_backend.synthetic.demo import demo_capture
-from solver_backend.types import Cameras, JointSet
-from tests.support.scenes import detected, ring_of_cameras, walker
-
-COCO = JointSet.COCO_17
-
-
-class Scene:
-    """People in front of cameras, and which detection is whom."""
-
-    def __init__(self, cameras: Cameras, seed: int = 0) -> None:
-        self.cameras, self.rng = cameras, np.random.default_rng(seed)
-        self.people: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-
-    def add(self, points: np.ndarray, seen: np.ndarray, *, certainty: float = 0.6, missing: float = 0.1) -> None:
-        """Add a person at points (F, K, 3) whom views see where ``seen`` (C, F) says so."""
-        xy, confidence = detected(self.cameras, points, self.rng)
-        confidence = np.where(confidence > 0, certainty, 0.0) * (self.rng.uniform(size=confidence.shape) > missing)
-        self.people.append((xy, confidence * seen[..., None], seen))
-
-    def detections(self, *, shuffle: bool = True) -> tuple[Detections, np.ndarray]:
-        """Return the files' content, people in any order, and who (C, F, P) each detection is."""
-        views, frames = self.people[0][2].shape
-        shape = (views, frames, len(self.people), self.people[0][0].shape[2])
-        xy, confidence = np.full((*shape, 2), np.nan, np.float32), np.zeros(shape, np.float32)
-        who = np.full(shape[:3], -1)
-        for c, f in np.ndindex(views, frames):
-            here = [i for i, person in enumerate(self.people) if person[2][c, f]]
-            order = self.rng.permutation(here) if shuffle else sorted(here, reverse=True)
-            for slot, i in enumerate(order):
-                xy[c, f, slot], confidence[c, f, slot] = self.people[i][0][c, f], self.people[i][1][c, f]
-                who[c, f, slot] = i
-        xy[confidence == 0] = np.nan
-        return Detections(self.cameras.names, xy, confidence, COCO), who
+from tests.support.crowds import COCO, Scene, everywhere
+from tests.support.scenes import ring_of_cameras, walker
 
 
 def chosen(found: SelectedPerson, who: np.ndarray) -> np.ndarray:
     """Return (C, F) who was chosen; -1 = nobody."""
     views, frames = np.indices(found.detection.shape)
     return np.where(found.detection >= 0, who[views, frames, found.detection], -1)
-
-
-def everywhere(frames: int, views: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray:
-    seen = np.zeros((4, frames), bool)
-    seen[list(views)] = True
-    return seen
 
 
 @pytest.mark.parametrize("views", [(0,), (1, 2), (0, 2)])
@@ -195,7 +158,7 @@ def test_few_views_for_long_count_less_than_many_for_a_while() -> None:
     np.testing.assert_array_equal(chosen(select_person(cameras, detections, 30.0), who) == 0, seen)
 
 
-def test_a_second_person_seen_as_well_is_a_problem() -> None:
+def test_a_second_person_seen_as_well_is_named() -> None:
     cameras, frames = ring_of_cameras(), 40
     scene = Scene(cameras)
     scene.add(walker(COCO, frames, (0.0, 0.0), (0.2, 0.0)), everywhere(frames))
@@ -203,7 +166,7 @@ def test_a_second_person_seen_as_well_is_a_problem() -> None:
     detections, who = scene.detections()
     found = select_person(cameras, detections, 30.0)
     assert len(np.unique(chosen(found, who))) == 1
-    assert "Another person is seen as well: 4.0 views in 40 frames" in found.problems[0]
+    assert "Person 2 is seen as well: 4.0 views in 40 frames" in found.notes[-1] and not found.problems
 
 
 def test_views_that_agree_on_nobody_are_an_error() -> None:

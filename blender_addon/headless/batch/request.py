@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import BatchInvalid
-from ...solving.take_paths import MARKER_SUFFIXES
+from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
 
 READING = {
     "fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis",
-    "subject_prefix": "--subject-prefix",
+    "subject_prefix": "--subject-prefix", "person": "--person",
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
 _SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
@@ -24,7 +24,7 @@ class BatchRequest:
     """What to do with every capture of a folder."""
 
     captures: Path
-    """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture."""
+    """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture; or a session."""
     out: Path
     """Folder of the results: one folder a take, and the summary."""
     job: Path | None = None
@@ -113,8 +113,10 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return what the folder holds of captures, by name; nothing where it cannot be looked into."""
+    """Return what the folder holds of captures, by name, a session's trials; nothing where it cannot be looked into."""
     try:
+        if is_session(request.captures):
+            return trials_below(request.captures)
         paths = sorted(request.captures.iterdir())
     except OSError:
         return []

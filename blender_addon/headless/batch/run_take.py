@@ -140,7 +140,11 @@ def _known(folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
         )
     inputs = wanted[0].key
     same = known is not None and known.get("inputs") == inputs
-    kept = {name: known[name] for name in ("steps", "attempts", "solve") if name in known} if known and same else {}
+    kept = (
+        {name: known[name] for name in ("steps", "attempts", "solve", "people") if name in known}
+        if known and same
+        else {}
+    )
     return {"status": UNFINISHED, "inputs": inputs, **kept}
 
 
@@ -155,6 +159,7 @@ def _begun(record: dict[str, Any], folder: Path, step: str, worker: str) -> dict
 def _ended(record: dict[str, Any], step: Step, made: dict[str, Any], seconds: float) -> dict[str, Any]:
     kept = {"key": step.key, "outputs": made["outputs"], "notes": made["notes"], "seconds": round(seconds, 2)}
     figures = {"solve": made["figures"]} if "figures" in made else {}
+    figures |= {"people": made["people"]} if "people" in made else {}
     record["attempts"][-1]["how"] = "done"
     return {**record, **figures, "steps": {**record.get("steps", {}), step.name: kept}}
 

@@ -17,7 +17,7 @@ from ..child_verb import run_verb
 from ..export import ExportRequest, run_export
 from ..solver import run_solver
 from .limits import TakeWatch
-from .record import fingerprint, step_key
+from .record import fingerprint, read_record, step_key
 from .request import READING, BatchRequest
 
 
@@ -91,10 +91,15 @@ def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place:
     solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
     solved = solver("solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])])
+    takes = solved.get("takes", [solved])
+    files = [Path(take[kind]).name for take in takes for kind in ("motion", "report")]
+    worst = max(takes, key=lambda take: take.get("reprojection_median_px") or take.get("marker_median_mm") or 0.0)
+    people = {"people": [take.get("person", "") for take in takes]} if "takes" in solved else {}
     return {
-        "outputs": [path.name for path in (copy, job_file, motion, page)],
+        "outputs": [copy.name, job_file.name, *files],
         "notes": list(solved.get("problems", [])),
-        "figures": {key: value for key, value in solved.items() if key != "event"},
+        "figures": {key: value for key, value in worst.items() if key != "event"},
+        **people,
     }
 
 
@@ -107,34 +112,35 @@ def _render(request: BatchRequest, choices: dict[str, Any], capture: Path, place
 
 
 def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
-    """Write the Blender file, or the video and the contact sheet."""
-    folder, motion, copy = place.folder, *_files(place.folder)
+    """Write the Blender file of each motion, or its video and contact sheet."""
     footage = capture if capture.is_dir() else capture.parent
+    made = [_shown_of(motion, footage, request, place, blend=blend) for motion in _motions(place.folder)]
+    outputs = [path for one in made for path in one["outputs"]]
+    return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
+
+
+def _shown_of(motion: Path, footage: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
+    folder, copy = place.folder, place.folder / f"{place.folder.name}_capture.npz"
     if place.in_child:
         words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
         words += ["--footage-from", str(footage)]
         words += ["--no-pictures"] if blend else []
         words += ["--body", str(request.body)] if request.body else []
-        made = run_verb("bake" if blend else "render", words, place.progress, place.stopped)
-    else:
-        wanted = BakeRequest(
-            motion,
-            folder,
-            copy,
-            request.body,
-            blend=blend,
-            video=not blend,
-            pictures=not blend,
-            overwrite=True,
-            footage_from=(footage,),
-        )
-        made = run_bake(wanted, place.progress)
-    return {"outputs": _inside(folder, made["outputs"]), "notes": made["notes"]}
+        return run_verb("bake" if blend else "render", words, place.progress, place.stopped)
+    wanted = BakeRequest(
+        motion, folder, copy, request.body, blend=blend, video=not blend, pictures=not blend, overwrite=True,
+        footage_from=(footage,),
+    )  # fmt: skip
+    return run_bake(wanted, place.progress)
 
 
 def _export(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    folder, (motion, _) = place.folder, _files(place.folder)
-    exports, outputs = folder / "export", []
+    outputs = [path for motion in _motions(place.folder) for path in _exported(motion, request, place)]
+    return {"outputs": _inside(place.folder, outputs), "notes": []}
+
+
+def _exported(motion: Path, request: BatchRequest, place: Place) -> list[str]:
+    exports, outputs = place.folder / "export", list[str]()
     if request.formats and place.in_child:
         words = [str(motion), "--format", *request.formats, "--out", str(exports), "--overwrite"]
         words += ["--body", str(request.body)] if request.body else []
@@ -142,14 +148,11 @@ def _export(request: BatchRequest, choices: dict[str, Any], capture: Path, place
     elif request.formats:
         wanted = ExportRequest(motion, exports, request.formats, request.body, overwrite=True)
         outputs += run_export(wanted, place.progress)["outputs"]
-    outputs += _exported_markers(request, motion, place)
-    return {"outputs": _inside(folder, outputs), "notes": []}
+    return outputs + _exported_markers(request, motion, place)
 
 
 def _exported_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
     """Write the cleaned markers of a take that was solved from markers, and return the files."""
-    from .record import read_record
-
     record = read_record(place.folder) or {}
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
     if (record.get("solve") or {}).get("marker_median_mm") is None:
@@ -165,9 +168,10 @@ NAMES = tuple(_STEPS)
 """The steps in the order they are done in."""
 
 
-def _files(folder: Path) -> tuple[Path, Path]:
-    """Return a take's motion and the copy of its capture."""
-    return folder / f"{folder.name}.npz", folder / f"{folder.name}_capture.npz"
+def _motions(folder: Path) -> list[Path]:
+    """Return the motions that the take's solve has made: one, or one a person."""
+    made = (read_record(folder) or {})["steps"]["solve"]["outputs"]
+    return [folder / name for name in made if name.endswith(".npz") and name != f"{folder.name}_capture.npz"]
 
 
 def _inside(folder: Path, paths: list[str]) -> list[str]:
@@ -180,6 +184,7 @@ def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: di
         "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
         "overwrite": True, "settings": shared.get("settings") or {},
     }  # fmt: skip
+    values |= {"person": shared["person"]} if shared.get("person") else {}
     with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
         temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
     return path

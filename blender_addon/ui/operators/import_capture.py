@@ -24,7 +24,8 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
     bl_label = "Import Capture"
     bl_description = (
         "Read a capture, say what was recognised, and add its cameras, footage, detections and floor. "
-        "Choose a folder (a Pose2Sim trial, or folders of OpenPose JSON with a calibration) or any file in it, "
+        "Choose a folder (a Pose2Sim trial, a session of trials, folders of OpenPose JSON with a calibration), any "
+        "file in it, "
         "or a recording of optical markers (C3D, TRC, CSV, TSV)"
     )
 
@@ -45,7 +46,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         """Start reading; a solved motion is baked at once instead."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
-        from ...solving.take_paths import capture_folder, capture_root
+        from ...solving.take_paths import capture_folder, capture_root, is_session
         from .import_results import add_motion, set_up_said, takes_over
 
         chosen = self._chosen()
@@ -57,7 +58,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
             return {"FINISHED"}
         settings, source = context.scene.mocap, capture_root(chosen)
         folder = usable(capture_folder(files_folder(context.scene), source))
-        out = ["--out", str(folder / "capture.npz"), "--overwrite"]
+        out = ["--out", str(folder if is_session(source) else folder / "capture.npz"), "--overwrite"]
         if not settings.capture.file:
             settings.capture.source = stored(source)  # so that Read Again works where reading fails
         self._source = source
@@ -70,12 +71,16 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         return absolute(self.filepath or self.directory)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
-        """Set the stage, and keep what was recognised for the panels."""
+        """Set the stage, and keep what was recognised for the panels; of each trial, where it was a session."""
+        parts = [{"source": str(self._source), **part} for part in result.get("captures", [result])]
+        return [self._received(context, part) for part in parts][-1]
+
+    def _received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         from .import_results import frame_capture, set_up_said, take_capture, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
-        stage = take_capture(context.scene, result, self._source)
-        context.scene.mocap.capture.source = stored(self._source)
+        stage = take_capture(context.scene, result, Path(result["source"]))
+        context.scene.mocap.capture.source = stored(Path(result["source"]))
         frame_capture(context, stage)
         problems = len(result["problems"])
         seen_by = f"{len(stage.cameras)} cameras" if stage.cameras else f"{result['markers']} markers"

@@ -14,18 +14,20 @@ from mathutils import Vector
 from ..._exchange.capture_file import read_capture
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
-from ...animation.takes import SolveFiles
+from ...animation.takes import PERSON, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...conventions.file_paths import file_of, stored
 from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
+from ...scene.cameras import CAMERA_NAME
 from ...scene.capture_stage import CaptureStage, set_stage
 from ...scene.footage import near_footage
 from ...scene.marker_cloud import marker_positions
 from ...scene.replaced_stage import replace_stage
 from ...scene.users_state import is_untouched, undisturbed
+from ..adoption import adopt
 from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
@@ -57,7 +59,6 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
         stage = replace_stage(scene, stage, _former(again, stage), again.collection)
     capture = former or settings.captures.add()  # which moves the others: no earlier reference to one is valid
     settings.show(len(settings.captures) - 1 if known is None else known)
-    review = capture.review
     capture.name, capture.file = plain(result["name"]), stored(result["capture"])
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], start
     capture.joint_set = result["joint_set"] or ""
@@ -68,18 +69,21 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
         _say(capture, problem, is_problem=True)
     for note in result["notes"]:
         _say(capture, note, is_problem=False)
+    unused = {item.name for item in capture.cameras if not item.use}
     capture.cameras.clear()
     views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
     for camera, said in zip(stage.cameras, result["cameras"], strict=True):
         item = capture.cameras.add()
         item.name, item.object, item.detections = said["name"], camera, views.get(camera)
-        item.seen_percent = said["seen_percent"] or 0.0
+        item.seen_percent, item.use = said["seen_percent"] or 0.0, item.name not in unused
         item.has_footage = bool(camera.data.background_images)
-    if again is None:
-        review.armature = None
-        review.pins.clear()
-    review.first = start
-    review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
+    take_people(capture, result["people"])
+    for review in capture.reviews:
+        if again is None:
+            review.armature = None
+            review.pins.clear()
+        review.first = start
+        review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     bring_home()
     return stage
 
@@ -93,7 +97,7 @@ def _folder_of(source: Path | None) -> list[Path]:
 def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
     """Return what is there of a capture that was read again, in the order of the new stage."""
     items = {item.name: item for item in capture.cameras}
-    cameras = [items.get(camera.data["capture_camera"]) for camera in stage.cameras]
+    cameras = [items.get(camera.data[CAMERA_NAME]) for camera in stage.cameras]
     views = dict(zip(stage.cameras, cameras, strict=True))
     overlays = [
         capture.cloud if overlay.parent is None else (item := views[overlay.parent]) and item.detections
@@ -119,8 +123,26 @@ def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
     space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
-def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Action:
-    """Add the solved motion to the scene.
+def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) -> None:
+    """Keep who is seen; those who were known keep their body and the name the user gave them."""
+    names = {person.key: person.name for person in capture.people}
+    while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
+        capture.people.remove(len(capture.people) - 1)
+    for index, said in enumerate(people if len(people) > 1 else ()):
+        item = capture.people[index] if index < len(capture.people) else capture.people.add()
+        item.key, item.frames, item.views = said["name"], said["frames"], said["views"]
+        item.name = names.get(item.key) or plain(item.key)
+
+
+def take_motion(
+    context: bpy.types.Context, files: SolveFiles, capture: bpy.types.PropertyGroup | None = None
+) -> bpy.types.Action:
+    """Add the solved motion to the scene, to the body of the person it is of.
+
+    Args:
+        context: anywhere.
+        files: what the solve wrote.
+        capture: one of the scene's captures; None for the one panels are about.
 
     Raises:
         MocapError: the motion or the body cannot be read, or do not belong together.
@@ -128,14 +150,20 @@ def take_motion(context: bpy.types.Context, files: SolveFiles) -> bpy.types.Acti
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
     body = read_body(body_path_of(motion.provenance))
-    name = f"{settings.capture.name} {files.motion.stem.replace('_', ' ')}"
-    parent = settings.capture.collection
-    armature, start = settings.review.armature, settings.capture.frame_start
+    capture = settings.capture if capture is None else capture
+    whom = person_of(motion.provenance)
+    index = capture.person_named(whom)
+    review = capture.review_of(index)
+    who = f" {capture.people[index].name}" if capture.people else ""
+    name = f"{capture.name}{who} {files.motion.stem.replace('_', ' ')}"
+    armature, start, parent = review.armature, capture.frame_start, capture.collection
     needs_body = armature is None or not plays_body(armature, motion.body)
     with undisturbed(context) if needs_body else nullcontext():
-        armature, action = add_take(scene, name, motion, body, armature, parent, start)
+        armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
     files.write(action)
-    settings.review.armature = armature
+    if whom:
+        action[PERSON] = whom
+    review.armature = armature
     colour_markers(scene)
     bring_home()
     return action
@@ -166,15 +194,18 @@ def add_motion(
     refused: tuple[str, ...] = ()
     if source is not None and capture is not None and not context.scene.mocap.reading.footage_anywhere:
         source, refused = near_footage(source, [capture.parent])
-    if not settings.set_scene:
-        with undisturbed(context):
-            take = bake_take(context.scene, motion, figure, source, settings)
-        return replace(take, notes=(*take.notes, *refused))
-    take = bake_take(context.scene, motion, figure, source, settings)
+    with nullcontext() if settings.set_scene else undisturbed(context):
+        take = bake_take(context.scene, motion, figure, source, settings)
     take = replace(take, notes=(*take.notes, *refused))
-    for obj in context.selected_objects:
-        obj.select_set(False)
-    take.armature.select_set(True)
+    page = file.with_suffix(".html")
+    SolveFiles(file, capture, page if page.is_file() else None, None).write(take.action)
+    if whom := person_of(motion.provenance):
+        take.action[PERSON] = whom
+    adopt(context.scene)
+    if settings.set_scene:
+        for obj in context.selected_objects:
+            obj.select_set(False)
+        take.armature.select_set(True)
     return take
 
 

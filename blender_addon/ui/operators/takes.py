@@ -24,7 +24,11 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
         from ...conventions.timing import show_frame
 
         scene, settings = context.scene, context.scene.mocap
-        action = next((a for a in takes_of(settings.capture.file) if a.name == self.name), None)
+        whose = settings.capture.person.key if settings.capture.person else ""
+        action = next(
+            (a for a in takes_of(settings.capture.measured, whose, settings.capture.original) if a.name == self.name),
+            None,
+        )
         if action is None:
             raise TakeMissing(f"There is no take '{self.name}' for this body.")
         show_take(settings.review.armature, action)
@@ -43,16 +47,33 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
         "the full one; edits of the full take's curves are not taken over"
     )
 
+    by: bpy.props.EnumProperty(
+        name="Keep by",
+        items=(
+            ("RATE", "Keys a Second", "So many keys, wherever that leads"),
+            ("TOLERANCE", "Tolerance", "As few keys as leave every joint so near to the full take"),
+        ),
+    )
+    tolerance_mm: bpy.props.FloatProperty(
+        name="Tolerance", description="Millimetres by which any joint may be off the full take in any frame",
+        default=10.0, min=0.5, max=500.0,
+    )  # fmt: skip
     keys_per_second: bpy.props.FloatProperty(
         name="Keys a Second", description="How many keys are left, on average", default=2.0, min=0.1, max=30.0
     )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what counts of the options."""
+        self.layout.prop(self, "by", expand=True)
+        self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Make it and play it."""
         from ...scene.add_take import thinned_take
 
         scene, review = context.scene, context.scene.mocap.review
-        action = thinned_take(scene, review.take, review.armature, self.keys_per_second)
+        limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
+        action = thinned_take(scene, review.take, review.armature, *limits)
         self.report({"INFO"}, action["keys_deviation"])
         return {"FINISHED"}
 
@@ -107,14 +128,21 @@ class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
         scene, settings = context.scene, context.scene.mocap
         ratio = relay(scene, takes_of_captures(scene))
         for capture in settings.captures:
-            start, review = capture.frame_start, capture.review
-            for pin in review.pins:
-                pin.frame = round(start + (pin.frame - start) * ratio)
-            ends = (review.first, review.last)
-            review.first, review.last = (round(start + (frame - start) * ratio) for frame in ends)
+            for item in capture.left_out:
+                start = capture.frame_start
+                item.first, item.last = (round(start + (frame - start) * ratio) for frame in (item.first, item.last))
+            for review in capture.reviews:
+                _relay_review(review, capture.frame_start, ratio)
         show_frame(scene)
         self.report({"INFO"}, f"Everything is laid by time at {scene_frame_rate(scene):g} fps")
         return {"FINISHED"}
+
+
+def _relay_review(review: bpy.types.PropertyGroup, start: int, ratio: float) -> None:
+    for pin in review.pins:
+        pin.frame = round(start + (pin.frame - start) * ratio)
+    ends = (review.first, review.last)
+    review.first, review.last = (round(start + (frame - start) * ratio) for frame in ends)
 
 
 def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
@@ -122,7 +150,12 @@ def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
     from ...animation.retiming import is_take
     from ...animation.takes import takes_of
 
-    return [action for capture in scene.mocap.captures for action in takes_of(capture.file) if is_take(action)]
+    return [
+        action
+        for capture in scene.mocap.captures
+        for action in takes_of(capture.measured, original=capture.original)
+        if is_take(action)
+    ]
 
 
 CLASSES = (MOCAP_OT_follow_rate, MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import bpy
 
+from ..operators.cameras import (
+    MOCAP_OT_leave_out_range,
+    MOCAP_OT_refine_cameras,
+    MOCAP_OT_restore_cameras,
+    MOCAP_OT_use_range,
+)
 from ..operators.views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
-from .parts import MocapPanel, draw_next
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _FEW_PERCENT = 60
+_VERBS = ("refine-cameras",)
 
 
 class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
@@ -30,6 +37,7 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
         column = layout.column(align=True)
         for index, item in enumerate(scene.mocap.capture.cameras):
             row = column.row(align=True)
+            row.prop(item, "use", text="")
             here = item.object is not None and scene.camera == item.object
             view = row.operator(
                 MOCAP_OT_view_camera.bl_idname, text=item.name, icon="VIEW_CAMERA" if here else "CAMERA_DATA",
@@ -40,7 +48,28 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
             share.ui_units_x = 4.2
             share.alert = item.seen_percent < _FEW_PERCENT
             share.label(text=f"{item.seen_percent:.0f} %", icon="FILE_MOVIE" if item.has_footage else "BLANK1")
+            row.operator(MOCAP_OT_leave_out_range.bl_idname, text="", icon="TIME", emboss=False).index = index
             if item.detections is not None:
                 row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
+        for index, item in enumerate(scene.mocap.capture.left_out):
+            row = column.row(align=True)
+            row.label(text=item.name, icon="HIDE_ON", translate=False)
+            row.prop(item, "first", text="")
+            row.prop(item, "last", text="")
+            row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
+        _draw_refinement(layout, context)
         if in_camera_view(context):
             layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")
+
+
+def _draw_refinement(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the calibration's correction, its progress, and what it brought."""
+    if draw_progress(layout, _VERBS):
+        return
+    draw_failure(layout, context, _VERBS)
+    capture = context.scene.mocap.capture
+    row = layout.row(align=True)
+    row.operator(MOCAP_OT_refine_cameras.bl_idname, icon="CON_CAMERASOLVER")
+    if capture.original:
+        row.operator(MOCAP_OT_restore_cameras.bl_idname, text="", icon="LOOP_BACK")
+        wrapped(layout, context, f"Refined: {capture.refined_text()}.", "CHECKMARK")

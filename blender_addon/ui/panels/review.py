@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_mark_gaps
 from ..operators.review import (
     MOCAP_OT_next_bad_range,
     MOCAP_OT_open_report,
@@ -11,10 +12,10 @@ from ..operators.review import (
     MOCAP_OT_show_confidence,
     MOCAP_OT_unpin,
 )
-from ..operators.solve import MOCAP_OT_resolve_range
+from ..operators.solve import MOCAP_OT_resolve_range, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
-from ..properties import MocapReview
+from ..properties import MocapCapture, MocapReview
 from .parts import BodyPanel, TakePanel, wrapped
 
 
@@ -29,7 +30,7 @@ class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
         """Draw takes, confidence and the report."""
         layout, review = self.layout, context.scene.mocap.review
         take = review.take
-        _draw_takes(layout, context.scene.mocap.capture.file, take)
+        _draw_takes(layout, context.scene.mocap.capture, take)
         if take is None:
             return
         _draw_worst(layout, review)
@@ -67,6 +68,32 @@ class VIEW3D_PT_mocap_resolve(TakePanel, bpy.types.Panel):
         button.operator(MOCAP_OT_resolve_range.bl_idname, icon="FILE_REFRESH")
 
 
+class VIEW3D_PT_mocap_clean_up(TakePanel, bpy.types.Panel):
+    """Cleaning up."""
+
+    bl_idname = "VIEW3D_PT_mocap_clean_up"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Clean Up"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 2
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what is solved anew, the floor, and the gaps."""
+        layout, settings = self.layout, context.scene.mocap
+        if settings.capture.file:
+            column = layout.column(align=True)
+            column.enabled = not current.busy
+            column.prop(settings.solve, "smoothing")
+            column.prop(settings.solve, "foot_lock")
+            column.operator(MOCAP_OT_solve.bl_idname, text="Solve Anew", icon="FILE_REFRESH")
+        row = layout.row(align=True)
+        row.prop(settings.review, "floor_offset")
+        row.operator(MOCAP_OT_feet_to_floor.bl_idname, text="", icon="SNAP_FACE")
+        row = layout.row(align=True)
+        row.operator(MOCAP_OT_mark_gaps.bl_idname, icon="MARKER_HLT")
+        row.operator(MOCAP_OT_clear_marks.bl_idname, text="", icon="X")
+
+
 class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
     """What else may become of a take."""
 
@@ -82,15 +109,17 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
         if "keys_deviation" in take:
             wrapped(layout, context, take["keys_deviation"], "INFO")
         column = layout.column(align=True)
-        column.operator(MOCAP_OT_thin_take.bl_idname, icon="KEYFRAME")
+        row = column.row(align=True)
+        row.operator(MOCAP_OT_thin_take.bl_idname, icon="KEYFRAME").by = "RATE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="by mm").by = "TOLERANCE"
         column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
         column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
 
 
-def _draw_takes(layout: bpy.types.UILayout, capture_file: str, take: bpy.types.Action | None) -> None:
+def _draw_takes(layout: bpy.types.UILayout, capture: MocapCapture, take: bpy.types.Action | None) -> None:
     from ...animation.takes import takes_of
 
-    takes = takes_of(capture_file)
+    takes = takes_of(capture.measured, capture.person.key if capture.person else "", capture.original)
     if len(takes) < 2 and take is not None:
         layout.label(text=take.name, icon="ACTION", translate=False)
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_iface
 
 from ..locations import waits_for_saving
 from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
@@ -11,6 +12,7 @@ from ..operators.solver_operator import current
 from ..project_files import following
 from ..properties import CHOSEN_BY_PRESETS
 from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .people import draw_solve_all
 
 _VERBS = ("solve", "calibrate")
 
@@ -39,7 +41,10 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
             column.operator(MOCAP_OT_calibrate_subject.bl_idname, icon="USER")
         button = layout.column()
         button.scale_y = 1.6
-        button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY")
+        person = settings.capture.person
+        whom = {} if person is None else {"text": f"{pgettext_iface('Solve')} {person.name}", "translate": False}
+        button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
+        draw_solve_all(layout, settings)
         if folder := waits_for_saving(context.scene):
             text = f"This file is not saved. Its takes wait in {folder}; saving moves them beside the file."
             wrapped(layout, context, text, "INFO")
@@ -79,6 +84,12 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     box = layout.box()
     if run.verb == "calibrate":
         wrapped(box, context, f"Calibrated: {calibrated(result)}", "CHECKMARK")
+        return
+    if "takes" in result:
+        box.label(text=f"{len(result['takes'])} takes solved", icon="CHECKMARK")
+        for item in result["failed"]:
+            wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
+        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
         return
     box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK")
     column = box.column(align=True)

@@ -60,7 +60,13 @@ class BundleObjective:
 
 
 def bundle_objective(
-    problem: Problem, layout: KeyframeLayout, window: int, points: tuple[PointTerm, ...], *, residuals: bool
+    problem: Problem,
+    layout: KeyframeLayout,
+    window: int,
+    points: tuple[PointTerm, ...],
+    *,
+    residuals: bool,
+    smoothing: float = 1.0,
 ) -> BundleObjective:
     """Return what the global method minimises.
 
@@ -70,9 +76,12 @@ def bundle_objective(
         window: frames of a window.
         points: the data, and contacts where feet stand.
         residuals: keys may leave the prior's manifold.
+        smoothing: how many times as bounded accelerations are as those of recorded motion.
     """
     spacing = 0.5 * window
-    terms: list[KeyTerm] = [MotionPrior(spacing / problem.fps, unseen=layout.gaps(problem.measurements.seen))]
+    terms: list[KeyTerm] = [
+        MotionPrior.bounded(spacing / problem.fps, smoothing, layout.gaps(problem.measurements.seen))
+    ]
     if residuals:
         terms.append(ResidualRotationTerm(problem.prior.residual_sigma, frames_per_key=0.5 * spacing))
     return BundleObjective(FrameObjective(points, problem.pose_terms), tuple(terms))

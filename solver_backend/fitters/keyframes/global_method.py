@@ -41,7 +41,7 @@ def solve_by_bundle(
     window = problem.frames_of(settings.refine_window)
     layout, contacts = KeyframeLayout.even(problem.num_frames, window), None
     start, data = initial_keys(problem, subject, layout), problem.measurements.term
-    objective = bundle_objective(problem, layout, window, (data,), residuals=False)
+    objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
     model = BundleModel(subject, problem.prior, objective)
     scale, steps = settings.robust_scale, settings.iterations
     known = problem.measurements.subject is not None
@@ -69,9 +69,9 @@ def solve_by_bundle(
             standing = to_numpy(pose(model.subject, poses).points)
             contacts = find_contacts(standing, model.subject.landmarks.names, problem.fps)
         # Markers tell where a foot is better than that it stands: its heel and toes roll.
-        points = (data,) if contacts is None or known else (data, contacts.term(keys.z))
+        points = (data,) if contacts is None or known else (data, contacts.term(keys.z, settings.foot_lock))
         free = settings.residual_rotations
-        objective = bundle_objective(problem, layout, window, points, residuals=free)
+        objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
         model = replace(model, objective=objective, residuals=free)
         found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number + 1, 3), each=each)
     found = regained(problem.measurements, model, layout, found, start, passes[-1])
@@ -81,7 +81,9 @@ def solve_by_bundle(
     keys, frames = found.keys, model.poses(blended_keys(found.keys, layout), layout, blended=True)
     inflation = noise_inflation(model.subject, frames, problem.measurements.term, scale, max(1, window // 2))
     # Standing feet steady the solution, but how sure it is follows from what was measured.
-    measured = bundle_objective(problem, layout, window, (data,), residuals=model.residuals)
+    measured = bundle_objective(
+        problem, layout, window, (data,), residuals=model.residuals, smoothing=settings.smoothing
+    )
     covariance = covariance_of_joints(
         replace(model, objective=measured), layout, keys, frames, scale, inflation
     )  # fmt: skip

@@ -72,7 +72,9 @@ def solve_range(
     )
     data = with_learned_noise(problem, subject, judged, settings)
     layout, free = _layout(frame_range, motion.num_frames, window)
-    measured = bundle_objective(problem, layout, window, (data,), residuals=settings.residual_rotations)
+    measured = bundle_objective(
+        problem, layout, window, (data,), residuals=settings.residual_rotations, smoothing=settings.smoothing
+    )
     model = BundleModel(subject, problem.prior, measured, settings.residual_rotations)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
     anew = hemisphere_aligned(_mixed(free, initial_keys(problem, subject, layout), fixed))
@@ -84,8 +86,10 @@ def solve_range(
     best, contacts = min(found, key=lambda solution: solution.cost), None
     if settings.contacts and problem.measurements.subject is None:
         contacts = contacts_in_place(problem, subject, before, model.poses(best.keys, layout), layout, frame_range)
-        points = (data, contacts.term(best.keys.z))
-        standing = bundle_objective(problem, layout, window, points, residuals=model.residuals)
+        points = (data, contacts.term(best.keys.z, settings.foot_lock))
+        standing = bundle_objective(
+            problem, layout, window, points, residuals=model.residuals, smoothing=settings.smoothing
+        )
         schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
         best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
     solved = SolvedRange(frame_range, layout, free, model.poses(best.keys, layout), contacts, best.convergence.status)

@@ -38,6 +38,14 @@ class MotionPrior:
     unseen: np.ndarray | None = None
     """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""
 
+    @classmethod
+    def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
+        """Return the priors with every standard deviation divided by ``smoothing``."""
+        prior = cls(spacing_s, unseen=unseen)
+        sigmas = (prior.accel_sigma, prior.angular_sigma, prior.latent_sigma)
+        accel, angular, latent = (sigma / smoothing for sigma in sigmas)
+        return replace(prior, accel_sigma=accel, angular_sigma=angular, latent_sigma=latent)
+
     def part(self, keys: slice) -> MotionPrior:
         """Return the priors on some of the keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])

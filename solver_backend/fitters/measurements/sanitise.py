@@ -92,10 +92,11 @@ def _in_time(
             Fault(kind, cameras.names[v], 0, last, round(float(figures[v]), 2), remedy) for v in np.flatnonzero(which)
         ]
 
-    unknown = np.isnan(delays.frames) & (keypoints.num_frames >= LEAST_FRAMES)
+    seeing = (keypoints.confidence > 0).any(axis=(1, 2))
+    unknown = np.isnan(delays.frames) & seeing & (keypoints.num_frames >= LEAST_FRAMES)
     found = faults(FaultKind.UNSYNCHRONISED, late & ~drifting, delays.frames, Remedy.REPAIRED)
     found += faults(FaultKind.RATE_DIFFERS, drifting, 2 * delays.drift, Remedy.REPAIRED)
-    if unknown.all():
+    if unknown[seeing].all():
         found.append(Fault(FaultKind.DELAY_UNKNOWN, "", 0, last, 0.0, Remedy.REPORTED))
     else:
         found += faults(FaultKind.DELAY_UNKNOWN, unknown, np.zeros(len(cameras)), Remedy.REPORTED)

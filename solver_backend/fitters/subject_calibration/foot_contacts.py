@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.runs import true_runs
-from solver_backend.residuals.foot_contact import foot_contact_term
+from solver_backend.residuals.foot_contact import SIGMA_M, foot_contact_term
 from solver_backend.residuals.positions import PositionTerm
 
 SPEED_M_S = 0.25
@@ -42,9 +42,9 @@ class Contacts:
         sides = [[k for k in feet if names[k].startswith(side)] for side in _SIDES]
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
-    def term(self, like: Array) -> PositionTerm:
-        """Return what draws the planted points to their anchors."""
-        return foot_contact_term(self.planted, self.anchors, like)
+    def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
+        """Return what draws the planted points to their anchors, with so many times smaller a standard deviation."""
+        return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
 
 
 def find_contacts(points: np.ndarray, names: tuple[str, ...], fps: float, fixed: np.ndarray | None = None) -> Contacts:

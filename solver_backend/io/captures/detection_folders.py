@@ -1,4 +1,4 @@
-"""A Pose2Sim trial, or folders of OpenPose JSON with a calibration, as a capture of one person."""
+"""A Pose2Sim trial, or folders of OpenPose JSON with a calibration, as a capture of everybody in it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.world_check import placed
-from solver_backend.people.person_selection import select_person
-from solver_backend.types import Capture
+from solver_backend.people.person_selection import select_people
+from solver_backend.types import Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
 _KIND = (
@@ -31,7 +31,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read everybody's detections with their calibration, and choose the person to solve.
+    """Read everybody's detections with their calibration, and tell the people apart.
 
     Raises:
         CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
@@ -59,7 +59,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     videos = headers(footage)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
-    person = select_person(calibration.cameras, detections, rate, options.progress)
+    people = select_people(calibration.cameras, detections, rate, options.progress)
+    person = people[0]
     cameras, world, turned = placed(calibration.cameras, person.keypoints, options.up_axis)
     length_problems = _length_problems(config, videos, detections.num_frames)
     problems = calibration.problems, detections.problems, rate_problems, length_problems, person.problems
@@ -69,6 +70,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         keypoints=person.keypoints,
         footage=footage if any(footage) else (),
         sources=(*(str(folder) for folder in folders.values()), str(calibration.source), *config.sources),
+        people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if len(people) > 1 else (),
+        person=person.name if len(people) > 1 else "",
         notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),
         problems=sum(problems, ()) + turned + world.problems(),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,14 @@ from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, 
 from solver_backend.exchange.errors import CalibrationMismatch
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
-from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud
+from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews
 
 _TRUTH = "truth_"
 _STORED = (
     "format", "version", "name", "notes", "problems", "sources", "footage", "camera_names", "K", "distortion",
     "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set", "marker_positions",
     "marker_fps", "marker_labels", "marker_residual",
+    "people", "people_xy", "people_confidence", "person",
 )  # fmt: skip
 
 
@@ -53,6 +55,15 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
             "confidence": keypoints.confidence.astype(np.float32),
             "joint_set": np.array(keypoints.joint_set.value),
         }
+    if capture.people:
+        arrays |= {
+            "people": _strings(tuple(person.name for person in capture.people)),
+            "people_xy": np.stack([person.keypoints.xy.astype(np.float32) for person in capture.people]),
+            "people_confidence": np.stack(
+                [person.keypoints.confidence.astype(np.float32) for person in capture.people]
+            ),
+            "person": np.array(capture.person),
+        }
     if capture.markers is not None:
         arrays |= _marker_arrays(capture.markers)
     arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
@@ -75,6 +86,7 @@ def read_capture(path: Path | str) -> Capture:
             f"The file holds {len(cameras)} cameras ({', '.join(cameras.names)}) and {keypoints.num_views} views.",
             where=str(path),
         )
+    people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
     return Capture(
         name=fields.text("name", Path(path).stem),
         cameras=cameras,
@@ -84,6 +96,8 @@ def read_capture(path: Path | str) -> Capture:
         sources=fields.texts("sources"),
         notes=fields.texts("notes"),
         problems=fields.texts("problems"),
+        people=people,
+        person=fields.text("person", "") if people else "",
         truth={key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)},
     )
 
@@ -122,6 +136,16 @@ def _keypoints(fields: Fields) -> Keypoints2D:
         confidence=fields.numbers("confidence", xy.shape[:3]),
         joint_set=fields.joint_set(),
         fps=fields.number("fps"),
+    )
+
+
+def _people(fields: Fields, chosen: Keypoints2D) -> tuple[PersonInViews, ...]:
+    """Return everybody in the recording; each has the rate and the joint set of the chosen one."""
+    names = fields.texts("people")
+    xy = fields.numbers("people_xy", (len(names), *chosen.xy.shape))
+    confidence = fields.numbers("people_confidence", xy.shape[:-1])
+    return tuple(
+        PersonInViews(name, replace(chosen, xy=xy[n], confidence=confidence[n])) for n, name in enumerate(names)
     )
 
 

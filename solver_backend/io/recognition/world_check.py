@@ -27,6 +27,10 @@ FIGURES = "Triangulated,"
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
 
 
+SHIFTED = "Against the other cameras some see everything shifted"
+"""How the sentence begins that says a calibration is a little off, which refining it may mend."""
+
+
 @dataclass(frozen=True)
 class WorldCheck:
     """Figures of the triangulated person; NaN where they cannot be measured."""
@@ -68,10 +72,7 @@ class WorldCheck:
         found += disagreement(self.residual_px)
         wrong = [f"{name} by {off:.0f} px" for name, off in self.off_px.items() if off > LARGEST_BIAS_PX]
         if wrong and self.residual_px <= LARGEST_RESIDUAL_PX:
-            found.append(
-                f"Against the other cameras some see everything shifted: {', '.join(wrong)}. "
-                "Their calibration is a little off."
-            )
+            found.append(f"{SHIFTED}: {', '.join(wrong)}. Their calibration is a little off.")
         return tuple(found)
 
     def up_axis(self) -> str:

@@ -250,3 +250,18 @@ def test_a_real_batch_solves_bakes_and_exports(tmp_path: Path, capfd: pytest.Cap
     assert "ein Gang  skipped" in again.stderr and again.stdout.splitlines() == [
         str(out / "summary.json"), str(out / "summary.txt"), str(out / "summary.html"),
     ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_session_of_trials_is_one_batch_of_everybody(shared_data: Path, tmp_path: Path) -> None:
+    session = shared_data / "multiview" / "pose2sim_session"
+    job = tmp_path / "job.json"
+    job.write_text(json.dumps({"person": "all", "settings": {"iterations": 2}}))
+    result = run_batch(BatchRequest(session, tmp_path / "out", job), silent)
+    assert [take["status"] for take in result["takes"]] == ["done"] * 3
+    motions = sorted(Path(p).name for take in result["takes"] for p in take["outputs"] if p.endswith(".npz"))
+    assert [name for name in motions if "person" in name] == [
+        f"S00_P01_T02_Participants1-2_person_{n}.npz" for n in (1, 2, 3)
+    ]
+    everybody = [name for take in result["takes"] for name in take["people"]]
+    assert sorted(filter(None, everybody)) == ["Person 1", "Person 2", "Person 3"]

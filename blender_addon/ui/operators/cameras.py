@@ -1,0 +1,138 @@
+"""What the cameras panel does: stretches of a view left out, and cameras refined by the people they film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...conventions.file_paths import file_of, stored
+from .base import MocapOperator
+from .solver_operator import SolverOperator
+
+
+class MOCAP_OT_leave_out_range(MocapOperator, bpy.types.Operator):
+    """Leaves a camera out of the solve in a range of frames."""
+
+    bl_idname = "mocap.leave_out_range"
+    bl_label = "Leave Out Range"
+    bl_description = "Leave this camera out from First to Last of Fix a Range; the numbers can be changed afterwards"
+
+    index: bpy.props.IntProperty(options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Add the range."""
+        settings = context.scene.mocap
+        item = settings.capture.left_out.add()
+        item.name = settings.capture.cameras[self.index].name
+        item.first, item.last = settings.review.first, settings.review.last
+        return {"FINISHED"}
+
+
+class MOCAP_OT_use_range(MocapOperator, bpy.types.Operator):
+    """Takes a range that was left out back."""
+
+    bl_idname = "mocap.use_range"
+    bl_label = "Use Range Again"
+    bl_description = "Let the camera count again in these frames"
+
+    index: bpy.props.IntProperty(options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Take it back."""
+        context.scene.mocap.capture.left_out.remove(self.index)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
+    """Corrects the calibration by the people it films."""
+
+    bl_idname = "mocap.refine_cameras"
+    bl_label = "Refine Calibration"
+    bl_description = (
+        "Correct where the cameras stand by the people they film; the panel says how far detections lie off before and "
+        "after. Solve again afterwards"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs cameras and a capture file."""
+        capture = context.scene.mocap.capture
+        if not capture.file or not capture.cameras:
+            cls.poll_message_set("Import a capture with cameras first")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start; the original file stays."""
+        from ..scene_job import capture_file, folder_of_takes
+
+        capture = context.scene.mocap.capture
+        source = capture_file(capture)
+        folder = folder_of_takes(context.scene, source.parent)
+        number = 1 + sum(1 for _ in folder.glob("capture_refined_*.npz"))
+        self._out = folder / f"capture_refined_{number:02d}.npz"
+        return self.launch(context, "refine-cameras", [str(source), "--out", str(self._out)], folder)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Move the cameras."""
+        capture = context.scene.mocap.capture
+        rows = {row["name"]: row for row in result["refined"]}
+        original = capture.original or capture.file
+        capture = _retaken(context.scene, capture, result)
+        capture.original = original
+        for item in capture.cameras:
+            row = rows[item.name]
+            item.before_px, item.after_px = row["before_px"] or 0.0, row["after_px"] or 0.0
+        self.report({"INFO"}, f"Refined: {capture.refined_text()}. Solve again to use it")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
+    """Takes a refinement back."""
+
+    bl_idname = "mocap.restore_cameras"
+    bl_label = "Restore Calibration"
+    bl_description = "Put the cameras back to where the recording's own calibration has them"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a refinement."""
+        if not context.scene.mocap.capture.original:
+            cls.poll_message_set("The calibration is the recording's own")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Read the original capture again, as one of our files."""
+        capture = context.scene.mocap.capture
+        source = file_of(capture.original)
+        copy = source.with_name("capture_restored.npz")
+        return self.launch(context, "convert", [str(source), "--out", str(copy), "--overwrite"], source.parent)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Move the cameras back."""
+        capture = context.scene.mocap.capture
+        Path(result["capture"]).unlink(missing_ok=True)
+        capture = _retaken(context.scene, capture, {**result, "capture": str(file_of(capture.original))})
+        capture.original = ""
+        self.report({"INFO"}, "The cameras stand where the recording's calibration has them")
+        return {"FINISHED"}
+
+
+def _retaken(
+    scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, result: dict[str, Any]
+) -> bpy.types.PropertyGroup:
+    """Show another file's cameras in place of a capture's, and return the capture's settings."""
+    from .import_results import take_capture
+
+    source = capture.source
+    capture.file = stored(result["capture"])
+    take_capture(scene, result)
+    capture = scene.mocap.capture
+    capture.source = source
+    return capture
+
+
+CLASSES = (MOCAP_OT_leave_out_range, MOCAP_OT_use_range, MOCAP_OT_refine_cameras, MOCAP_OT_restore_cameras)

@@ -1,0 +1,81 @@
+"""Cleaning up after a solve: feet on the floor, and gaps as markers on the timeline."""
+
+from __future__ import annotations
+
+import bpy
+
+from .base import MocapOperator, NeedsTake
+
+MARK = "gap"
+"""How the names of our timeline markers begin."""
+_SAMPLES = 16
+_SURE = 1e-6
+
+
+class MOCAP_OT_feet_to_floor(NeedsTake, bpy.types.Operator):
+    """Sets the floor offset so that the soles stand at zero."""
+
+    bl_idname = "mocap.feet_to_floor"
+    bl_label = "Feet to Floor"
+    bl_description = "Set Floor Offset so that the lower sole stands on the floor in half of the take's frames"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Measure the skin on some frames and lift or lower the body."""
+        from ...review.floor_height import sole_height
+
+        review = context.scene.mocap.review
+        height = sole_height(context.scene, review.armature, review.take, _SAMPLES)
+        if height is None:
+            self.report({"WARNING"}, "The body has no skin to stand on")
+            return {"CANCELLED"}
+        review.floor_offset -= height
+        self.report({"INFO"}, f"The body was moved by {-height:+.3f} units to stand on the floor")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_mark_gaps(NeedsTake, bpy.types.Operator):
+    """Marks bridged and doubtful ranges on the timeline."""
+
+    bl_idname = "mocap.mark_gaps"
+    bl_label = "Mark Gaps"
+    bl_description = "Put timeline markers where nobody was seen and where the solve is doubtful; again to renew them"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Put the markers anew."""
+        from ...review.ranges import doubtful_ranges
+
+        scene, review = context.scene, context.scene.mocap.review
+        remove_marks(scene)
+        gaps = doubtful_ranges(review.take, _SURE)
+        doubtful = [r for r in doubtful_ranges(review.take, review.below) if not any(_meet(r, gap) for gap in gaps)]
+        for kind, ranges in (("bridged", gaps), ("doubtful", doubtful)):
+            for first, last in ranges:
+                scene.timeline_markers.new(f"{MARK} {kind} {first}-{last}", frame=first)
+        self.report({"INFO"}, f"{len(gaps)} bridged and {len(doubtful)} doubtful ranges are marked")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_clear_marks(MocapOperator, bpy.types.Operator):
+    """Takes our markers off the timeline."""
+
+    bl_idname = "mocap.clear_marks"
+    bl_label = "Clear Gap Markers"
+    bl_description = "Take the markers of gaps off the timeline; your own stay"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Take them off."""
+        remove_marks(context.scene)
+        return {"FINISHED"}
+
+
+def remove_marks(scene: bpy.types.Scene) -> None:
+    """Take our markers off a scene's timeline."""
+    for marker in [m for m in scene.timeline_markers if m.name.startswith((f"{MARK} bridged ", f"{MARK} doubtful "))]:
+        scene.timeline_markers.remove(marker)
+
+
+def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
+    return a[0] <= b[1] and b[0] <= a[1]
+
+
+CLASSES = (MOCAP_OT_feet_to_floor, MOCAP_OT_mark_gaps, MOCAP_OT_clear_marks)

@@ -1,0 +1,49 @@
+"""How a capture that stands on the command line is read."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from solver_backend.exchange.progress import Progress
+from solver_backend.job import joint_set_named, positive_fps
+from solver_backend.types import Capture
+
+EVERYBODY = "all"
+"""What ``--person`` is for each person of a capture."""
+
+
+def reading(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options that say how a capture is read."""
+    return {
+        "fps": None if args.fps is None else positive_fps(args.fps),
+        "trim": bool(args.trim),
+        "joint_set": None if args.joint_set is None else joint_set_named(args.joint_set),
+        "unit": args.unit,
+        "up_axis": args.up_axis,
+        "subject_prefix": args.subject_prefix,
+        "person": args.person,
+    }
+
+
+def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
+    """Return a capture; everybody's where the person is ``EVERYBODY``.
+
+    Raises:
+        MocapError: see ``load_capture``.
+    """
+    from solver_backend.io.load import load_capture
+
+    whom = options.get("person")
+    options = {**options, "person": None if whom == EVERYBODY else whom}
+    return load_capture(path, **options, progress=progress)
+
+
+def trials_of(path: Path) -> list[Path]:
+    """Return the recordings of a session's folder; none for any other path."""
+    from solver_backend.io.captures.pose2sim import camera_folders, trials_below
+
+    if not path.is_dir() or camera_folders(path):
+        return []
+    return [path / trial for trial in trials_below(path)]

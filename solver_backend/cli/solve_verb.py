@@ -1,0 +1,264 @@
+"""The verb that solves: one motion, or those of several people, jobs or trials one after another."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from solver_backend.cli.describe import describe_motion
+from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
+from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
+from solver_backend.exchange.job_file import MOTION_SUFFIX
+from solver_backend.exchange.motion_file import is_motion
+from solver_backend.exchange.outputs import atomic_output, check_output
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.job import READING, Job, Resolve
+from solver_backend.types import Capture, Motion
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.keyframes.chunked import Stretches
+
+
+def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Solve a capture, write the motion and, if asked for, the report; or do so for several, see ``_several``."""
+    jobs = _jobs(args)
+    if len(jobs) > 1 or jobs[0].person == EVERYBODY:
+        with _stretches(args.scheduler) as each:
+            return _several(jobs, progress, each)
+    _check(jobs[0])
+    if jobs[0].resolve is not None and is_motion(jobs[0].capture):
+        return _resolve_alone(jobs[0], progress)
+    with _stretches(args.scheduler) as each:
+        return _solve_one(jobs[0], load(jobs[0].capture, jobs[0].reading(), progress), progress, each)
+
+
+@contextmanager
+def _stretches(scheduler: str | None) -> Iterator[Stretches]:
+    """Yield what solves the stretches of a long take: this process, or a cluster."""
+    from solver_backend.fitters.keyframes.chunked import in_turn
+
+    if scheduler is None:
+        yield in_turn
+        return
+    from solver_backend.cli.spread import ClusterStretches
+
+    cluster = ClusterStretches(scheduler)
+    try:
+        yield cluster
+    finally:
+        cluster.close()
+
+
+def _check(job: Job) -> None:
+    for path in (job.out, job.report):
+        if path is not None:
+            check_output(path, overwrite=job.overwrite)
+
+
+def _resolve_alone(job: Job, progress: Progress) -> Outcome:
+    """Solve frames of a motion again that came without its recording: AMASS, or one of ours from elsewhere."""
+    from solver_backend.cli.motion_reading import any_motion
+    from solver_backend.fitters.pipeline import resolve_motion
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.io.recognition.motion_checks import motion_problems
+
+    assert job.resolve is not None
+    if job.report is not None:
+        raise CommandLineInvalid("A motion without its recording has no report.", where=str(job.report))
+    start = time.monotonic()
+    measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
+    motion = resolve_motion(measured, earlier, job.resolve.stretch, job.settings, progress).motion
+    solve_s = time.monotonic() - start
+    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
+    write_motion(job.out, timed, overwrite=job.overwrite)
+    text, data = describe_motion(timed, solve_s)
+    odd = list(motion_problems(timed))
+    files = {"motion": str(job.out), "report": None}
+    return Outcome(f"{text}\n  motion      {job.out}", {**files, **data, "problems": odd})
+
+
+def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome:
+    from solver_backend.fitters.pipeline import resolve_range
+    from solver_backend.fitters.pipeline import solve as solve_capture
+    from solver_backend.io.native.motion_file import read_motion
+    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.io.recognition.motion_checks import motion_problems
+
+    start = time.monotonic()
+    if job.resolve is None:
+        person = None if job.subject is None else read_subject(job.subject)
+        motion = solve_capture(capture, job.settings, progress, person=person, each=each).motion
+    else:
+        earlier = read_motion(job.resolve.motion)
+        if job.person is None and capture.people and earlier.provenance.get("person"):
+            capture = capture.of_person(earlier.provenance["person"])
+        motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
+    solve_s = time.monotonic() - start
+    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
+    _write_both(job, capture, timed, progress)
+    text, data = describe_motion(timed, solve_s)
+    odd = motion_problems(timed)
+    text += "".join(f"\n  problem     {problem}" for problem in odd)
+    written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
+    files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
+    whom = {"person": capture.person} if capture.person else {}
+    return Outcome(text + files, {**written, **whom, **data, "problems": [*capture.problems, *odd]})
+
+
+def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
+    """Write the motion and its report, named one right after the other; the motion also where the report fails."""
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.report.page import report_html
+
+    with ExitStack() as named_last:
+        try:
+            if job.report is not None:
+                progress("Writing the report", 0, 1)
+                page = named_last.enter_context(atomic_output(job.report, overwrite=job.overwrite))
+                page.write_text(report_html(capture, motion), encoding="utf-8", newline="\n")
+                progress("Writing the report", 1, 1)
+        finally:
+            write_motion(job.out, motion, overwrite=job.overwrite)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One motion of several."""
+
+    job: Job
+    capture: Capture
+
+    @property
+    def title(self) -> str:
+        """What it is of, for people."""
+        return f"{self.capture.name}, {self.capture.person}" if self.capture.person else self.capture.name
+
+
+def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
+    """Solve jobs one after another, each for everybody where it says so; what fails does not stop the others.
+
+    The result holds ``takes``, each as ``solve`` tells it, and ``failed``: capture, person and the error's fields.
+
+    Raises:
+        MocapError: nothing could be solved; the first error.
+    """
+    texts: list[str] = []
+    takes: list[dict[str, Any]] = []
+    failed: list[dict[str, Any]] = []
+    first: MocapError | None = None
+    for number, job in enumerate(jobs):
+        parts = _parts(job, progress)
+        where = f"{number + 1} of {len(jobs)}: " if len(jobs) > 1 else ""
+        while True:
+            part = None
+            try:
+                part = next(parts, None)
+                if part is None:
+                    break
+                told = f"{where}{part.title}: "
+                outcome = _solve_one(part.job, part.capture, _prefixed(progress, told), each)
+                texts.append(f"{part.title}\n{outcome.text}")
+                takes.append({"capture": str(job.capture), "name": part.title, **outcome.data})
+            except Cancelled:
+                raise
+            except MocapError as error:
+                first = first or error
+                title = part.title if part is not None else job.capture.name
+                texts.append(f"{title}\n  failed      {error}")
+                failed.append({"capture": str(job.capture), "name": title, **error.as_event()})
+    if first is not None and not takes:
+        raise first
+    problems = [f"{item['name']}: {item['message']}" for item in failed]
+    return Outcome("\n".join(texts), {"takes": takes, "failed": failed, "problems": problems})
+
+
+def _parts(job: Job, progress: Progress) -> Iterator[_Part]:
+    """Yield what is solved of a job: the capture's person, or everybody with files of their own."""
+    if job.person == EVERYBODY and job.resolve is not None:
+        raise CommandLineInvalid("Frames are solved again for one person at a time.", hint="--person NAME")
+    if job.person != EVERYBODY:
+        _check(job)
+        yield _Part(job, load(job.capture, job.reading(), progress))
+        return
+    capture = load(job.capture, job.reading(), progress)
+    if not capture.people:
+        _check(job)
+        yield _Part(job, capture)
+    else:
+        own = [(person.name, _own_files(job, person.name)) for person in capture.people]
+        for _, theirs in own:
+            _check(theirs)
+        for name, theirs in own:
+            yield _Part(theirs, capture.of_person(name))
+
+
+def _own_files(job: Job, person: str) -> Job:
+    """Return a job for one of several people, whose name follows that of the files."""
+    mark = re.sub(r"\W+", "_", person.casefold()).strip("_")
+    report = job.report and job.report.with_name(f"{job.report.stem}_{mark}{job.report.suffix}")
+    return replace(job, person=person, out=job.out.with_name(f"{job.out.stem}_{mark}{job.out.suffix}"), report=report)
+
+
+def _prefixed(progress: Progress, prefix: str) -> Progress:
+    def told(stage: str, done: int, total: int) -> None:
+        progress(prefix + stage, done, total)
+
+    return told
+
+
+def _jobs(args: argparse.Namespace) -> list[Job]:
+    """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
+    files, chosen = (
+        ("capture", "out", "report", "subject", "overwrite"),
+        ("method", "backend", "body", "layout", "leave_out"),
+    )
+    names = (*files, *READING, *chosen, "resolve", "frames")
+    given = [name for name in names if getattr(args, name) is not None]
+    if args.job is not None:
+        if given:
+            raise CommandLineInvalid(
+                f"--job cannot be combined with {', '.join(given)}.", hint="Write it into the job file."
+            )
+        return [Job.read(path) for path in args.job]
+    if args.capture is None or args.out is None:
+        raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
+    settings = SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given})
+    job = {
+        "report": args.report, "subject": args.subject, "overwrite": bool(args.overwrite), **reading(args),
+        "settings": settings, "resolve": _resolve(args),
+    }  # fmt: skip
+    trials = trials_of(args.capture)
+    if not trials:
+        return [Job(capture=args.capture, out=args.out, **job)]
+    return [Job(capture=trial, **{**job, **_files_of_trial(args, trial)}) for trial in trials]
+
+
+def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Path | None]:
+    """Return the files of a session's trial, which lie in the folder ``--out``, under the trial's name."""
+    if args.out.suffix.lower() == MOTION_SUFFIX or args.resolve is not None:
+        raise CommandLineInvalid(
+            "The capture is a session of several trials.",
+            where=str(args.capture),
+            hint="Name a folder with --out for the motions of all, or one trial: solve SESSION/TRIAL --out MOTION.npz.",
+        )
+    page = None if args.report is None else args.out / f"{trial.name}.html"
+    return {"out": args.out / f"{trial.name}{MOTION_SUFFIX}", "report": page}
+
+
+def _resolve(args: argparse.Namespace) -> Resolve | None:
+    if args.resolve is None and args.frames is None:
+        return None
+    if args.resolve is None or args.frames is None:
+        raise CommandLineInvalid(
+            "--resolve and --frames belong together.", hint="--resolve MOTION.npz --frames FIRST LAST"
+        )
+    return Resolve(args.resolve, FrameRange(*args.frames))

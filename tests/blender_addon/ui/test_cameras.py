@@ -1,0 +1,72 @@
+"""The cameras panel acts: views and stretches of them are left out, and the calibration is refined and restored."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.animation.takes import takes_of
+from blender_addon.ui.scene_job import prepare_job
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.simulation.filming import miscalibrated
+from solver_backend.synthetic.demo import demo_capture
+
+
+def job_settings() -> dict:
+    return dict(prepare_job(bpy.context.scene, None)[0].settings)
+
+
+def test_a_camera_and_a_range_are_left_out_of_the_next_solve(solved_take, mocap, scene) -> None:
+    assert "leave_out" not in job_settings()
+    front, left = (item.name for item in list(mocap.capture.cameras)[:2])
+    mocap.capture.cameras[0].use = False
+    mocap.review.first, mocap.review.last = 6, 15
+    assert bpy.ops.mocap.leave_out_range(index=1) == {"FINISHED"}
+    assert job_settings()["leave_out"] == [front, f"{left}:5-14"]
+    # Ranges are laid by time as everything else is.
+    scene.render.fps = 30
+    assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
+    assert job_settings()["leave_out"][1] in (f"{left}:4-14", f"{left}:6-14", f"{left}:4-16", f"{left}:6-16")
+    assert bpy.ops.mocap.use_range(index=0) == {"FINISHED"}
+    assert job_settings()["leave_out"] == [front]
+    for item in mocap.capture.cameras:
+        item.use = False
+    assert bpy.ops.mocap.solve.poll()
+    with pytest.raises(RuntimeError, match="Fewer than two cameras"):
+        bpy.ops.mocap.solve()
+
+
+@pytest.mark.slow
+def test_the_calibration_is_refined_and_restored(mocap, tmp_path: Path) -> None:
+    demo = demo_capture()
+    assert demo.cameras is not None and demo.keypoints is not None
+    turned = miscalibrated(demo.cameras, np.array([0.0, 0.0, 0.95]), 25.0, np.random.default_rng(0))
+    source = write_capture(
+        tmp_path / "off.npz", replace(demo, cameras=turned, keypoints=demo.keypoints.frames(0, 60), truth={})
+    )
+    assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
+    capture = mocap.capture
+    files, take = capture.file, bpy.data.actions.new("take")
+    take["capture_file"] = files
+    camera = capture.cameras[0].object
+    camera.name, where = "Meine Kamera", camera.matrix_world.copy()
+    capture.cameras[3].use = False
+    assert not bpy.ops.mocap.restore_cameras.poll()
+    assert bpy.ops.mocap.refine_cameras() == {"FINISHED"}
+    capture = mocap.capture
+    assert len(mocap.captures) == 1 and capture.original == files != capture.file
+    assert capture.cameras[0].object == camera and camera.name == "Meine Kamera" and not capture.cameras[3].use
+    assert capture.cameras[0].after_px > 0 and "px before" in capture.refined_text()
+    assert 1e-6 < (camera.matrix_world.translation - where.translation).length < 0.2
+    assert takes_of(capture.measured, "", capture.original) == [take]
+    assert Path(prepare_job(bpy.context.scene, None)[0].capture).name == "capture_refined_01.npz"
+    assert bpy.ops.mocap.restore_cameras() == {"FINISHED"}
+    capture = mocap.capture
+    assert capture.file == files and not capture.original and not capture.refined_text()
+    assert (camera.matrix_world.translation - where.translation).length < 1e-6
+    beside = sorted(path.name for path in Path(bpy.path.abspath(files)).parent.glob("capture*.npz"))
+    assert beside == ["capture.npz", "capture_refined_01.npz"]

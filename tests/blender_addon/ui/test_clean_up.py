@@ -1,0 +1,70 @@
+"""Cleaning up after a solve: calmer and firmer takes, the floor, few keys by a tolerance, gaps on the timeline."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.animation.confidence_lane import read_lane
+from blender_addon.animation.curves import action_curves
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.review.floor_height import sole_height
+from blender_addon.ui.scene_job import prepare_job
+
+
+def keys_of(action: bpy.types.Action) -> int:
+    return len(next(iter(action_curves(action))).keyframe_points)
+
+
+def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) -> None:
+    assert not {"smoothing", "foot_lock"} & set(prepare_job(bpy.context.scene, None)[0].settings)
+    mocap.solve.smoothing, mocap.solve.foot_lock = 3.0, 4.0
+    settings = prepare_job(bpy.context.scene, None)[0].settings
+    assert settings["smoothing"] == pytest.approx(3.0) and settings["foot_lock"] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("tolerance_mm", [5.0, 40.0])
+def test_few_keys_stay_within_the_tolerance(solved_take, mocap, scene, tolerance_mm: float) -> None:
+    body = mocap.review.armature
+    full = np.stack([evaluated_joints(scene, body, frame) for frame in range(1, 31)])
+    assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=tolerance_mm) == {"FINISHED"}
+    few = np.stack([evaluated_joints(scene, body, frame) for frame in range(1, 31)])
+    off = 1000 * np.linalg.norm(few - full, axis=-1).max()
+    assert off <= tolerance_mm + 0.1 and keys_of(mocap.review.take) < 30
+    assert mocap.review.take["keys_deviation_mm"] == pytest.approx(off, abs=0.1)
+
+
+def test_a_wider_tolerance_needs_fewer_keys(solved_take, mocap) -> None:
+    counts = []
+    for tolerance in (2.0, 10.0, 60.0):
+        assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"}
+        assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=tolerance) == {"FINISHED"}
+        counts.append(keys_of(mocap.review.take))
+    assert counts[0] > counts[1] > counts[2] >= 2
+
+
+def test_feet_stand_on_the_floor_and_no_key_is_changed(solved_take, mocap, scene) -> None:
+    body, review = mocap.review.armature, mocap.review
+    before = [tuple(key.co) for curve in action_curves(solved_take) for key in curve.keyframe_points]
+    scene.frame_set(7)
+    review.floor_offset = 0.05
+    assert body.delta_location.z == pytest.approx(0.05)
+    assert bpy.ops.mocap.feet_to_floor() == {"FINISHED"}
+    assert sole_height(scene, body, solved_take, 16) == pytest.approx(0.0, abs=1e-5)
+    assert scene.frame_current == 7
+    assert [tuple(key.co) for curve in action_curves(solved_take) for key in curve.keyframe_points] == before
+
+
+def test_gaps_are_markers_and_the_users_own_stay(solved_take, mocap, scene) -> None:
+    scene.timeline_markers.new("gap in the fence", frame=3)
+    frames, confidence = read_lane(solved_take)
+    lane = next(curve for curve in action_curves(solved_take) if curve.data_path == '["confidence"]')
+    for key in lane.keyframe_points[9:14]:
+        key.co.y = 0.0
+    mocap.review.below = 0.02
+    assert len(frames) == 30 and confidence.min() > 0.02
+    assert bpy.ops.mocap.mark_gaps() == {"FINISHED"} and bpy.ops.mocap.mark_gaps() == {"FINISHED"}
+    assert [(m.name, m.frame) for m in scene.timeline_markers] == [("gap in the fence", 3), ("gap bridged 10-14", 10)]
+    assert bpy.ops.mocap.clear_marks() == {"FINISHED"}
+    assert [m.name for m in scene.timeline_markers] == ["gap in the fence"]

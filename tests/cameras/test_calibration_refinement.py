@@ -1,0 +1,63 @@
+"""A calibration is corrected by whom it films: better on frames that it was not fitted to, and in the same world."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.calibration_refinement import refine_calibration
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.simulation.filming import miscalibrated
+from solver_backend.synthetic.demo import demo_capture
+from solver_backend.types import Capture
+from tests.support.recordings import BALANCING_TRIAL
+
+
+def off_by(capture: Capture, error_mm: float) -> Capture:
+    cameras, _ = capture.require_multiview()
+    wrong = miscalibrated(cameras, np.array([0.0, 0.0, 0.95]), error_mm, np.random.default_rng(4))
+    return replace(capture, cameras=wrong)
+
+
+def located(capture: Capture) -> np.ndarray:
+    cameras, keypoints = capture.require_multiview()
+    return triangulate(cameras, keypoints.xy, keypoints.confidence).points
+
+
+@pytest.mark.slow
+def test_turned_cameras_are_turned_back_and_the_world_stays() -> None:
+    true = demo_capture()
+    wrong = off_by(true, 25.0)
+    found = refine_calibration(wrong)
+    assert found.is_better and np.median(found.after_px) < 0.6 * np.median(found.before_px)
+    mended = replace(wrong, cameras=found.cameras)
+    shift = np.nanmean(located(mended) - located(wrong), axis=(0, 1))
+    assert np.linalg.norm(shift) < 0.002
+    error = [np.nanmedian(np.linalg.norm(located(c) - located(true), axis=-1)) for c in (wrong, mended)]
+    assert error[1] < 0.6 * error[0]
+
+
+def test_a_take_of_seven_frames_is_too_short() -> None:
+    whole = demo_capture()
+    assert whole.keypoints is not None
+    with pytest.raises(NoDetections, match="8 frames or more"):
+        refine_calibration(replace(whole, keypoints=whole.keypoints.frames(0, 7)))
+
+
+@pytest.mark.slow
+def test_the_recordings_cameras_fit_better_afterwards(shared_data: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "refined.npz"
+    assert main(["refine-cameras", str(shared_data / BALANCING_TRIAL), "--out", str(out)]) == 0
+    assert "px before" in capsys.readouterr().out
+    before, after = (refine_calibration(c) for c in (load_capture(shared_data / BALANCING_TRIAL), read_capture(out)))
+    assert np.median(before.after_px) < 0.85 * np.median(before.before_px)
+    assert np.median(after.before_px) < 1.1 * np.median(before.after_px)
+    assert not any("a little off" in problem for problem in read_capture(out).problems)
+    assert main(["refine-cameras", str(out), "--out", str(out)]) == 3  # never in place of what is there
