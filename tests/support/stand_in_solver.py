@@ -34,7 +34,7 @@ else:
     for key in ("out", "report"):
         write(job.parent / json.loads(job.read_text())[key], b"x" * 100_000)
 print(json.dumps(dict(event="result", problems=[], frames=3, unsure_frames=0, unseen_frames=0, motion="m", capture="c",
-    name="c", fps=30, cameras=[], notes=[], reprojection_median_px=2.5)), flush=True)
+    name="c", fps=30, cameras=[], notes=[], people=[], person="", reprojection_median_px=2.5)), flush=True)
 """
 
 

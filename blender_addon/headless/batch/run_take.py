@@ -20,6 +20,7 @@ from .steps import NAMES, Place, Step, do_step, steps_of
 UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
 _KEPT_ATTEMPTS = 20
+_KEPT = ("steps", "attempts", "solve", "people")
 
 
 def run_take(
@@ -140,11 +141,7 @@ def _known(folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
         )
     inputs = wanted[0].key
     same = known is not None and known.get("inputs") == inputs
-    kept = (
-        {name: known[name] for name in ("steps", "attempts", "solve", "people") if name in known}
-        if known and same
-        else {}
-    )
+    kept = {name: known[name] for name in _KEPT if name in known} if known and same else {}
     return {"status": UNFINISHED, "inputs": inputs, **kept}
 
 

@@ -92,11 +92,11 @@ def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place:
     job_file = _write_job(folder, copy, motion, page, shared)
     solved = solver("solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])])
     takes = solved.get("takes", [solved])
-    files = [Path(take[kind]).name for take in takes for kind in ("motion", "report")]
+    several = [Path(take[kind]).name for take in takes for kind in ("motion", "report") if "takes" in solved]
     worst = max(takes, key=lambda take: take.get("reprojection_median_px") or take.get("marker_median_mm") or 0.0)
     people = {"people": [take.get("person", "") for take in takes]} if "takes" in solved else {}
     return {
-        "outputs": [copy.name, job_file.name, *files],
+        "outputs": [copy.name, job_file.name, *(several or (motion.name, page.name))],
         "notes": list(solved.get("problems", [])),
         "figures": {key: value for key, value in worst.items() if key != "event"},
         **people,

@@ -31,7 +31,7 @@ else:
         time.sleep(600)
     for key in ("out", "report"):
         (job.parent / json.loads(job.read_text())[key]).write_bytes(b"x")
-read = {"capture": "c", "name": "c", "fps": 30, "cameras": [], "notes": []}
+read = {"capture": "c", "name": "c", "fps": 30, "cameras": [], "notes": [], "people": [], "person": ""}
 solved = {"motion": "m", "unsure_frames": 0, "unseen_frames": 0}
 print(json.dumps({"event": "result", "problems": [], "frames": 3, **read, **solved}))
 """
