@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.rig.adjustment.bundle import Adjusted, Bodies, Sightings, Unknowns, adjust
+from solver_backend.rig.adjustment.bundle import adjust
 from solver_backend.rig.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens
+from solver_backend.rig.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
 from solver_backend.rig.boards.board import Board
 from solver_backend.rig.boards.detection import BoardSighting
+from solver_backend.rig.boards.motion import point_velocities
 from solver_backend.rig.extrinsics.chained_poses import Pose, chained, composed, inverted, relative_pose
 from solver_backend.rig.intrinsics.lens_fit import CORNER_SIGMA_PX, board_poses
 from solver_backend.types import Cameras
@@ -21,6 +23,9 @@ FEWEST_TOGETHER = 2
 """Moments at which a pair must see the board together to be believed."""
 OUTLIER_SIGMAS = 6.0
 """Moments of one camera whose error is larger, in median errors, are left out of the second adjustment."""
+
+UNTOLD = 10.0
+"""How much less sure a point is whose velocity is unknown while delays are found."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ def rig_from_board(
     sightings: Sequence[Mapping[int, BoardSighting]],
     *,
     free_lenses: bool = False,
+    fps: float | None = None,
     watch: Callable[[int, float], None] = lambda step, cost: None,
 ) -> BoardRig:
     """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
@@ -56,6 +62,7 @@ def rig_from_board(
         board: what was filmed.
         sightings: for each camera, what it saw by the frame's number; frames are synchronous.
         free_lenses: lenses are refined too, those that saw the board at three moments or more.
+        fps: frames a second; where it is told, each camera's delay against the first is found too.
         watch: see ``adjust``.
 
     Raises:
@@ -76,13 +83,16 @@ def rig_from_board(
     camera_poses = chained(names, together, relative)
     cameras = _cameras(names, lenses, camera_poses)
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
-    bodies, seen = _bodies(board, sightings, poses, camera_poses, moments)
-    fixed = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool))
+    bodies, seen = _bodies(board, sightings, poses, camera_poses, moments, fps)
+    late = np.arange(len(names)) > 0 if fps is not None else None
+    fixed = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool), delays=late)
     found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0, watch=watch)
     error = np.linalg.norm(found.error, axis=-1)
     kept = error < OUTLIER_SIGMAS * max(float(np.nanmedian(error)), CORNER_SIGMA_PX)
-    unknowns = lens_unknowns(found.cameras, lenses) if free_lenses else fixed
-    found = adjust(found.cameras, found.bodies, seen.where(kept), unknowns, robust_scale=4.0, watch=watch)
+    unknowns = replace(lens_unknowns(found.cameras, lenses), delays=late) if free_lenses else fixed
+    found = adjust(
+        found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0, watch=watch
+    )
     return BoardRig(found, moments, seen.where(kept), together, int((~kept).sum()))
 
 
@@ -124,8 +134,12 @@ def _bodies(
     poses: Sequence[Mapping[int, Pose]],
     cameras: Sequence[Pose],
     moments: Sequence[int],
+    fps: float | None,
 ) -> tuple[Bodies, Sightings]:
-    """Return the board's poses, each by the camera that sees most of it, and all sightings."""
+    """Return the board's poses, each by the camera that sees most of it, and all sightings.
+
+    Where delays are asked for, points whose velocity is unknown count little.
+    """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
     rows = []
@@ -135,10 +149,13 @@ def _bodies(
             if frame not in best or len(view.ids) > best[frame][0]:
                 best[frame] = len(view.ids), world
             n = len(view.ids)
-            rows.append((np.full(n, c), np.full(n, number[frame]), board.points[view.ids], view.px))
-    camera, body, local, px = (np.concatenate(part) for part in zip(*rows, strict=True))
-    sigma = np.full(len(px), CORNER_SIGMA_PX)
+            velocity = np.zeros((n, 2)) if fps is None else point_velocities(by_frame, frame, fps)
+            rows.append((np.full(n, c), np.full(n, number[frame]), board.points[view.ids], view.px, velocity))
+    camera, body, local, px, velocity = (np.concatenate(part) for part in zip(*rows, strict=True))
+    told = np.isfinite(velocity).all(-1)
+    sigma = np.where(told, CORNER_SIGMA_PX, UNTOLD * CORNER_SIGMA_PX)
+    velocity = np.where(told[:, None], velocity, 0.0) if fps is not None else None
     placed = [best[frame][1] for frame in moments]
     bodies = Bodies(np.stack([R for R, _ in placed]), np.stack([t for _, t in placed]))
-    return bodies, Sightings(camera, body, local, px, sigma)
+    return bodies, Sightings(camera, body, local, px, sigma, velocity)
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.rig.adjustment.bundle import Adjusted, Bodies, Sightings, Unknowns, adjust
+from solver_backend.rig.adjustment.bundle import adjust
 from solver_backend.rig.adjustment.lens import CENTRE, FOCAL, PARAMETERS, Lens, LensModel, lens_of, rough_lens
 from solver_backend.rig.adjustment.planar import focal_from_homographies, homography, planar_pose
+from solver_backend.rig.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
 from solver_backend.rig.boards.board import Board
 from solver_backend.rig.boards.detection import BoardSighting
 from solver_backend.types.shapes import Bool, Float
