@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3, skew
-from solver_backend.rig.adjustment.lens import PARAMETERS, moved, project_local
+from solver_backend.rig.adjustment.lens import PARAMETERS, moved, pixels_of, project_local
 from solver_backend.rig.adjustment.problem import CAMERA_PARAMETERS, Adjusted, Bodies, Sightings, Unknowns
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
@@ -52,9 +52,9 @@ def adjust(
 
     Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
     """
-    free = _free_matrix(unknowns)
+    free, columns = _free_matrix(unknowns)
     now = _State(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
-    task = _Task(cameras, seen, unknowns, robust_scale)
+    task = _Task(cameras, seen, unknowns, robust_scale, columns, slice(0 if seen.local.any() else 3, 6))
     damping, best = 1e-4, task.cost(now)
     step = 0
     for step in range(1, steps + 1):
@@ -62,7 +62,8 @@ def adjust(
         accepted = False
         gain = 0.0
         while damping < _MOST_DAMPING and not accepted:
-            trial = now.moved(*equations.solved(free, damping))
+            by_cameras, by_bodies = equations.solved(free, damping)
+            trial = now.moved(task.whole(by_cameras), by_bodies)
             cost = task.cost(trial)
             accepted = cost < best
             if accepted:
@@ -74,8 +75,8 @@ def adjust(
         watch(step, best)
         if not accepted or gain < tolerance:
             break
-    covariance = _Equations.at(now, task).covariance(free, gauge)
-    return Adjusted(now.cameras, now.bodies, task.errors(now)[0], covariance, step, now.delays)
+    covariance = task.whole(task.whole(_Equations.at(now, task).covariance(free, gauge)).T)
+    return Adjusted(now.cameras, now.bodies, task.errors(now), covariance, step, now.delays)
 
 
 @dataclass(frozen=True)
@@ -87,14 +88,14 @@ class _State:
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _State:
-        """Return the state after a step of all cameras (19C,) and bodies (B, 6)."""
+        """Return the state after a step of all cameras (19C,) and bodies (B, 6), or (B, 3) where none turns."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
         cameras = moved(replace(self.cameras, R=turn @ self.cameras.R, t=t), step[:, _LENS])
-        bodies = replace(
-            self.bodies, R=exp_so3(by_bodies[:, :3]) @ self.bodies.R, t=self.bodies.t + by_bodies[:, 3:]
-        )
+        bodies = replace(self.bodies, t=self.bodies.t + by_bodies[:, -3:])
+        if by_bodies.shape[1] == 6:
+            bodies = replace(bodies, R=exp_so3(by_bodies[:, :3]) @ bodies.R)
         return _State(cameras, bodies, self.delays + step[:, _DELAY])
 
 
@@ -107,18 +108,40 @@ class _Task:
     unknowns: Unknowns
     scale: float
 
-    def errors(self, now: _State) -> tuple[np.ndarray, ...]:
-        """Return error (N, 2), points in camera axes (N, 3), (N, 3, 3) turns of bodies, derivatives by point and lens."""
+    columns: np.ndarray
+    """Numbers of ``CAMERA_PARAMETERS`` that are unknown for any camera."""
+    turning: slice
+    """Which of a body's six numbers are unknown: points alone do not turn."""
+
+    def whole(self, values: np.ndarray) -> np.ndarray:
+        """Return values (C columns, ...) of the unknown numbers with zeros for the others, (19C, ...)."""
+        C = len(self.start)
+        full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
+        full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
+        return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
+
+    def in_cameras(self, now: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the points in camera axes (N, 3), about their body (N, 3), and what they should project to (N, 2)."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
-        R_body = bodies.R[seen.body]
-        world = (R_body @ seen.local[..., None])[..., 0] + bodies.t[seen.body]
+        arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
+        world = arm + bodies.t[seen.body]
         x_cam = (cameras.R[seen.camera] @ world[..., None])[..., 0] + cameras.t[seen.camera]
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            px, by_point, by_lens = project_local(cameras, seen.camera, x_cam)
         target = seen.px
         if seen.velocity is not None:
             target = target - seen.velocity * now.delays[seen.camera, None]
-        return px - target, x_cam, R_body, by_point, by_lens
+        return x_cam, arm, target
+
+    def errors(self, now: _State) -> np.ndarray:
+        """Return (N, 2) px, projected minus seen, NaN behind a camera."""
+        x_cam, _, target = self.in_cameras(now)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            return pixels_of(now.cameras, self.seen.camera, x_cam) - target
+
+    def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
+        """Return (N, 2, columns) the derivative by the unknown numbers of its camera."""
+        if self.columns.max(initial=0) < 6:
+            return by_pose[..., self.columns]
+        return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
 
     def lens_change(self, cameras: Cameras) -> np.ndarray:
         """Return (C, 12) how far the lenses moved, in ``PARAMETERS``."""
@@ -129,7 +152,7 @@ class _Task:
 
     def cost(self, now: _State) -> float:
         """Return the robust cost; a point behind a camera costs as much as a very large error."""
-        square = (self.errors(now)[0] ** 2).sum(-1) / self.seen.sigma**2 / self.scale**2
+        square = (self.errors(now) ** 2).sum(-1) / self.seen.sigma**2 / self.scale**2
         cost = 0.5 * self.scale**2 * float(np.log1p(np.where(np.isfinite(square), square, 1e6)).sum())
         bodies = now.bodies
         if bodies.known is not None:
@@ -141,7 +164,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Equations:
-    """Normal equations: ``U`` (19C, 19C) of cameras, ``V`` (B, 6, 6) of bodies, ``W`` (B, 19C, 6) between them."""
+    """Normal equations: ``U`` (CP, CP) of cameras, ``V`` (B, 6, 6) of bodies, ``W`` (B, CP, 6) between them."""
 
     U: np.ndarray
     V: np.ndarray
@@ -152,19 +175,22 @@ class _Equations:
     @classmethod
     def at(cls, now: _State, task: _Task) -> _Equations:
         cameras, bodies, seen, unknowns = now.cameras, now.bodies, task.seen, task.unknowns
-        error, x_cam, R_body, by_point, by_lens = task.errors(now)
+        x_cam, arm, target = task.in_cameras(now)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            px, by_point, by_lens = project_local(cameras, seen.camera, x_cam)
+        error = px - target
         good = np.isfinite(error).all(-1) & np.isfinite(by_lens).all((-1, -2))
         square = (np.nan_to_num(error) ** 2).sum(-1) / seen.sigma**2
         weight = np.where(good, 1.0 / (1.0 + square / task.scale**2), 0.0) / seen.sigma**2
         by_pose = np.concatenate([-by_point @ skew(x_cam), by_point], axis=-1)
         by_delay = np.zeros((len(error), 2, 1)) if seen.velocity is None else seen.velocity[..., None]
-        J_camera = np.where(good[:, None, None], np.concatenate([by_pose, by_lens, by_delay], axis=-1), 0.0)
+        J_camera = np.where(good[:, None, None], task.of_camera(by_pose, by_lens, by_delay), 0.0)
         in_world = by_point @ cameras.R[seen.camera]
-        arm = (R_body @ seen.local[..., None])[..., 0]
-        J_body = np.where(good[:, None, None], np.concatenate([-in_world @ skew(arm), in_world], axis=-1), 0.0)
+        by_body_pose = np.concatenate([-in_world @ skew(arm), in_world], axis=-1)[..., task.turning]
+        J_body = np.where(good[:, None, None], by_body_pose, 0.0)
         weighted_body, weighted_camera = J_body * weight[:, None, None], J_camera * weight[:, None, None]
         residual = np.where(good[:, None], error, 0.0)[..., None]
-        C, B, P = len(cameras), len(bodies.t), CAMERA_PARAMETERS
+        C, B, P = len(cameras), len(bodies.t), len(task.columns)
         T = np.swapaxes
         U = np.zeros((C, P, C, P))
         U[range(C), :, range(C)] = _sums(T(weighted_camera, 1, 2) @ J_camera, seen.camera, C)
@@ -174,18 +200,18 @@ class _Equations:
         by_body = _sums((T(weighted_body, 1, 2) @ residual)[..., 0], seen.body, B)
         if bodies.known is not None:
             told = np.isfinite(bodies.known).all(-1)
-            V[told, 3:, 3:] += np.eye(3) / bodies.known_sigma**2
-            by_body[told, 3:] += (bodies.t - bodies.known)[told] / bodies.known_sigma**2
+            V[told, -3:, -3:] += np.eye(3) / bodies.known_sigma**2
+            by_body[told, -3:] += (bodies.t - bodies.known)[told] / bodies.known_sigma**2
         U = U.reshape(C * P, C * P)
         if unknowns.lens_sigma is not None:
-            precision = np.zeros((C, P))
-            precision[:, _LENS] = 1.0 / unknowns.lens_sigma**2
-            U[range(C * P), range(C * P)] += precision.ravel()
-            by_camera = by_camera + precision * np.pad(task.lens_change(cameras), ((0, 0), (6, 1)))
-        return cls(U, V, pair.reshape(B, C * P, 6), by_camera.ravel(), by_body)
+            precision = np.pad(1.0 / unknowns.lens_sigma**2, ((0, 0), (6, 1)))
+            pull = precision * np.pad(task.lens_change(cameras), ((0, 0), (6, 1)))
+            U[range(C * P), range(C * P)] += precision[:, task.columns].ravel()
+            by_camera = by_camera + pull[:, task.columns]
+        return cls(U, V, pair.reshape(B, C * P, -1), by_camera.ravel(), by_body)
 
     def solved(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the damped step of all cameras (19C,) and bodies (B, 6)."""
+        """Return the damped step of all cameras (CP,) and bodies (B, 6), or (B, 3)."""
         V_inverse, W, S, g = self._reduced(free, damping)
         diagonal = np.einsum("ii->i", S)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(free.T @ self.U @ free), 1e-12))
@@ -206,7 +232,7 @@ class _Equations:
         return V_inverse, W, S, g
 
     def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
-        """Return the inverse of the reduced equations without their ``gauge`` softest directions, (19C, 19C)."""
+        """Return the inverse of the reduced equations without their ``gauge`` softest directions, (CP, CP)."""
         _, _, S, _ = self._reduced(free, 0.0)
         if not len(S):
             return np.zeros_like(self.U)
@@ -218,23 +244,20 @@ class _Equations:
         return free @ ((vectors / values[kept]) @ vectors.T) @ free.T
 
 
-def _free_matrix(unknowns: Unknowns) -> np.ndarray:
-    """Return (19C, Q): which full step each unknown number stands for."""
-    C, P = len(unknowns.poses), CAMERA_PARAMETERS
-    columns: list[np.ndarray] = []
-    for c in range(C):
-        late = unknowns.delays is not None and bool(unknowns.delays[c])
-        free = np.concatenate([np.full(6, unknowns.poses[c]), unknowns.lens[c], [late]])
-        tied = unknowns.one_focal and free[6] and free[7]
-        for p in np.flatnonzero(free):
-            if tied and p == 7:
-                continue
-            column = np.zeros(C * P)
-            column[c * P + p] = 1.0
-            if tied and p == 6:
-                column[c * P + 7] = 1.0
-            columns.append(column)
-    return np.stack(columns, axis=1) if columns else np.zeros((C * P, 0))
+def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C P, Q) which step each unknown number stands for, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
+    C = len(unknowns.poses)
+    late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
+    free = np.concatenate([np.tile(unknowns.poses[:, None], (1, 6)), unknowns.lens, late[:, None]], axis=1)
+    tied = free[:, 6] & free[:, 7] & unknowns.one_focal
+    columns = np.flatnonzero(free.any(0))
+    alone = free.copy()
+    alone[tied, 7] = False
+    matrix = np.eye(free.size)[:, alone.ravel()]
+    for c in np.flatnonzero(tied):
+        matrix[c * CAMERA_PARAMETERS + 7] = matrix[c * CAMERA_PARAMETERS + 6]
+    kept = (np.arange(C)[:, None] * CAMERA_PARAMETERS + columns).ravel()
+    return matrix[kept], columns
 
 
 def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:

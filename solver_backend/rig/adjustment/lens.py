@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -101,13 +102,9 @@ def project_local(
 
     Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (the lens); derivatives by hand.
     """
-    coefficients, model = cameras.distortion[which], cameras.distortion_model
-    z = np.where(x_cam[:, 2] > 1e-6, x_cam[:, 2], np.nan)
-    x, y = x_cam[:, 0] / z, x_cam[:, 1] / z
-    bent_x, bent_y, (xx, cross, yy) = distorted(x, y, coefficients, model)
-    K = cameras.K[which]
-    fx, fy, skew = K[:, 0, 0], K[:, 1, 1], K[:, 0, 1]
-    px = np.stack([fx * bent_x + skew * bent_y + K[:, 0, 2], fy * bent_y + K[:, 1, 2]], axis=-1)
+    px, x, y, z, bent_x, bent_y, (xx, cross, yy) = _projected(cameras, which, x_cam)
+    coefficients, model, K = cameras.distortion[which], cameras.distortion_model, cameras.K[which]
+    fx, fy = K[:, 0, 0], K[:, 1, 1]
     rows = np.stack([xx, cross, -(xx * x + cross * y), cross, yy, -(cross * x + yy * y)], axis=-1).reshape(-1, 2, 3)
     by_point = K[:, :2, :2] @ (rows / z[:, None, None])
     by_lens = np.zeros((len(px), 2, PARAMETERS))
@@ -115,6 +112,23 @@ def project_local(
     by_lens[:, 0, 2], by_lens[:, 1, 3] = fx, fy
     by_lens[:, :, 4:] = K[:, :2, :2] @ _by_coefficients(x, y, coefficients, model)
     return px, by_point, by_lens
+
+
+def pixels_of(
+    cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 2"]:
+    """Return the pixels of ``project_local`` alone."""
+    return _projected(cameras, which, x_cam)[0]
+
+
+def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[Any, ...]:
+    """Return pixels, x/z, y/z and z, the distorted coordinates and their derivative's entries."""
+    z = np.where(x_cam[:, 2] > 1e-6, x_cam[:, 2], np.nan)
+    x, y = x_cam[:, 0] / z, x_cam[:, 1] / z
+    bent_x, bent_y, slopes = distorted(x, y, cameras.distortion[which], cameras.distortion_model)
+    K = cameras.K[which]
+    px = np.stack([K[:, 0, 0] * bent_x + K[:, 0, 1] * bent_y + K[:, 0, 2], K[:, 1, 1] * bent_y + K[:, 1, 2]], axis=-1)
+    return px, x, y, z, bent_x, bent_y, slopes
 
 
 def _by_coefficients(x: np.ndarray, y: np.ndarray, k: np.ndarray, model: str) -> np.ndarray:
