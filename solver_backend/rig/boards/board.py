@@ -102,7 +102,7 @@ def board_named(text: str) -> Board:
     for field in fields:
         length, count = _LENGTH.fullmatch(field.lower()), re.fullmatch(r"(\d+)[xX](\d+)", field)
         if length:
-            lengths.append(float(length[1]) * _UNITS[length[2]])
+            lengths.append(round(float(length[1]) * _UNITS[length[2]], 9))
         elif count:
             counts = int(count[1]), int(count[2])
         elif field.upper().startswith("DICT_"):
@@ -113,7 +113,7 @@ def board_named(text: str) -> Board:
             raise JobInvalid(f"'{field}' means nothing of a board.", where=text, hint=f"Say {EXAMPLE}.")
     if counts is None or not lengths:
         raise JobInvalid("A board needs columns x rows and the side of a square.", where=text, hint=f"Say {EXAMPLE}.")
-    marker = lengths[1] if len(lengths) > 1 else MARKER_SHARE * lengths[0]
+    marker = lengths[1] if len(lengths) > 1 else round(MARKER_SHARE * lengths[0], 9)
     return Board(kind.lower(), *counts, lengths[0], marker if kind.lower() == "charuco" else 0.0, **other)
 
 

@@ -83,8 +83,14 @@ class BoardDetector:
             if ids is not None and len(ids) >= FEWEST_POINTS:
                 self._charucos.insert(0, self._charucos.pop(i))
                 order = np.argsort(ids.ravel())
-                return ids.ravel()[order], corners.reshape(-1, 2)[order].astype(np.float64)
+                return ids.ravel()[order], self._charuco_corners(picture, ids.ravel(), corners.reshape(-1, 2))[order]
         return None
+
+    def _charuco_corners(self, picture: np.ndarray, ids: np.ndarray, corners: np.ndarray) -> np.ndarray:
+        """Return the corners found again without the half pixel that OpenCV 4.11 adds, away from the markers."""
+        reach = self.board.square_m - self.board.marker_m
+        window = int(np.clip(0.4 * reach / self.board.square_m * _spacing(self.board, ids, corners), 2, 12))
+        return _refined(self._cv2, picture, corners - 0.5, window)
 
     def _checkerboard(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         cv2, size = self._cv2, (self.board.columns - 1, self.board.rows - 1)
@@ -98,10 +104,7 @@ class BoardDetector:
             return None
         px = (corners.reshape(-1, 2).astype(np.float64) + 0.5) * shrink - 0.5
         reach = max(2, int(0.35 * _spacing(self.board, np.arange(len(px)), px)))
-        until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-        start = px.astype(np.float32).reshape(-1, 1, 2)
-        refined = cv2.cornerSubPix(picture, start, (min(reach, 15),) * 2, (-1, -1), until)
-        px = refined.reshape(-1, 2).astype(np.float64)
+        px = _refined(cv2, picture, px, min(reach, 15))
         if _first_square_is_light(picture, px, size):
             px = px[::-1]
         return np.arange(len(px)), px
@@ -136,6 +139,13 @@ def charuco_boards(board: Board) -> list[Any]:
         made.setLegacyPattern(legacy)
         boards.append(made)
     return boards
+
+
+def _refined(cv2: Any, picture: np.ndarray, px: np.ndarray, window: int) -> np.ndarray:
+    """Return corners (n, 2) to fractions of a pixel, by the grey values within ``window`` px."""
+    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    start = np.ascontiguousarray(px, dtype=np.float32).reshape(-1, 1, 2)
+    return cv2.cornerSubPix(picture, start, (window, window), (-1, -1), until).reshape(-1, 2).astype(np.float64)
 
 
 def _spacing(board: Board, ids: np.ndarray, px: np.ndarray) -> float:
