@@ -12,6 +12,7 @@ from contextlib import redirect_stdout
 from typing import TextIO
 
 from solver_backend.cli.arguments import parse
+from solver_backend.cli.camera_verbs import CAMERA_VERBS
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.marker_verbs import MARKER_VERBS
@@ -73,7 +74,8 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    module = "pose_verbs" if name in POSE_VERBS else "marker_verbs" if name in MARKER_VERBS else "verbs"
+    groups = {"pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS}
+    module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")
     return getattr(verbs, name.replace("-", "_"))
 

@@ -76,7 +76,7 @@ def adjust(
         if not accepted or gain < tolerance:
             break
     covariance = task.whole(task.whole(_Equations.at(now, task).covariance(free, gauge)).T)
-    return Adjusted(now.cameras, now.bodies, task.errors(now), covariance, step, now.delays)
+    return Adjusted(now.cameras, now.bodies, task.errors(now), covariance, step, now.delays, seen)
 
 
 @dataclass(frozen=True)

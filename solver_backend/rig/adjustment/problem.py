@@ -85,6 +85,9 @@ class Adjusted:
     delays: Float[np.ndarray, " cameras"]
     """(C,) seconds by which each camera's pictures are later than their frame's number says."""
 
+    seen: Sightings
+    """What the errors are of."""
+
     @property
     def rmse_px(self) -> float:
         """Root of the mean squared distance."""

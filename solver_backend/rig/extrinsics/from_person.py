@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
 from solver_backend.rig.adjustment.bundle import adjust
-from solver_backend.rig.adjustment.lens import FOCAL, PARAMETERS, Lens
+from solver_backend.rig.adjustment.lens import FOCAL, PARAMETERS, Lens, lens_of
 from solver_backend.rig.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
 from solver_backend.rig.extrinsics.resection import resected_pose
 from solver_backend.rig.extrinsics.two_views import essential_matrix, intersected, pose_from_essential
@@ -76,23 +76,38 @@ def rig_from_person(
     watch("Pairs of cameras")
     pair, poses = task.best_pair(rng)
     joined = list(pair)
-    found = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
+    found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
     while len(joined) < len(names):
         watch(f"Camera {len(joined) + 1} of {len(names)}")
         joined, poses = task.with_next(joined, found, rng)
-        found = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
+        found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
     watch("All cameras at once")
     order = np.argsort(joined)
     cameras = found.cameras.subset(order.tolist())
+    return _finished(_Views.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
+
+
+def refined_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> PersonRig:
+    """Return an earlier calibration adjusted to one person's keypoints; the world drifts a little with it.
+
+    Raises:
+        NoDetections: no two cameras see the person at the same moment.
+    """
+    lenses = [lens_of(cameras, c) for c in range(len(cameras))]
+    views = _Views.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
+    return _finished(views, cameras, START_SIGMA_PX, free_focal)
+
+
+def _finished(views: _Views, cameras: Cameras, sigma: float, free_focal: bool) -> PersonRig:
+    """Return the adjustment of all cameras over more frames, with the noise that its residuals show."""
+    everyone = list(range(len(cameras)))
+    found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal)
     sigma = _sigma(found)
-    every = _Views.of(names, lenses, keypoints, FINAL_FRAMES)
-    everyone = list(range(len(names)))
-    found = every.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal=free_focal)
-    sigma = _sigma(found)
-    found = every.adjusted(everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras)
-    points = every.points(everyone, found.cameras)
+    found, numbers = views.adjusted(
+        everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras
+    )  # fmt: skip
     inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
-    return PersonRig(found, _sigma(found), every.frames, points, inliers)
+    return PersonRig(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
 
 
 @dataclass(frozen=True)
@@ -186,8 +201,8 @@ class _Views:
     def adjusted(
         self, which: list[int], poses: tuple[np.ndarray, np.ndarray], sigma: float, free_focal: bool,
         lenses: Cameras | None = None,
-    ) -> Adjusted:  # fmt: skip
-        """Return the bundle adjustment of these cameras."""
+    ) -> tuple[Adjusted, np.ndarray]:  # fmt: skip
+        """Return the bundle adjustment of these cameras, and which of the N points its bodies are."""
         base = (lenses or self.lenses.subset(which)).subset(list(range(len(which))))
         cameras = Cameras(
             base.names, base.K, base.distortion, poses[0], poses[1], base.image_size, base.distortion_model
@@ -207,12 +222,14 @@ class _Views:
             lens_sigma = np.full((len(which), PARAMETERS), 1.0)
             lens_sigma[:, list(FOCAL)] = FOCAL_SIGMA
         unknowns = Unknowns(np.ones(len(which), bool), lens, True, lens_sigma)
-        return adjust(cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40)
+        found = adjust(cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40)
+        return found, np.flatnonzero(used)
 
-    def points(self, which: list[int], cameras: Cameras) -> np.ndarray:
-        """Return (F, K, 3) the keypoints that at least two cameras see."""
-        X = intersected(cameras.R, cameras.t, self.normalised(cameras)[which])
-        return X.reshape(len(self.frames), self.keypoints, 3)
+    def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
+        """Return the adjusted keypoints (F, K, 3), NaN where fewer than two cameras see them."""
+        points = np.full((self.xy.shape[1], 3), np.nan)
+        points[numbers] = found.bodies.t
+        return points.reshape(len(self.frames), self.keypoints, 3)
 
 
 def _median_angle(a: np.ndarray, b: np.ndarray, R: np.ndarray) -> float:
