@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +15,16 @@ from solver_backend.exchange.errors import (
     CalibrationMissing,
     CommandLineInvalid,
 )
+from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.rig.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
 from solver_backend.rig.extrinsics.result import RigCalibration
 from solver_backend.types import Cameras, Capture, Keypoints2D
+
+if TYPE_CHECKING:
+    from solver_backend.rig.boards.board import Board
+    from solver_backend.rig.extrinsics.board_session import BoardOptions
+    from solver_backend.rig.intrinsics.camera_lens import CameraLens
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
@@ -45,10 +52,29 @@ def capture_of(args: argparse.Namespace, progress: Progress) -> Capture:
     )  # fmt: skip
 
 
-def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
-    from solver_backend.rig.boards.board import board_named
-    from solver_backend.rig.extrinsics.board_session import BoardOptions, calibrate_by_board
+def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
+    """Return the lens of each camera that filmed a board.
+
+    Raises:
+        CommandLineInvalid: the board or a lens model is not known.
+        CalibrationInvalid: a camera has too few pictures of the board.
+    """
+    from solver_backend.rig.extrinsics.board_session import calibrate_lenses
     from solver_backend.rig.extrinsics.session_folders import board_footage
+    from solver_backend.rig.intrinsics.view_selection import coverage_svg
+
+    board, options = _board_options(args)
+    footage = board_footage(args.source)
+    lenses, used = calibrate_lenses(footage.lens or footage.rig, board, options, progress)
+    for name, sightings in used.items() if args.coverage is not None else ():
+        picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
+        write_text(args.coverage / f"{name}.svg", picture, overwrite=True)
+    return lenses
+
+
+def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
+    from solver_backend.rig.boards.board import board_named
+    from solver_backend.rig.extrinsics.board_session import BoardOptions
 
     told = args.board or next((str(p) for p in _told_boards(args.source)), None)
     if told is None:
@@ -57,10 +83,17 @@ def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
+    return board_named(told), BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
+
+
+def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    from solver_backend.rig.extrinsics.board_session import calibrate_by_board
+    from solver_backend.rig.extrinsics.session_folders import board_footage
+
+    board, options = _board_options(args)
     footage = board_footage(args.source)
-    options = BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
     known = lenses_of(args.lenses, tuple(footage.rig)) if args.lenses is not None else {}
-    return calibrate_by_board(footage, board_named(told), known, options, progress, coverage=args.coverage)
+    return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
 
 
 def _told_boards(folder: Path) -> list[Path]:

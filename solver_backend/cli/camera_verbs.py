@@ -12,7 +12,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 CAMERA_VERBS = ("board", "calibrate-cameras", "check-cameras")
-METHODS = ("board", "person", "points", "refine")
+METHODS = ("board", "person", "points", "refine", "lenses")
 _BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
 
 
@@ -89,6 +89,8 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.rig.formats.write import format_of, write_calibration
     from solver_backend.rig.intrinsics.library import keep_lenses
 
+    if args.method == "lenses":
+        return _lenses(args, progress)
     overwrite = bool(args.overwrite)
     kind = args.format or format_of(args.out)
     if kind != "colmap":
@@ -102,6 +104,29 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         errors = {n: e for n, told in found.lenses.items() if isinstance(e := told.get("held_out_px"), float)}
         keep_lenses(args.keep_lenses, {n: lens_of(found.cameras, c) for c, n in enumerate(names)}, errors)
     return _outcome(found, args.out, kind)
+
+
+def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find the lenses alone and add them to a library."""
+    from solver_backend.cli.camera_sources import calibrated_lenses
+    from solver_backend.rig.intrinsics.library import keep_lenses
+
+    if args.out.suffix.lower() != ".json":
+        raise CommandLineInvalid("Lenses are kept in a library that ends in .json.", where=str(args.out))
+    found = calibrated_lenses(args, progress)
+    keep_lenses(args.out, {n: e.lens for n, e in found.items()}, {n: e.choice.held_out for n, e in found.items()})
+    lines, data = [f"{len(found)} lenses"], {}
+    for name, lens in found.items():
+        fit, worst = lens.choice.fit, float(lens.choice.fit.view_rmse_px.max())
+        lines.append(
+            f"  {name:<11} {fit.model.name}, {lens.choice.held_out:.2f} px held out, f {lens.lens.K[0, 0]:.1f} px "
+            f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {worst:.2f} px, left out {len(lens.left_out)}"
+        )
+        lines += [f"  finding     {name}: {word}" for word in lens.advice]
+        data[name] = {"model": fit.model.name, "held_out_px": lens.choice.held_out, "pictures": list(lens.frames),
+                      "view_rmse_px": fit.view_rmse_px.tolist(), "left_out": list(lens.left_out),
+                      "findings": list(lens.advice)}  # fmt: skip
+    return Outcome("\n".join([*lines, f"  written     {args.out}"]), {"lenses": str(args.out), "cameras": data})
 
 
 def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:

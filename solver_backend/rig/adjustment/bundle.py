@@ -208,7 +208,7 @@ class _Equations:
             pull = precision * np.pad(task.lens_change(cameras), ((0, 0), (6, 1)))
             U[range(C * P), range(C * P)] += precision[:, task.columns].ravel()
             by_camera = by_camera + pull[:, task.columns]
-        return cls(U, V, pair.reshape(B, C * P, -1), by_camera.ravel(), by_body)
+        return cls(U, V, pair.reshape(B, C * P, J_body.shape[-1]), by_camera.ravel(), by_body)
 
     def solved(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the damped step of all cameras (CP,) and bodies (B, 6), or (B, 3)."""

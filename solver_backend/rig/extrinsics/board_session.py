@@ -14,7 +14,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.rig.adjustment.lens import LENS_MODELS, Lens
 from solver_backend.rig.boards.board import Board
 from solver_backend.rig.boards.detection import BoardDetector, BoardSighting
-from solver_backend.rig.extrinsics.from_board import BoardRig, rig_from_board
+from solver_backend.rig.extrinsics.from_board import BoardRig, rig_from_board, zoom_doubts
 from solver_backend.rig.extrinsics.result import RigCalibration, moved_world, result_of
 from solver_backend.rig.extrinsics.session_folders import BoardFootage
 from solver_backend.rig.frames import VIDEOS, grey_frames
@@ -120,7 +120,7 @@ def calibrate_by_board(
             write_text(coverage / f"{name}.svg", picture, overwrite=True)
     lenses = _lenses(footage, board, known, seen, sizes, options, progress)
     findings = _mirrored(names, seen)
-    ordered, problems = _one_model([lenses[n][0] for n in names], names)
+    ordered = _one_model([lenses[n][0] for n in names], names)
     progress("All cameras at once", 0, 1)
     moving = options.fps is not None and all(p.suffix.lower() in VIDEOS for p in footage.rig.values())
     rig = rig_from_board(
@@ -132,7 +132,7 @@ def calibrate_by_board(
     words = [f"{n}: {word}" for n in names for word in _list(lenses[n][1].get("advice"))]
     return replace(
         moved_world(found, R, t),
-        findings=(*findings, *problems, *_doubts(names, found, rig), *words),
+        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *words),
         notes=(note, f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict and are left out."),
         lenses=told,
     )  # fmt: skip
@@ -163,11 +163,11 @@ def _lenses(
     return lenses
 
 
-def _one_model(lenses: Sequence[Lens], names: Sequence[str]) -> tuple[list[Lens], tuple[str, ...]]:
+def _one_model(lenses: Sequence[Lens], names: Sequence[str]) -> list[Lens]:
     """Return the lenses with one distortion model, as ``Cameras`` has one; a mixture is refused by name."""
     models = {lens.distortion_model for lens in lenses}
     if len(models) == 1:
-        return list(lenses), ()
+        return list(lenses)
     fish = [n for n, lens in zip(names, lenses, strict=True) if lens.distortion_model == "fisheye"]
     raise CalibrationInvalid(
         f"Fisheye and other lenses are mixed; fisheye are {', '.join(fish)}.",

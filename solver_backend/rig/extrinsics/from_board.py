@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.rig.adjustment.bundle import adjust
-from solver_backend.rig.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens
+from solver_backend.rig.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens, lens_of
 from solver_backend.rig.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
 from solver_backend.rig.boards.board import Board
 from solver_backend.rig.boards.detection import BoardSighting
@@ -24,6 +24,7 @@ FEWEST_TOGETHER = 2
 OUTLIER_SIGMAS = 6.0
 """Moments of one camera whose error is larger, in median errors, are left out of the second adjustment."""
 
+ZOOM_GAIN = 0.25
 UNTOLD = 10.0
 """How much less sure a point is whose velocity is unknown while delays are found."""
 
@@ -94,6 +95,36 @@ def rig_from_board(
         found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0, watch=watch
     )
     return BoardRig(found, moments, seen.where(kept), together, int((~kept).sum()))
+
+
+def zoom_doubts(rig: BoardRig) -> tuple[str, ...]:
+    """Return a sentence on each camera whose lens was found in another zoom or mode: another focal length fits better.
+
+    All lenses are freed; told are focal lengths that change by more than 3 % and five standard deviations where the
+    error then falls by a quarter or more.
+    """
+    names, told = rig.adjusted.cameras.names, rig.adjusted.cameras
+    lenses = [lens_of(told, c) for c in range(len(names))]
+    unknowns = replace(lens_unknowns(told, lenses), lens_sigma=None)
+    lens = np.zeros_like(unknowns.lens)
+    lens[:, list(FOCAL)] = True
+    late = rig.adjusted.delays != 0
+    free = adjust(
+        told, rig.adjusted.bodies, rig.seen, Unknowns(unknowns.poses, lens, delays=late), delays=rig.adjusted.delays,
+        robust_scale=8.0, tolerance=1e-4, steps=25,
+    )  # fmt: skip
+    if free.rmse_px > (1.0 - ZOOM_GAIN) * rig.adjusted.rmse_px:
+        return ()
+    sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
+    focal = [cameras.K[:, 0, 0] for cameras in (told, free.cameras)]
+    change = np.log(focal[1] / focal[0])
+    far = (np.abs(change) > 0.03) & (np.abs(change) > 5.0 * sigma)
+    worst = np.abs(change) > 0.5 * np.abs(change).max()
+    return tuple(
+        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as told: its lens was filmed "
+        "in another zoom or mode. Film the board again in the mode of the takes."
+        for c in np.flatnonzero(far & worst)
+    )
 
 
 def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:

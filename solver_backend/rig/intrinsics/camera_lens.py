@@ -55,9 +55,13 @@ def camera_lens(
         CalibrationInvalid: fewer than three pictures, or no model fits them.
     """
     frames = selected_views(board, sightings, image_size)
-    first = fitted_lens(board, [sightings[f] for f in frames], image_size, LENS_MODELS["radial2"])
-    bar = max(BAD_VIEW * float(np.median(first.view_rmse_px)), 0.5)
-    kept = [f for f, error in zip(frames, first.view_rmse_px, strict=True) if error <= bar]
+    kept = list(frames)
+    while True:
+        fit = fitted_lens(board, [sightings[f] for f in kept], image_size, LENS_MODELS["radial2"])
+        worst = int(np.argmax(fit.view_rmse_px))
+        if fit.view_rmse_px[worst] <= max(BAD_VIEW * float(np.median(fit.view_rmse_px)), 0.5) or len(kept) <= 4:
+            break
+        kept.pop(worst)
     left_out = tuple(f for f in frames if f not in kept)
     views = [sightings[f] for f in kept]
     choice = chosen_lens(board, views, image_size, models)
