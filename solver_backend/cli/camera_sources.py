@@ -115,10 +115,8 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     return calibrate_by_person(names, lenses, keypoints, options)
 
 
-def _person(
-    args: argparse.Namespace, progress: Progress
-) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return names, lenses and keypoints; a calibration that the capture has gives its lenses and chooses the person."""
+def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
+    """Return names, lenses, keypoints; a calibration that the capture has gives its lenses and chooses the person."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):
@@ -129,9 +127,7 @@ def _person(
     return cameras.names, [lens_of(cameras, c) for c in range(len(cameras))], keypoints, False
 
 
-def _uncalibrated(
-    args: argparse.Namespace, progress: Progress
-) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
+def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
     """Return the same of detections without calibration: the person is the largest in each view."""
     from solver_backend.io.calibration.search import levels_above
     from solver_backend.io.captures.openpose_json import read_detections

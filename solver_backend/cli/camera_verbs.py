@@ -120,7 +120,8 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
         fit, worst = lens.choice.fit, float(lens.choice.fit.view_rmse_px.max())
         lines.append(
             f"  {name:<11} {fit.model.name}, {lens.choice.held_out:.2f} px held out, f {lens.lens.K[0, 0]:.1f} px "
-            f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {worst:.2f} px, left out {len(lens.left_out)}"
+            f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {worst:.2f} px, "
+            f"left out {len(lens.left_out)}"
         )
         lines += [f"  finding     {name}: {word}" for word in lens.advice]
         data[name] = {"model": fit.model.name, "held_out_px": lens.choice.held_out, "pictures": list(lens.frames),

@@ -34,18 +34,17 @@ from tests.benchmarks.holdout import leave_one_camera_out
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
-CALISCOPE = Path("data/multiview/caliscope/charuco_calibration")
-PICTURES = Path("data/multiview/pose2sim/S00_Calibration")
+CALISCOPE = Path("multiview/caliscope/charuco_calibration")
+PICTURES = Path("multiview/pose2sim/S00_Calibration")
 PEOPLE = TAKES[:3]
 
 
 def run() -> list[Metric]:
     """Measure all four."""
     folder = recordings_folder()
-    shared = next((p for p in (folder, *folder.parents) if (p / CALISCOPE).is_dir()), None)
-    if shared is None:
+    if not (folder / CALISCOPE).is_dir():
         raise BenchmarkSkipped("The recordings are not here.", hint=ABSENT)
-    return [*by_board(shared / CALISCOPE), *lenses(shared / PICTURES), *by_person(), *real(folder / BALANCING_TRIAL)]
+    return [*by_board(folder / CALISCOPE), *lenses(folder / PICTURES), *by_person(), *real(folder / BALANCING_TRIAL)]
 
 
 def by_board(folder: Path) -> list[Metric]:

@@ -48,7 +48,12 @@ def carried(
             R = exp_so3(np.array([0.5, 0.5, 0.6]) * swing[:3]) @ facing
             points = (board.points - board.points.mean(0)) @ R.T + np.array([0.5, 0.4, 0.3]) * swing[3:]
             px = project(
-                cameras.K[[c]], cameras.distortion[[c]], cameras.R[[c]], cameras.t[[c]], points, cameras.distortion_model
+                cameras.K[[c]],
+                cameras.distortion[[c]],
+                cameras.R[[c]],
+                cameras.t[[c]],
+                points,
+                cameras.distortion_model,
             )[0]
             way = points.mean(0) - cameras.centres[c]
             facing_camera = R[:, 2] @ way > 0.35 * np.linalg.norm(way)

@@ -59,7 +59,9 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
     model = _MODELS.get(fields[0]) if fields else None
     if model is None:
         raise CalibrationInvalid(
-            f"The lens model {fields[0] if fields else ''} is not read.", where=place, hint=f"Read are {', '.join(_MODELS)}."
+            f"The lens model {fields[0] if fields else ''} is not read.",
+            where=place,
+            hint=f"Read are {', '.join(_MODELS)}.",
         )
     focals, which, fisheye = model
     values = _numbers(fields[1:], place)
@@ -69,7 +71,12 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
     f, centre = values[[0, focals - 1]], values[focals : focals + 2] - 0.5
     bent = np.zeros(8)
     bent[list(which)] = values[focals + 2 :]
-    return np.array([[f[0], 0, centre[0]], [0, f[1], centre[1]], [0, 0, 1.0]]), bent[:4] if fisheye else bent, size, fisheye
+    return (
+        np.array([[f[0], 0, centre[0]], [0, f[1], centre[1]], [0, 0, 1.0]]),
+        bent[:4] if fisheye else bent,
+        size,
+        fisheye,
+    )
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:
@@ -82,4 +89,6 @@ def _numbers(fields: list[str], place: str) -> np.ndarray:
     try:
         return np.array(fields, dtype=np.float64)
     except ValueError as error:
-        raise FileDamaged(f"A number is expected where the file holds something else ({error}).", where=place) from error
+        raise FileDamaged(
+            f"A number is expected where the file holds something else ({error}).", where=place
+        ) from error

@@ -245,7 +245,7 @@ class _Equations:
 
 
 def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C P, Q) which step each unknown number stands for, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
+    """Return (C P, Q) which step each unknown stands for, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
     free = np.concatenate([np.tile(unknowns.poses[:, None], (1, 6)), unknowns.lens, late[:, None]], axis=1)

@@ -1,4 +1,4 @@
-"""A lens: picture size, K and distortion, the models that may be fitted, and the projection's derivative by its numbers."""
+"""A lens: picture size, K and distortion, models that may be fitted, and the projection's derivative by its numbers."""
 
 from __future__ import annotations
 

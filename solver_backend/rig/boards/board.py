@@ -129,7 +129,9 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         board = Board("charuco", charuco["columns"], charuco["rows"], square, square * charuco["aruco_scale"])
         return replace(board, dictionary=charuco["dictionary"], inverted=bool(charuco["inverted"]))
     except (KeyError, TypeError, ValueError) as error:
-        raise JobInvalid(f"The file does not tell a whole board ({error}).", where=where, hint=f"Say {EXAMPLE}.") from error
+        raise JobInvalid(
+            f"The file does not tell a whole board ({error}).", where=where, hint=f"Say {EXAMPLE}."
+        ) from error
 
 
 def board_toml(board: Board) -> str:

@@ -171,5 +171,5 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
     """Whether the square between the first four corners is lighter than its neighbour in the row."""
     grid = px.reshape(size[1], size[0], 2)
     first, second = (grid[0:2, i : i + 2].reshape(-1, 2).mean(0) for i in (0, 1))
-    values = [float(picture[int(round(y)), int(round(x))]) for x, y in (first, second)]
+    values = [float(picture[round(y), round(x)]) for x, y in (first, second)]
     return values[0] > values[1]

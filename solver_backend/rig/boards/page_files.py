@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xml.sax.saxutils import escape
 
-from solver_backend.rig.boards.page import Disc, Line, Page, Polygon, Shape, Words
+from solver_backend.rig.boards.page import Disc, Line, Page, Polygon, Shape
 
 POINTS_PER_MM = 72.0 / 25.4
 _KAPPA = 0.5522847498
@@ -33,11 +33,11 @@ def _svg_shape(shape: Shape) -> str:
     if isinstance(shape, Line):
         (x1, y1), (x2, y2) = shape.start, shape.end
         return (
-            f'<line x1="{x1:.6g}" y1="{y1:.6g}" x2="{x2:.6g}" y2="{y2:.6g}" '
-            f'stroke="black" stroke-width="{_THIN_MM}"/>'
+            f'<line x1="{x1:.6g}" y1="{y1:.6g}" x2="{x2:.6g}" y2="{y2:.6g}" stroke="black" stroke-width="{_THIN_MM}"/>'
         )
     x, y = shape.place
-    return f'<text x="{x:.6g}" y="{y:.6g}" font-family="Helvetica, Arial" font-size="{shape.size}">{escape(shape.text)}</text>'
+    font = f'font-family="Helvetica, Arial" font-size="{shape.size}"'
+    return f'<text x="{x:.6g}" y="{y:.6g}" {font}>{escape(shape.text)}</text>'
 
 
 def _colour(white: bool) -> str:
@@ -95,7 +95,10 @@ def _grey(white: bool) -> str:
 def _circle(x: float, y: float, r: float) -> str:
     k = _KAPPA * r
     quarters = [
-        ((r, k), (k, r), (0, r)), ((-k, r), (-r, k), (-r, 0)), ((-r, -k), (-k, -r), (0, -r)), ((k, -r), (r, -k), (r, 0)),
+        ((r, k), (k, r), (0, r)),
+        ((-k, r), (-r, k), (-r, 0)),
+        ((-r, -k), (-k, -r), (0, -r)),
+        ((k, -r), (r, -k), (r, 0)),
     ]  # fmt: skip
     curves = [" ".join(f"{x + a:.6f} {y + b:.6f}" for a, b in q) + " c" for q in quarters]
     return f"{x + r:.6f} {y:.6f} m " + " ".join(curves)

@@ -1,4 +1,4 @@
-"""Whether a calibration fits what the cameras saw: by camera, by part of the picture, over time, in scale and upright."""
+"""Whether a calibration fits what the cameras saw: by camera, part of the picture, over time, in scale, upright."""
 
 from __future__ import annotations
 
@@ -157,15 +157,15 @@ def _camera_words(
     if everything > WORSE * best and everything - best > 1.0:
         worst = cameras.names[int(np.nanargmax(by_camera))]
         words.append(
-            f"Cameras adjusted to the take explain it to {best:.1f} px, the calibration to {everything:.1f} px, worst in "
-            f"{worst}: something was moved after calibration. Refine: calibrate-cameras --from refine."
+            f"Cameras adjusted to the take explain it to {best:.1f} px, the calibration to {everything:.1f} px, worst "
+            f"in {worst}: something was moved after calibration. Refine: calibrate-cameras --from refine."
         )
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))
         if np.isfinite(inner) and rim > 3.0 * inner and rim > 2.0 * everything:
             words.append(
-                f"{name} errs by {rim:.1f} px at the picture's rim and {inner:.1f} px in its middle: its lens is of another "
-                "zoom or mode. Calibrate its intrinsics in the mode of the takes."
+                f"{name} errs by {rim:.1f} px at the picture's rim and {inner:.1f} px in its middle: its lens is of "
+                "another zoom or mode. Calibrate its intrinsics in the mode of the takes."
             )
     return words
 
@@ -175,13 +175,17 @@ def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[str]:
     usual = float(np.nanmedian(epipolar))
     for c, name in enumerate(cameras.names):
         track = epipolar[c][np.isfinite(epipolar[c])]
-        if len(track) >= 4 and track.max() > DRIFT * 1.5 * max(track.min(), 0.5 * usual) and track.argmax() != track.argmin():
+        if (
+            len(track) >= 4
+            and track.max() > DRIFT * 1.5 * max(track.min(), 0.5 * usual)
+            and track.argmax() != track.argmin()
+        ):
             half = len(track) // 2
             first, last = float(np.median(track[:half])), float(np.median(track[half:]))
             if max(first, last) > DRIFT * min(first, last):
                 words.append(
-                    f"{name} fits by {first:.1f} px in the first half of the take and {last:.1f} px in the second: it was "
-                    "touched, or its clock runs at another rate."
+                    f"{name} fits by {first:.1f} px in the first half of the take and {last:.1f} px in the second: it "
+                    "was touched, or its clock runs at another rate."
                 )
     return words
 
@@ -190,12 +194,12 @@ def _world_words(stature: float, scale: float, tilt: float) -> list[str]:
     words = []
     if abs(np.log(scale)) > SCALE_DOUBT:
         words.append(
-            f"The person would be {stature:.2f} m tall: the board's squares have another size than was told. Measure one, "
-            "or tell the stature."
+            f"The person would be {stature:.2f} m tall: the board's squares have another size than was told. "
+            "Measure one, or tell the stature."
         )
     if tilt > TILT_DOUBT_DEG:
         words.append(
-            f"The person stands {tilt:.0f} degrees from the world's up: the board lay on no level floor, or another axis is "
-            "up (--up-axis)."
+            f"The person stands {tilt:.0f} degrees from the world's up: the board lay on no level floor, or another "
+            "axis is up (--up-axis)."
         )
     return words

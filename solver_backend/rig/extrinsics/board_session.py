@@ -133,7 +133,10 @@ def calibrate_by_board(
     return replace(
         moved_world(found, R, t),
         findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *words),
-        notes=(note, f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict and are left out."),
+        notes=(
+            note,
+            f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict, are left out.",
+        ),
         lenses=told,
     )  # fmt: skip
 

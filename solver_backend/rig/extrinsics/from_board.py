@@ -121,8 +121,8 @@ def zoom_doubts(rig: BoardRig) -> tuple[str, ...]:
     far = (np.abs(change) > 0.03) & (np.abs(change) > 5.0 * sigma)
     worst = np.abs(change) > 0.5 * np.abs(change).max()
     return tuple(
-        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as told: its lens was filmed "
-        "in another zoom or mode. Film the board again in the mode of the takes."
+        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as told: its lens was "
+        "filmed in another zoom or mode. Film the board again in the mode of the takes."
         for c in np.flatnonzero(far & worst)
     )
 
@@ -189,4 +189,3 @@ def _bodies(
     placed = [best[frame][1] for frame in moments]
     bodies = Bodies(np.stack([R for R, _ in placed]), np.stack([t for _, t in placed]))
     return bodies, Sightings(camera, body, local, px, sigma, velocity)
-

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from solver_backend.body.body import Body, load_body
@@ -66,19 +65,19 @@ def scale_from_stature(
         raise JobInvalid(f"{joint_set.value} holds too few bones to tell a scale.", hint="Tell a known length.")
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _statures(body)
-    l = np.array(list(measured.values()))
+    apart = np.array(list(measured.values()))
     told = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
-    J = np.zeros((len(l) + 11, 11))
-    J[: len(l), 0], J[: len(l), 1:] = l / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M
-    J[len(l) : -1, 1:] = np.eye(10)
+    J = np.zeros((len(apart) + 11, 11))
+    J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M
+    J[len(apart) : -1, 1:] = np.eye(10)
     J[-1, 1:] = height_by_shape / told[1]
     right = np.concatenate([lengths / LENGTH_SIGMA_M, np.zeros(10), [(told[0] - heights) / told[1]]])
     weight = np.ones(len(right))
     x = np.zeros(11)
     for _ in range(_ROUNDS):  # bones that the detector means otherwise lose their say
         x = np.linalg.lstsq(J * weight[:, None], right * weight, rcond=None)[0]
-        residual = (J @ x - right)[: len(l)]
-        weight[: len(l)] = 1.0 / np.sqrt(1.0 + residual**2 / 4.0)
+        residual = (J @ x - right)[: len(apart)]
+        weight[: len(apart)] = 1.0 / np.sqrt(1.0 + residual**2 / 4.0)
     weighted = J * weight[:, None]
     sigma = float(np.sqrt(np.linalg.inv(weighted.T @ weighted)[0, 0]))
     return float(x[0]), sigma / float(x[0])
@@ -102,9 +101,7 @@ def scale_from_length(
     return length_m / float(np.nanmedian(apart))
 
 
-def _body_lengths(
-    body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]
-) -> tuple[np.ndarray, np.ndarray]:
+def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return lengths of the mean shape and their derivative by the ten betas."""
     names = joint_set.keypoints
     ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
@@ -134,5 +131,3 @@ def _statures(body: Body) -> tuple[float, np.ndarray]:
         return float(y.max() - y.min())
 
     return of(np.zeros(10)), np.array([(of(e) - of(-e)) / 2 for e in np.eye(10)])
-
-

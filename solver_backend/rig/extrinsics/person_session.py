@@ -21,7 +21,7 @@ WALKED_M = 0.6
 """Feet that stayed nearer than this tell little of floor and cameras."""
 
 FRAMES_ALIKE = 10
-"""Frames that tell the same, for a detector errs alike from frame to frame; by the benchmark captures' known cameras."""
+"""Frames that tell the same, for a detector errs alike from frame to frame; by the benchmark's known cameras."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def calibrate_by_person(
     words = list(doubt)
     if upright.tilt_sigma > SURE_TILT:
         words.append(
-            f"Up is known to {np.degrees(upright.tilt_sigma):.0f} degrees only: let the person stand tall and walk about."
+            f"Up is known to {np.degrees(upright.tilt_sigma):.0f} degrees only: let the person stand tall and walk."
         )
     if upright.walked_m < WALKED_M:
         words.append(
@@ -78,7 +78,9 @@ def calibrate_by_person(
             "the space that takes will use."
         )
     if rig.inlier_share < 0.8:
-        words.append(f"{1 - rig.inlier_share:.0%} of the keypoints fit no cameras: is it one person, are views synchronous?")
+        words.append(
+            f"{1 - rig.inlier_share:.0%} of the keypoints fit no cameras: is it one person, are views synchronous?"
+        )
     return replace(
         calibration,
         findings=tuple(words),
@@ -108,7 +110,9 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
         if far > 0.03
     ]
     before = _rmse(cameras, rig, keypoints)
-    note = f"The take's keypoints err by {rig.sigma_px:.1f} px per axis; with the calibration as it was by {before:.1f} px."
+    note = (
+        f"The take's keypoints err by {rig.sigma_px:.1f} px per axis, with the calibration as it was by {before:.1f}."
+    )
     return replace(refined, findings=tuple(words), notes=(note,))
 
 

@@ -65,16 +65,19 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
     kinds = kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]
     feet = points[:, kinds] @ R.T
-    slope, heights, sigma, walked = _floor(feet)
+    slope, sigma, walked = _floor(feet)
     R = _turned_up(np.array([-slope[0], -slope[1], 1.0])) @ R
-    rest = rest_keypoints(load_body(), joint_set, np.zeros(10))[:, 1]
-    above_sole = rest[kinds] - (rest[[k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]].min() - 0.01
-                                if any(n.endswith("_heel") for n in names) else rest[kinds].min() - 0.09)  # fmt: skip
+    above_sole = _heights_at_rest(joint_set)[kinds]
     feet = points[:, kinds] @ R.T
     low = np.nanquantile(feet[..., 2], LOWEST, axis=0)
     centre = np.nanmedian((middle["ankle"] @ R.T)[:, :2], axis=0)
-    del heights
     return Upright(R, -np.array([*centre, float(np.nanmedian(low - above_sole))]), sigma, walked)
+
+
+def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
+    """Return (K,) how high keypoints are above the sole of the mean body at rest, metres."""
+    body = load_body()
+    return rest_keypoints(body, joint_set, np.zeros(10))[:, 1] - float(body.v_template[:, 1].min())
 
 
 def _middle(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
@@ -100,9 +103,9 @@ def _turned_up(up: np.ndarray) -> np.ndarray:
     return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
-def _floor(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Return the floor's slope (2,), each kind's height, the slope's standard deviation, and how far feet walked."""
-    F, K = feet.shape[:2]
+def _floor(feet: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Return the floor's slope (2,), its standard deviation, and how far feet walked."""
+    K = feet.shape[1]
     frame, kind = np.nonzero(np.isfinite(feet).all(-1))
     x = feet[frame, kind]
     where = x[:, :2] - np.median(x[:, :2], axis=0)
@@ -120,4 +123,9 @@ def _floor(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
         share = np.where(residual > 0, LOWEST, 1.0 - LOWEST)
         weight = share * FOOT_SIGMA_M / np.maximum(np.abs(residual), 0.25 * FOOT_SIGMA_M)
     covariance = np.linalg.inv(N)[:2, :2] * FRAMES_PER_STEP * K * FOOT_SIGMA_M**2
-    return solution[:2], solution[2:], float(np.sqrt(np.trace(covariance) / 2)), float(np.sqrt((where**2).sum(1).mean()))
+    return (
+        solution[:2],
+        solution[2:],
+        float(np.sqrt(np.trace(covariance) / 2)),
+        float(np.sqrt((where**2).sum(1).mean())),
+    )

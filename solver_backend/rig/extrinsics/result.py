@@ -40,7 +40,7 @@ class RigCalibration:
 def result_of(method: str, found: Adjusted) -> RigCalibration:
     """Return the calibration of an adjustment, the covariance scaled to the residuals.
 
-    ``var(centre) = R Σ_τ R`` with the step ``x ← exp(ω) x + τ`` about the camera, so that ``centre`` moves by ``-Rᵀ τ``.
+    A step ``x ← exp(ω) x + τ`` about the camera moves its centre by ``-Rᵀ exp(-ω) τ``.
 
     Args:
         method: how it was found.

@@ -1,4 +1,4 @@
-"""Calibrations as Qualisys Track Manager has them, ``.qca.txt`` (XML); the inverse of ``io/calibration/qualisys.py``."""
+"""Calibrations as Qualisys has them, ``.qca.txt`` (XML); the inverse of ``io/calibration/qualisys.py``."""
 
 from __future__ import annotations
 

@@ -129,9 +129,7 @@ def _start(board: Board, views: Sequence[BoardSighting], image_size: tuple[int, 
     return Lens(K, rough.distortion, image_size)
 
 
-def _adjusted(
-    board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns: Unknowns, steps: int
-) -> Adjusted:
+def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns: Unknowns, steps: int) -> Adjusted:
     R, t = board_poses(board, views, lens)
     which = np.repeat(np.arange(len(views)), [len(v.ids) for v in views])
     seen = Sightings(
@@ -141,4 +139,6 @@ def _adjusted(
         px=np.concatenate([v.px for v in views]),
         sigma=np.full(len(which), CORNER_SIGMA_PX),
     )
-    return adjust(lens.as_camera(), Bodies(R, t), seen, unknowns, robust_scale=4.0, steps=steps, gauge=0, tolerance=1e-6)
+    return adjust(
+        lens.as_camera(), Bodies(R, t), seen, unknowns, robust_scale=4.0, steps=steps, gauge=0, tolerance=1e-6
+    )

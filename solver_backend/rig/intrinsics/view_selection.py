@@ -97,8 +97,8 @@ def coverage_svg(sightings: list[BoardSighting], image_size: tuple[int, int], ti
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width // 2}" '
         f'height="{height // 2}"><title>{clean}</title><rect width="{width}" height="{height}" fill="#f4f4f4" '
-        f'stroke="#555"/><g fill="none" stroke="#1f77b4" stroke-opacity="0.3" stroke-width="{width / 500:.1f}">{hulls}</g>'
-        f'<g fill="#d62728" fill-opacity="0.5">{dots}</g></svg>\n'
+        f'stroke="#555"/><g fill="none" stroke="#1f77b4" stroke-opacity="0.3" stroke-width="{width / 500:.1f}">'
+        f'{hulls}</g><g fill="#d62728" fill-opacity="0.5">{dots}</g></svg>\n'
     )
 
 
