@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.rig.formats.write import write_calibration
@@ -81,8 +82,8 @@ def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path,
     lens = read_lenses(library)["cam02"]
     kept = read_calibration(pictures / "Calib.qca.txt").cameras
     assert abs(lens.K[0, 0] / kept.K[1, 0, 0] - 1) < 0.01
-    with pytest.raises(Exception, match="no library"):
-        (tmp_path / "other.json").write_text("{}")
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(FileDamaged, match="no library"):
         read_lenses(tmp_path / "other.json")
 
 

@@ -21,7 +21,7 @@ from solver_backend.types import Cameras, Capture
 from tests.support.walking_take import EXACT, walk
 
 
-def circling(frames: int = 120) -> Take:
+def circling(frames: int = 60) -> Take:
     """Return a walk around a circle of 1.2 m, which fills the space."""
     take = walk(frames)
     angle = 2 * np.pi * np.arange(frames) / frames
@@ -136,7 +136,7 @@ def test_the_essential_matrix_survives_a_third_of_false_points() -> None:
 def test_views_that_share_nothing_are_named(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     lenses = [lens_of(cameras, c) for c in range(4)]
-    alone = keypoints.confidence * (np.arange(120)[None, :, None] % 4 == np.arange(4)[:, None, None])
+    alone = keypoints.confidence * (np.arange(60)[None, :, None] % 4 == np.arange(4)[:, None, None])
     with pytest.raises(NoDetections, match="at the same moment"):
         rig_from_person(cameras.names, lenses, replace(keypoints, confidence=alone))
     other = keypoints.xy.copy()

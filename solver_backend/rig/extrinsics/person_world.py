@@ -125,7 +125,6 @@ def _floor(feet: np.ndarray) -> tuple[np.ndarray, float, float]:
     covariance = np.linalg.inv(N)[:2, :2] * FRAMES_PER_STEP * K * FOOT_SIGMA_M**2
     return (
         solution[:2],
-        solution[2:],
         float(np.sqrt(np.trace(covariance) / 2)),
         float(np.sqrt((where**2).sum(1).mean())),
     )
