@@ -41,6 +41,8 @@ class CalibrationCheck:
     """Median distance after the poses were adjusted to the take."""
     all_px: float
     """Median distance before."""
+    refined_camera_px: np.ndarray
+    """(C,) median distance of each camera after."""
     stature_m: float
     """Of the person, by the calibration's scale."""
     tilt_deg: float
@@ -74,7 +76,7 @@ class CalibrationCheck:
         return {
             "camera_px": number(self.camera_px), "region_px": [number(g) for g in self.region_px],
             "epipolar_px": [number(e) for e in self.epipolar_px], "median_px": round(self.all_px, 3),
-            "refined_px": round(self.refined_px, 3), "stature_m": round(self.stature_m, 3),
+            "refined_px": round(self.refined_px, 3), "refined_camera_px": number(self.refined_camera_px), "stature_m": round(self.stature_m, 3),
             "tilt_deg": round(self.tilt_deg, 2), "findings": list(self.findings),
         }  # fmt: skip
 
@@ -96,18 +98,23 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D) -> CalibrationCh
     regions = _by_region(cameras, xy, error)
     epipolar = _epipolar(cameras, xy)
     refined = refined_by_person(cameras, keypoints)
-    best = float(np.nanmedian(np.linalg.norm(refined.adjusted.error, axis=-1)))
+    after = np.linalg.norm(refined.adjusted.error, axis=-1)
+    best = float(np.nanmedian(after))
+    of = refined.adjusted.seen.camera
+    best_by_camera = np.array(
+        [np.nanmedian(after[of == c]) if (of == c).any() else np.nan for c in range(len(cameras))]
+    )
     scale, _ = scale_from_stature(points, keypoints.joint_set, None)
     stature = MEAN_STATURE_M / scale
     tilt = float(np.degrees(np.arccos(np.clip(upright_from_person(points, keypoints.joint_set).R[2, 2], -1, 1))))
     by_camera = np.array([np.nanmedian(e) for e in error])
     everything = float(np.nanmedian(error))
     words = (
-        *_camera_words(cameras, by_camera, regions, everything, best),
+        *_camera_words(cameras, by_camera, regions, everything, best_by_camera),
         *_time_words(cameras, epipolar),
         *_world_words(stature, scale, tilt),
     )
-    return CalibrationCheck(by_camera, regions, epipolar, best, everything, stature, tilt, words)
+    return CalibrationCheck(by_camera, regions, epipolar, best, everything, best_by_camera, stature, tilt, words)
 
 
 def _errors(cameras: Cameras, xy: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -151,14 +158,15 @@ def _epipolar(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
 
 
 def _camera_words(
-    cameras: Cameras, by_camera: np.ndarray, regions: np.ndarray, everything: float, best: float
+    cameras: Cameras, by_camera: np.ndarray, regions: np.ndarray, everything: float, best: np.ndarray
 ) -> list[str]:
     words = []
-    if everything > WORSE * best and everything - best > 1.0:
-        worst = cameras.names[int(np.nanargmax(by_camera))]
+    worse = (by_camera > WORSE * best) & (by_camera - best > 1.0)
+    if worse.any():
+        c = int(np.nanargmax(np.where(worse, by_camera / best, 0.0)))
         words.append(
-            f"Cameras adjusted to the take explain it to {best:.1f} px, the calibration to {everything:.1f} px, worst "
-            f"in {worst}: something was moved after calibration. Refine: calibrate-cameras --from refine."
+            f"Cameras adjusted to the take explain what {cameras.names[c]} saw to {best[c]:.1f} px, the calibration to "
+            f"{by_camera[c]:.1f} px: something was moved after calibration. Refine: calibrate-cameras --from refine."
         )
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))
