@@ -66,9 +66,11 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses, used = calibrate_lenses(footage.lens or footage.rig, board, options, progress)
-    for name, sightings in used.items() if args.coverage is not None else ():
-        picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
-        write_text(args.coverage / f"{name}.svg", picture, overwrite=True)
+    folder: Path | None = args.coverage
+    for name, sightings in used.items():
+        if folder is not None:
+            picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
+            write_text(folder / f"{name}.svg", picture, overwrite=True)
     return lenses
 
 

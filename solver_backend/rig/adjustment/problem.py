@@ -33,9 +33,10 @@ class Sightings:
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> Sightings:
         """Return the chosen ones."""
-        arrays = (self.camera, self.body, self.local, self.px, self.sigma)
         velocity = None if self.velocity is None else self.velocity[chosen]
-        return Sightings(*(a[chosen] for a in arrays), velocity)
+        return Sightings(
+            self.camera[chosen], self.body[chosen], self.local[chosen], self.px[chosen], self.sigma[chosen], velocity
+        )
 
 
 @dataclass(frozen=True)

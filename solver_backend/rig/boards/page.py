@@ -104,10 +104,11 @@ def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float
     if paper.lower() not in by_name:
         raise JobInvalid(f"There is no paper '{paper}'.", hint=f"There are {', '.join(PAPERS)} and fit.")
     upright = by_name[paper.lower()]
-    for size in (upright, upright[::-1]):
+    turned = upright[1], upright[0]
+    for size in (upright, turned):
         if needed[0] <= size[0] and needed[1] <= size[1]:
             return size
-    share = max(min(s[0] / needed[0], s[1] / needed[1]) for s in (upright, upright[::-1]))
+    share = max(min(s[0] / needed[0], s[1] / needed[1]) for s in (upright, turned))
     raise JobInvalid(
         f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm; {paper} has {upright[0]:g} x {upright[1]:g}.",
         hint=f"Take squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop.",

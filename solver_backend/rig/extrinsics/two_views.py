@@ -104,7 +104,8 @@ def intersected(
     ray = np.where(seen[..., None], _homogeneous(np.nan_to_num(xy)), 0.0) @ R
     length = np.linalg.norm(ray, axis=-1, keepdims=True)
     ray = ray / np.where(length > 0, length, 1.0)
-    across = (np.eye(3) - ray[..., None] * ray[..., None, :]) * seen[..., None, None]
+    along: np.ndarray = ray[..., None] * ray[..., None, :]
+    across = (np.eye(3) - along) * seen[..., None, None]
     centre = -(np.swapaxes(R, 1, 2) @ t[..., None])[..., 0]
     A, b = across.sum(0), (across @ centre[:, None, :, None])[..., 0].sum(0)
     enough = (seen.sum(0) >= 2) & (np.abs(np.linalg.det(A)) > 1e-9)
