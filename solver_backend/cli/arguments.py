@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from solver_backend import __version__
+from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
@@ -60,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
     add_marker_verbs(verbs, writing, common)
+    add_camera_verbs(verbs, reading, writing, common)
     return parser
 
 

@@ -12,6 +12,7 @@ from contextlib import redirect_stdout
 from typing import TextIO
 
 from solver_backend.cli.arguments import parse
+from solver_backend.cli.camera_verbs import CAMERA_VERBS
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.marker_verbs import MARKER_VERBS
@@ -73,8 +74,10 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    special = {"pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "solve_verb": ("solve",)}
-    module = next((module for module, names in special.items() if name in names), "verbs")
+    groups = {
+        "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS, "solve_verb": ("solve",),
+    }  # fmt: skip
+    module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")
     return getattr(verbs, name.replace("-", "_"))
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
+from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.opencv_cameras import count_cameras, read_opencv_cameras
 from solver_backend.io.calibration.qualisys import read_qualisys
@@ -13,14 +14,14 @@ from solver_backend.io.calibration.toml_cameras import read_toml_cameras
 from solver_backend.io.calibration.units import in_metres, with_up_axis
 from solver_backend.io.files import LARGEST_TEXT
 
-FORMATS = "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json"
+FORMATS = "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, COLMAP's text model"
 """What is read, for messages."""
 
 _OPENCV = (".yml", ".yaml", ".json")
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
-    """Read a calibration file, or a folder with one OpenCV file a camera.
+    """Read a calibration file, or a folder with one OpenCV file a camera or with COLMAP's text model.
 
     Args:
         path: file or folder.
@@ -35,6 +36,10 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     """
     path = Path(path)
     files = [path]
+    if path.is_dir() and is_colmap(path):
+        found = _finished(read_colmap(path), path, "COLMAP", unit, up_axis)
+        if found is not None:
+            return found
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
     found = _read(files, path, unit, up_axis)

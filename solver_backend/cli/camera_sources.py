@@ -1,0 +1,204 @@
+"""What cameras are calibrated from: board footage, a capture or its bare detections, clicks; and their lenses."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from solver_backend.exchange.errors import (
+    CalibrationInvalid,
+    CalibrationMismatch,
+    CalibrationMissing,
+    CommandLineInvalid,
+)
+from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.progress import Progress
+from solver_backend.rig.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
+from solver_backend.rig.extrinsics.result import RigCalibration
+from solver_backend.types import Cameras, Capture, Keypoints2D
+
+if TYPE_CHECKING:
+    from solver_backend.rig.boards.board import Board
+    from solver_backend.rig.extrinsics.board_session import BoardOptions
+    from solver_backend.rig.intrinsics.camera_lens import CameraLens
+
+
+def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    """Return the calibration that the command line asks for.
+
+    Raises:
+        CommandLineInvalid: what the method needs is not told.
+        MocapError: see the methods.
+    """
+    return {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined}[args.method](
+        args, progress
+    )
+
+
+def capture_of(args: argparse.Namespace, progress: Progress) -> Capture:
+    """Return the capture of the command line."""
+    from solver_backend.io.load import load_capture
+    from solver_backend.job import joint_set_named
+
+    joint_set = None if args.joint_set is None else joint_set_named(args.joint_set)
+    path = args.capture if "capture" in args else args.source
+    return load_capture(
+        path, fps=args.fps, trim=bool(args.trim), joint_set=joint_set, unit=args.unit, up_axis=args.up_axis,
+        progress=progress,
+    )  # fmt: skip
+
+
+def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
+    """Return the lens of each camera that filmed a board.
+
+    Raises:
+        CommandLineInvalid: the board or a lens model is not known.
+        CalibrationInvalid: a camera has too few pictures of the board.
+    """
+    from solver_backend.rig.extrinsics.board_session import calibrate_lenses
+    from solver_backend.rig.extrinsics.session_folders import board_footage
+    from solver_backend.rig.intrinsics.view_selection import coverage_svg
+
+    board, options = _board_options(args)
+    footage = board_footage(args.source)
+    lenses, used = calibrate_lenses(footage.lens or footage.rig, board, options, progress)
+    folder: Path | None = args.coverage
+    for name, sightings in used.items():
+        if folder is not None:
+            picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
+            write_text(folder / f"{name}.svg", picture, overwrite=True)
+    return lenses
+
+
+def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
+    from solver_backend.rig.boards.board import board_named
+    from solver_backend.rig.extrinsics.board_session import BoardOptions
+
+    told = args.board or next((str(p) for p in _told_boards(args.source)), None)
+    if told is None:
+        raise CommandLineInvalid("Which board was filmed?", hint="Say --board, such as --board charuco:5x7:35mm.")
+    unknown = [m for m in args.lens or () if m not in LENS_MODELS]
+    if unknown:
+        raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
+    models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
+    return board_named(told), BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
+
+
+def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    from solver_backend.rig.extrinsics.board_session import calibrate_by_board
+    from solver_backend.rig.extrinsics.session_folders import board_footage
+
+    board, options = _board_options(args)
+    footage = board_footage(args.source)
+    known = lenses_of(args.lenses, tuple(footage.rig)) if args.lenses is not None else {}
+    return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
+
+
+def _told_boards(folder: Path) -> list[Path]:
+    return [p for p in (folder / "board.toml", folder / "charuco.toml") if p.is_file()]
+
+
+def _by_person(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    from solver_backend.rig.extrinsics.person_session import PersonOptions, calibrate_by_person
+
+    length = None
+    if args.length is not None:
+        try:
+            length = args.length[0], args.length[1], float(args.length[2])
+        except ValueError as error:
+            raise CommandLineInvalid("--length needs two keypoints and metres.") from error
+    names, lenses, keypoints, rough = _person(args, progress)
+    progress("Cameras from the person", 0, 1)
+    options = PersonOptions(args.stature, length, rough or bool(args.refine_lenses))
+    return calibrate_by_person(names, lenses, keypoints, options)
+
+
+def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
+    """Return names, lenses, keypoints; a calibration that the capture has gives its lenses and chooses the person."""
+    try:
+        cameras, keypoints = capture_of(args, progress).require_multiview()
+    except (CalibrationMissing, CalibrationMismatch):
+        return _uncalibrated(args, progress)
+    if args.lenses is not None:
+        known = lenses_of(args.lenses, cameras.names)
+        return cameras.names, [known[n] for n in cameras.names], keypoints, False
+    return cameras.names, [lens_of(cameras, c) for c in range(len(cameras))], keypoints, False
+
+
+def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
+    """Return the same of detections without calibration: the person is the largest in each view."""
+    from solver_backend.io.calibration.search import levels_above
+    from solver_backend.io.captures.openpose_json import read_detections
+    from solver_backend.io.captures.pose2sim import camera_folders, read_config
+    from solver_backend.io.footage.footage import find_footage, headers
+    from solver_backend.rig.extrinsics.main_person import main_person
+
+    folders = camera_folders(args.source)
+    levels = levels_above(args.source)
+    config = read_config(levels)
+    detections = read_detections(folders, configured=config.joint_set, trim=bool(args.trim), progress=progress)
+    names = tuple(folders)
+    videos = headers(find_footage(levels[:2], names))
+    fps = args.fps or config.fps or next((v.fps for v in videos if v is not None), 60.0)
+    keypoints = main_person(detections, fps)
+    if args.lenses is not None:
+        known = lenses_of(args.lenses, names)
+        return names, [known[n] for n in names], keypoints, False
+    if any(v is None for v in videos):
+        raise CalibrationMissing(
+            "Neither lenses nor the pictures' sizes are known.",
+            where=str(args.source),
+            hint="Tell lenses with --lenses, or put the videos beside the detections.",
+        )
+    return names, [rough_lens(v.size) for v in videos if v is not None], keypoints, True
+
+
+def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    from solver_backend.rig.extrinsics.points_session import calibrate_by_points, read_clicks
+
+    clicks = read_clicks(args.source)
+    if args.lenses is None:
+        raise CommandLineInvalid("Clicked points need lenses.", hint="Tell them with --lenses CALIBRATION|LENSES.json.")
+    progress("Cameras from clicks", 0, 1)
+    return calibrate_by_points(clicks, lenses_of(args.lenses, tuple(clicks.px)))
+
+
+def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    from solver_backend.rig.extrinsics.person_session import refine_by_person
+
+    cameras, keypoints = capture_of(args, progress).require_multiview()
+    progress("Cameras from the person", 0, 1)
+    return refine_by_person(cameras, keypoints, free_focal=bool(args.refine_lenses))
+
+
+def lenses_of(path: Path, names: tuple[str, ...]) -> dict[str, Lens]:
+    """Return the lenses of cameras from a library or any calibration.
+
+    Raises:
+        CalibrationMissing, CalibrationMismatch: a camera is not in it.
+        CalibrationInvalid: lenses of different distortion models are mixed.
+    """
+    from solver_backend.io.calibration import read_calibration
+    from solver_backend.io.recognition.camera_names import match_names
+    from solver_backend.rig.intrinsics.library import FORMAT, lens_named, read_lenses
+
+    if path.is_file() and path.suffix.lower() == ".json" and FORMAT in path.read_text(encoding="utf-8")[:200]:
+        library = read_lenses(path)
+        found = {name: lens_named(library, name, None, str(path)) for name in names}
+    else:
+        cameras: Cameras = read_calibration(path).cameras
+        order = match_names(names, cameras.names)
+        if order is None:
+            raise CalibrationMismatch(
+                f"The cameras are {', '.join(names)}; the file has {', '.join(cameras.names)}.", where=str(path)
+            )
+        found = {name: lens_of(cameras, i) for name, i in zip(names, order, strict=True)}
+    if len({lens.distortion_model for lens in found.values()}) > 1:
+        raise CalibrationInvalid("Fisheye and other lenses are mixed.", where=str(path))
+    if not all(np.isfinite(lens.K).all() for lens in found.values()):
+        raise CalibrationInvalid("A lens holds NaN.", where=str(path))
+    return found

@@ -1,0 +1,184 @@
+"""The verbs of cameras: a board to print, a rig's calibration, and whether one fits."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.progress import Progress
+
+CAMERA_VERBS = ("board", "calibrate-cameras", "check-cameras")
+METHODS = ("board", "person", "points", "refine", "lenses")
+_BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
+
+
+def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser,
+                     common: argparse.ArgumentParser) -> None:  # fmt: skip
+    """Add board, calibrate-cameras and check-cameras to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        reading: options of verbs that read captures.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    board = verbs.add_parser("board", parents=[writing, common], help="write a calibration board to print")
+    board.add_argument("board", metavar="BOARD", help=_BOARD)
+    board.add_argument("--out", type=Path, required=True, metavar="BOARD.pdf|BOARD.svg")
+    board.add_argument("--paper", default="fit", help="A4, A3, A2, A1, A0, letter, tabloid or fit (default)")
+
+    rig = verbs.add_parser(
+        "calibrate-cameras", parents=[reading, writing, common], help="find the cameras of a rig and write them"
+    )
+    rig.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv")
+    rig.add_argument("--from", dest="method", choices=METHODS, default="board", help="what tells where they stand")
+    rig.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    rig.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
+    rig.add_argument("--board", metavar="BOARD", help=_BOARD)
+    rig.add_argument("--lens", action="append", metavar="MODEL", help="lens models to choose from; all if left out")
+    rig.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
+    rig.add_argument("--keep-lenses", type=Path, metavar="LENSES.json", help="add the lenses found to this library")
+    rig.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
+    rig.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
+    rig.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
+    rig.add_argument("--stature", type=float, metavar="METRES", help="of the person, which tells the scale")
+    rig.add_argument("--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance")
+
+    check = verbs.add_parser(
+        "check-cameras", parents=[reading, common], help="say whether a capture's calibration fits what was seen"
+    )
+    check.add_argument("capture", type=Path, metavar="CAPTURE")
+
+
+def board(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write a board to print, and beside it the file that tells what it is."""
+    from solver_backend.exchange.outputs import write_text
+    from solver_backend.rig.boards.board import board_named, board_toml
+    from solver_backend.rig.boards.page import board_page
+    from solver_backend.rig.boards.page_files import pdf, svg
+
+    suffix, overwrite = args.out.suffix.lower(), bool(args.overwrite)
+    if suffix not in (".pdf", ".svg"):
+        raise CommandLineInvalid("A board is written as .pdf or .svg.", where=str(args.out))
+    told = args.out.with_suffix(".toml")
+    for path in (args.out, told):
+        check_output(path, overwrite=overwrite)
+    chosen = board_named(args.board)
+    page = board_page(chosen, args.paper)
+    if suffix == ".svg":
+        write_text(args.out, svg(page), overwrite=overwrite)
+    else:
+        _write_bytes(args.out, pdf(page), overwrite)
+    write_text(told, board_toml(chosen), overwrite=overwrite)
+    width, height = page.size
+    progress("Board", 1, 1)
+    text = (
+        f"{chosen}\n  page        {width:.0f} x {height:.0f} mm; print at 100 % and measure the line of 100 mm"
+        f"\n  written     {args.out}\n  board       {told}"
+    )
+    return Outcome(text, {"board": str(args.out), "told": str(told), "page_mm": [width, height]})
+
+
+def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find cameras by a board, a person or clicked points, or refine them, and write them."""
+    from solver_backend.cli.camera_sources import calibrated
+    from solver_backend.rig.formats.write import format_of, write_calibration
+    from solver_backend.rig.intrinsics.library import keep_lenses
+
+    if args.method == "lenses":
+        return _lenses(args, progress)
+    overwrite = bool(args.overwrite)
+    kind = args.format or format_of(args.out)
+    if kind != "colmap":
+        check_output(args.out, overwrite=overwrite)
+    found = calibrated(args, progress)
+    write_calibration(args.out, found.cameras, kind, found.rmse_px, overwrite=overwrite)
+    if args.keep_lenses is not None:
+        from solver_backend.rig.adjustment.lens import lens_of
+
+        names = found.cameras.names
+        errors = {n: e for n, told in found.lenses.items() if isinstance(e := told.get("held_out_px"), float)}
+        keep_lenses(args.keep_lenses, {n: lens_of(found.cameras, c) for c, n in enumerate(names)}, errors)
+    return _outcome(found, args.out, kind)
+
+
+def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find the lenses alone and add them to a library."""
+    from solver_backend.cli.camera_sources import calibrated_lenses
+    from solver_backend.rig.intrinsics.library import keep_lenses
+
+    if args.out.suffix.lower() != ".json":
+        raise CommandLineInvalid("Lenses are kept in a library that ends in .json.", where=str(args.out))
+    found = calibrated_lenses(args, progress)
+    keep_lenses(args.out, {n: e.lens for n, e in found.items()}, {n: e.choice.held_out for n, e in found.items()})
+    lines, data = [f"{len(found)} lenses"], {}
+    for name, lens in found.items():
+        fit, worst = lens.choice.fit, float(lens.choice.fit.view_rmse_px.max())
+        lines.append(
+            f"  {name:<11} {fit.model.name}, {lens.choice.held_out:.2f} px held out, f {lens.lens.K[0, 0]:.1f} px "
+            f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {worst:.2f} px, "
+            f"left out {len(lens.left_out)}"
+        )
+        lines += [f"  finding     {name}: {word}" for word in lens.advice]
+        data[name] = {"model": fit.model.name, "held_out_px": lens.choice.held_out, "pictures": list(lens.frames),
+                      "view_rmse_px": fit.view_rmse_px.tolist(), "left_out": list(lens.left_out),
+                      "findings": list(lens.advice)}  # fmt: skip
+    return Outcome("\n".join([*lines, f"  written     {args.out}"]), {"lenses": str(args.out), "cameras": data})
+
+
+def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Say whether a capture's calibration fits what was seen."""
+    from solver_backend.cli.camera_sources import capture_of
+    from solver_backend.rig.check.calibration_check import check_calibration
+
+    cameras, keypoints = capture_of(args, progress).require_multiview()
+    progress("Checking the calibration", 0, 1)
+    found = check_calibration(cameras, keypoints)
+    lines = [f"{args.capture}: {found.verdict}"]
+    lines += [
+        f"  {name:<11} {rms:5.1f} px, worst part {region} {worst:.1f} px"
+        for name, rms, region, worst in zip(
+            cameras.names, found.camera_px, found.worst_region, found.worst_region_px, strict=True
+        )
+    ]
+    lines += [f"  finding     {word}" for word in found.findings]
+    return Outcome("\n".join(lines), found.as_dict())
+
+
+def _outcome(found: Any, path: Path, kind: str) -> Outcome:
+    import numpy as np
+
+    cameras = found.cameras
+    lines = [f"{len(cameras)} cameras by {found.method}, {found.rmse_px:.2f} px"]
+    data = []
+    for c, name in enumerate(cameras.names):
+        centre = cameras.centres[c]
+        sigma_mm, sigma_deg = 1000 * float(found.centre_sigma_m[c]), float(np.degrees(found.turn_sigma[c]))
+        lens = found.lenses.get(name, {})
+        model = f", {lens['model']} {lens['held_out_px']:.2f} px" if lens else ""
+        lines.append(
+            f"  {name:<11} {found.camera_rmse_px[c]:.2f} px, at ({centre[0]:.3f}, {centre[1]:.3f}, {centre[2]:.3f}) m "
+            f"± {sigma_mm:.1f} mm, ± {sigma_deg:.2f}°, f {cameras.K[c, 0, 0]:.1f} px{model}"
+        )
+        data.append({"name": name, "rmse_px": float(found.camera_rmse_px[c]), "centre_m": centre.tolist(),
+                     "centre_sigma_mm": sigma_mm, "turn_sigma_deg": sigma_deg, "delay_s": float(found.delays_s[c]),
+                     **lens})  # fmt: skip
+    lines += [f"  note        {note}" for note in found.notes]
+    lines += [f"  finding     {word}" for word in found.findings]
+    lines.append(f"  written     {path} ({kind})")
+    return Outcome(
+        "\n".join(lines),
+        {"calibration": str(path), "format": kind, "method": found.method, "rmse_px": found.rmse_px, "cameras": data,
+         "findings": list(found.findings), "notes": list(found.notes)},
+    )  # fmt: skip
+
+
+def _write_bytes(path: Path, content: bytes, overwrite: bool) -> None:
+    from solver_backend.exchange.outputs import atomic_output
+
+    with atomic_output(path, overwrite=overwrite) as place:
+        place.write_bytes(content)

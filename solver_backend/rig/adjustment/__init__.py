@@ -1,0 +1,1 @@
+"""Lenses, poses, boards and points by least squares, on NumPy alone."""

@@ -1,0 +1,153 @@
+"""A lens: picture size, K and distortion, models that may be fitted, and the projection's derivative by its numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.cameras.distortion import distorted
+from solver_backend.types import Cameras
+from solver_backend.types.shapes import Float, Int
+
+PARAMETERS = 12
+"""Numbers of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients."""
+FOCAL, CENTRE, COEFFICIENTS = (0, 1), (2, 3), tuple(range(4, 12))
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """Which coefficients of a distortion model are fitted, the others being zero."""
+
+    name: str
+    """As it is called in files and messages."""
+    distortion_model: str
+    """'opencv' or 'fisheye', as ``Cameras`` has it."""
+    fitted: tuple[int, ...]
+    """Indices of the coefficients."""
+
+
+LENS_MODELS = {
+    model.name: model
+    for model in (
+        LensModel("radial2", "opencv", (0, 1)),
+        LensModel("pinhole4", "opencv", (0, 1, 2, 3)),
+        LensModel("pinhole5", "opencv", (0, 1, 2, 3, 4)),
+        LensModel("rational8", "opencv", tuple(range(8))),
+        LensModel("fisheye", "fisheye", (0, 1, 2, 3)),
+    )
+}
+"""From the simplest to the richest; ``pinhole5`` is k1 k2 p1 p2 k3, ``rational8`` has k4 k5 k6 beside them."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The intrinsics of one camera in one mode."""
+
+    K: Float[np.ndarray, "3 3"]
+    """(3, 3) px."""
+    distortion: Float[np.ndarray, " 8"]
+    """(8,) coefficients as ``Cameras`` has them."""
+    image_size: tuple[int, int]
+    """Width and height, px."""
+    distortion_model: str = "opencv"
+    """'opencv' or 'fisheye'."""
+
+    def as_camera(self, name: str = "camera") -> Cameras:
+        """Return a camera of this lens at the origin, looking along Z."""
+        return Cameras(
+            (name,), self.K[None], self.distortion[None], np.eye(3)[None], np.zeros((1, 3)),
+            np.array([self.image_size]), self.distortion_model,
+        )  # fmt: skip
+
+
+def lens_of(cameras: Cameras, index: int) -> Lens:
+    """Return the lens of one of the cameras."""
+    width, height = cameras.image_size[index].tolist()
+    return Lens(cameras.K[index], cameras.distortion[index], (width, height), cameras.distortion_model)
+
+
+def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
+    """Return a lens guessed from the picture's size: ``f = share · longer side``, the centre in the middle.
+
+    A phone's main camera films at shares of 0.75 to 1.0, a webcam at 0.7 to 0.9.
+    """
+    width, height = image_size
+    f = focal_share * max(image_size)
+    return Lens(np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]]), np.zeros(8), image_size)
+
+
+def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
+    """Return the cameras with lenses changed by a step in ``PARAMETERS``: ``f ← f exp(s)``, ``c ← c + f s``."""
+    K = cameras.K.copy()
+    focal = K[:, [0, 1], [0, 1]].copy()
+    K[:, [0, 1], [0, 1]] = focal * np.exp(np.clip(step[:, 0:2], -1.0, 1.0))
+    K[:, :2, 2] += focal * step[:, 2:4]
+    return replace(cameras, K=K, distortion=cameras.distortion + step[:, 4:])
+
+
+def project_local(
+    cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 3"], Float[np.ndarray, "n 2 12"]]:
+    """Return pixels of points in camera axes, with their derivatives by the point and by the lens.
+
+    Args:
+        cameras: C cameras; their poses are not used.
+        which: (N,) each point's camera.
+        x_cam: (N, 3) metres; a depth of zero or less gives NaN.
+
+    Returns:
+        px (N, 2), by the point (N, 2, 3) px/m, by ``PARAMETERS`` (N, 2, 12).
+
+    Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (the lens); derivatives by hand.
+    """
+    px, x, y, z, bent_x, bent_y, (xx, cross, yy) = _projected(cameras, which, x_cam)
+    coefficients, model, K = cameras.distortion[which], cameras.distortion_model, cameras.K[which]
+    fx, fy = K[:, 0, 0], K[:, 1, 1]
+    rows = np.stack([xx, cross, -(xx * x + cross * y), cross, yy, -(cross * x + yy * y)], axis=-1).reshape(-1, 2, 3)
+    by_point = K[:, :2, :2] @ (rows / z[:, None, None])
+    by_lens = np.zeros((len(px), 2, PARAMETERS))
+    by_lens[:, 0, 0], by_lens[:, 1, 1] = fx * bent_x, fy * bent_y
+    by_lens[:, 0, 2], by_lens[:, 1, 3] = fx, fy
+    by_lens[:, :, 4:] = K[:, :2, :2] @ _by_coefficients(x, y, coefficients, model)
+    return px, by_point, by_lens
+
+
+def pixels_of(
+    cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 2"]:
+    """Return the pixels of ``project_local`` alone."""
+    return _projected(cameras, which, x_cam)[0]
+
+
+def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[Any, ...]:
+    """Return pixels, x/z, y/z and z, the distorted coordinates and their derivative's entries."""
+    z = np.where(x_cam[:, 2] > 1e-6, x_cam[:, 2], np.nan)
+    x, y = x_cam[:, 0] / z, x_cam[:, 1] / z
+    bent_x, bent_y, slopes = distorted(x, y, cameras.distortion[which], cameras.distortion_model)
+    K = cameras.K[which]
+    px = np.stack([K[:, 0, 0] * bent_x + K[:, 0, 1] * bent_y + K[:, 0, 2], K[:, 1, 1] * bent_y + K[:, 1, 2]], axis=-1)
+    return px, x, y, z, bent_x, bent_y, slopes
+
+
+def _by_coefficients(x: np.ndarray, y: np.ndarray, k: np.ndarray, model: str) -> np.ndarray:
+    """Return the (N, 2, 8) derivative of distorted coordinates by the coefficients."""
+    u = x * x + y * y
+    xy = np.stack([x, y], axis=-1)
+    J = np.zeros((len(x), 2, 8))
+    if model == "fisheye":
+        r = np.sqrt(u)
+        angle = np.arctan(r)
+        share = np.divide(angle, r, out=np.ones_like(r), where=r > 1e-9)
+        powers = angle[:, None] ** np.array([2, 4, 6, 8]) * share[:, None]
+        J[:, :, :4] = xy[:, :, None] * powers[:, None]
+        return J
+    powers = u[:, None] ** np.array([1, 2, 3])
+    bottom = 1.0 + (powers * k[:, 5:8]).sum(-1)
+    scale = (1.0 + (powers * k[:, [0, 1, 4]]).sum(-1)) / bottom
+    J[:, :, [0, 1, 4]] = xy[:, :, None] * (powers / bottom[:, None])[:, None]
+    J[:, :, 5:8] = -xy[:, :, None] * (powers * (scale / bottom)[:, None])[:, None]
+    J[:, 0, 2], J[:, 1, 2] = 2 * x * y, u + 2 * y * y
+    J[:, 0, 3], J[:, 1, 3] = u + 2 * x * x, 2 * x * y
+    return J

@@ -1,0 +1,1 @@
+"""Whether a calibration fits what the cameras saw."""

@@ -1,0 +1,1 @@
+"""Where the cameras stand, by one bundle adjustment."""

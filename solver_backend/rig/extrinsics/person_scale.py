@@ -1,0 +1,133 @@
+"""The scale of a world that only a person was seen in: from the stature, or from a known distance of two keypoints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.types import JointSet
+from solver_backend.types.shapes import Float
+
+BONES = (
+    ("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"), ("shoulder", "hip"),
+)  # fmt: skip
+"""Ends of the lengths of each side that are compared with the body's."""
+ACROSS = (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
+LENGTH_SIGMA_M = 0.012
+"""How far a detector's length is from the body's."""
+STATURE_SIGMA_M = 0.005
+"""How well people know their stature."""
+MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
+"""Of adults, where it is not told (NCD-RisC 2016, both sexes)."""
+_ROUNDS = 20
+
+
+def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:
+    """Return the median length of each bone that the joint set has, in the points' unit."""
+    names = joint_set.keypoints
+    pairs = [(f"{side}_{a}", f"{side}_{b}") for a, b in BONES for side in ("left", "right")] + list(ACROSS)
+    found = {}
+    for a, b in pairs:
+        if a in names and b in names:
+            apart = np.linalg.norm(points[:, names.index(a)] - points[:, names.index(b)], axis=-1)
+            if np.isfinite(apart).sum() >= 5:
+                found[a, b] = float(np.nanmedian(apart))
+    return found
+
+
+def scale_from_stature(
+    points: Float[np.ndarray, "frames keypoints 3"],
+    joint_set: JointSet,
+    stature_m: float | None,
+    body: Body | None = None,
+) -> tuple[float, float]:
+    """Return metres per unit, and its standard deviation as a share.
+
+    Scale s and shape β minimise ``Σ (s l_i - L_i(β))²/σ² + |β|² + (h(β) - stature)²/σ_h²`` by Gauss-Newton, where l are
+    measured lengths and L those of the body; both legs and arms, trunk and breadths take part.
+
+    Args:
+        points: (F, K, 3) keypoints, NaN where unknown.
+        joint_set: their names.
+        stature_m: of the person; that of adults with their spread where None.
+        body: whose shapes people have; the one that ships if left out.
+
+    Raises:
+        JobInvalid: the points hold no bones, or the stature is impossible.
+    """
+    if stature_m is not None and not 0.5 < stature_m < 2.6:
+        raise JobInvalid(f"A stature of {stature_m:g} m is impossible.", hint="Say it in metres, such as 1.78.")
+    body = body or load_body()
+    measured = bone_lengths(points, joint_set)
+    if len(measured) < 3:
+        raise JobInvalid(f"{joint_set.value} holds too few bones to tell a scale.", hint="Tell a known length.")
+    lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
+    heights, height_by_shape = _statures(body)
+    apart = np.array(list(measured.values()))
+    told = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
+    J = np.zeros((len(apart) + 11, 11))
+    J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M
+    J[len(apart) : -1, 1:] = np.eye(10)
+    J[-1, 1:] = height_by_shape / told[1]
+    right = np.concatenate([lengths / LENGTH_SIGMA_M, np.zeros(10), [(told[0] - heights) / told[1]]])
+    weight = np.ones(len(right))
+    x = np.zeros(11)
+    for _ in range(_ROUNDS):  # bones that the detector means otherwise lose their say
+        x = np.linalg.lstsq(J * weight[:, None], right * weight, rcond=None)[0]
+        residual = (J @ x - right)[: len(apart)]
+        weight[: len(apart)] = 1.0 / np.sqrt(1.0 + residual**2 / 4.0)
+    weighted = J * weight[:, None]
+    sigma = float(np.sqrt(np.linalg.inv(weighted.T @ weighted)[0, 0]))
+    return float(x[0]), sigma / float(x[0])
+
+
+def scale_from_length(
+    points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, ends: tuple[str, str], length_m: float
+) -> float:
+    """Return metres per unit by which the median distance of two keypoints becomes a known length.
+
+    Raises:
+        JobInvalid: the joint set has no such keypoint, or they are never seen together.
+    """
+    names = joint_set.keypoints
+    unknown = [name for name in ends if name not in names]
+    if unknown:
+        raise JobInvalid(f"{joint_set.value} has no {', '.join(unknown)}.", hint=f"It has {', '.join(names)}.")
+    apart = np.linalg.norm(points[:, names.index(ends[0])] - points[:, names.index(ends[1])], axis=-1)
+    if not np.isfinite(apart).any():
+        raise JobInvalid(f"{ends[0]} and {ends[1]} are never seen together.")
+    return length_m / float(np.nanmedian(apart))
+
+
+def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return lengths of the mean shape and their derivative by the ten betas."""
+    names = joint_set.keypoints
+    ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
+
+    def of(betas: np.ndarray) -> np.ndarray:
+        points = rest_keypoints(body, joint_set, betas)
+        return np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+
+    zero = np.zeros(10)
+    return of(zero), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=1)
+
+
+def rest_keypoints(body: Body, joint_set: JointSet, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
+    """Return the keypoints of a shape at rest, metres, Y up."""
+    from solver_backend.body.landmarks import pose_landmarks
+
+    still = np.eye(3)[None]
+    landmarks = keypoint_landmarks(body, joint_set)
+    return pose_landmarks(body, landmarks, betas, still, np.tile(np.eye(3), (1, 21, 1, 1)), np.zeros((1, 3))).points[0]
+
+
+def _statures(body: Body) -> tuple[float, np.ndarray]:
+    """Return the mean shape's stature and its derivative by the ten betas, metres."""
+
+    def of(betas: np.ndarray) -> float:
+        y = (body.v_template + body.shapedirs[..., :10] @ betas)[:, 1]
+        return float(y.max() - y.min())
+
+    return of(np.zeros(10)), np.array([(of(e) - of(-e)) / 2 for e in np.eye(10)])

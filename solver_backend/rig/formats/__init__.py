@@ -1,0 +1,1 @@
+"""Calibrations written as other programs read them."""

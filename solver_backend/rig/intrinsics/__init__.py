@@ -1,0 +1,1 @@
+"""Lenses: focal length, centre and distortion of one camera from pictures of a board."""

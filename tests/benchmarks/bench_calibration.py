@@ -1,0 +1,150 @@
+"""Cameras from a board, from its pictures and from a person: against kept arrays, known cameras and a held-out camera.
+
+Caliscope: its four board videos alone, against the array solved from them that is kept beside them; both arrays' errors
+on the same corners, with the board free. Pose2Sim: lenses from its checkerboard pictures, error of pictures left out.
+Person: the benchmark captures' keypoints with true lenses, centres after a similarity, against the cameras as they
+stood; joints of solves with true and with found cameras. Real: the Pose2Sim trial refined and calibrated anew from one
+half of its frames, each camera held out in the other half.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.fitters import solve
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.io.calibration import read_calibration
+from solver_backend.io.load import load_capture
+from solver_backend.metrics import mpjpe_mm
+from solver_backend.rig.adjustment.bundle import adjust
+from solver_backend.rig.adjustment.lens import PARAMETERS, lens_of
+from solver_backend.rig.adjustment.problem import Bodies, Unknowns
+from solver_backend.rig.boards.board import board_named
+from solver_backend.rig.extrinsics.board_session import calibrate_lenses, find_boards
+from solver_backend.rig.extrinsics.from_board import BoardRig, rig_from_board
+from solver_backend.rig.extrinsics.person_session import PersonOptions, calibrate_by_person, refine_by_person
+from solver_backend.rig.extrinsics.session_folders import board_footage
+from solver_backend.types import Cameras, Capture
+from tests.benchmarks.comparison.captures import TAKES, filmed
+from tests.benchmarks.holdout import leave_one_camera_out
+from tests.benchmarks.metric import BenchmarkSkipped, Metric
+from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
+
+CALISCOPE = Path("multiview/caliscope/charuco_calibration")
+PICTURES = Path("multiview/pose2sim/S00_Calibration")
+PEOPLE = TAKES[:3]
+
+
+def run() -> list[Metric]:
+    """Measure all four."""
+    folder = recordings_folder()
+    if not (folder / CALISCOPE).is_dir():
+        raise BenchmarkSkipped("The recordings are not here.", hint=ABSENT)
+    return [*by_board(folder / CALISCOPE), *lenses(folder / PICTURES), *by_person(), *real(folder / BALANCING_TRIAL)]
+
+
+def by_board(folder: Path) -> list[Metric]:
+    """Return errors of the kept array and of ours, with its lenses, without and with delays."""
+    kept = read_calibration(folder / "camera_array.toml").cameras
+    board = board_named(str(folder / "charuco.toml"))
+    seen = [find_boards(path, board)[0] for path in board_footage(folder).rig.values()]
+    known = [lens_of(kept, c) for c in range(len(kept))]
+    metrics = []
+    for name, fps in (("plain", None), ("delays", 6.0)):
+        rig = rig_from_board(kept.names, known, board, seen, fps=fps)
+        far, turned = apart(rig.adjusted.cameras, kept.R, kept.t, with_scale=False)
+        metrics += [
+            Metric(f"caliscope_{name}_px", rig.adjusted.rmse_px, "px"),
+            Metric(f"caliscope_{name}_kept_array_px", _of_kept(kept, rig), "px"),
+            Metric(f"caliscope_{name}_centres_mm", float(far.max()), "mm"),
+            Metric(f"caliscope_{name}_directions_deg", float(turned.max()), "deg"),
+        ]
+    return metrics
+
+
+def _of_kept(kept: Cameras, rig: BoardRig) -> float:
+    """Return the error of the kept cameras on the same corners, the board's poses being adjusted to them."""
+    found = rig.adjusted
+    R = _mean_turn(found.cameras, kept.R)
+    t = kept.centres.mean(0) - (found.cameras.centres @ R.T).mean(0)
+    bodies = Bodies(R @ found.bodies.R, found.bodies.t @ R.T + t)
+    nothing = Unknowns(np.zeros(len(kept), bool), np.zeros((len(kept), PARAMETERS), bool))
+    return adjust(kept, bodies, replace(rig.seen, velocity=None), nothing, robust_scale=4.0).rmse_px
+
+
+def lenses(folder: Path) -> list[Metric]:
+    """Return the error of pictures left out, of each camera."""
+    found, _ = calibrate_lenses(board_footage(folder).lens, board_named("checkerboard:5x8:60mm"))
+    kept = read_calibration(folder / "Calib.qca.txt").cameras.K[:, 0, 0]
+    metrics = [Metric(f"lens_{name}_px", lens.choice.held_out, "px") for name, lens in found.items()]
+    off = [abs(lens.lens.K[0, 0] / f - 1) for lens, f in zip(found.values(), kept, strict=True)]
+    return [*metrics, Metric("lens_focal_off", 100 * max(off), "%")]
+
+
+def by_person() -> list[Metric]:
+    """Return the errors of cameras that keypoints alone tell, and of a solve with them."""
+    metrics = []
+    for number, take in enumerate(PEOPLE):
+        capture = filmed(take)
+        assert capture.cameras is not None and capture.keypoints is not None
+        true = replace(capture.cameras, R=capture.truth["R"], t=capture.truth["t"])
+        known = [lens_of(true, c) for c in range(len(true))]
+        found = calibrate_by_person(true.names, known, capture.keypoints)
+        far, turned = apart(found.cameras, true.R, true.t, with_scale=True)
+        metrics += [
+            Metric(f"person{number}_centres_mm", float(far.max()), "mm"),
+            Metric(f"person{number}_directions_deg", float(turned.max()), "deg"),
+        ]
+        if number == 0:
+            metrics.append(Metric("person0_solve_ratio", _solve_ratio(capture, true, found.cameras), ""))
+    return metrics
+
+
+def _solve_ratio(capture: Capture, true: Cameras, found: Cameras) -> float:
+    """Return joints' error with found by that with true cameras, the found ones laid onto the true by a similarity."""
+    s, _, _ = umeyama(found.centres, true.centres, with_scale=True)
+    R = _mean_turn(found, true.R)
+    t = true.centres.mean(0) - s * (found.centres @ R.T).mean(0)
+    turned = found.R @ R.T
+    laid = replace(found, R=turned, t=s * found.t - (turned @ t[:, None])[..., 0])
+    errors = []
+    for cameras in (laid, true):
+        motion = solve(replace(capture, cameras=cameras)).motion
+        errors.append(mpjpe_mm(motion.joints[:, :22], capture.truth["joints"][:, :22]))
+    return errors[0] / errors[1]
+
+
+def real(folder: Path) -> list[Metric]:
+    """Return the median distance at a held-out camera over the second half of the trial."""
+    capture = load_capture(folder)
+    cameras, keypoints = capture.require_multiview()
+    half = keypoints.num_frames // 2
+    first, second = keypoints.frames(0, half), keypoints.frames(half, keypoints.num_frames)
+    known = [lens_of(cameras, c) for c in range(len(cameras))]
+    rigs = {
+        "own": cameras,
+        "refined": refine_by_person(cameras, first).cameras,
+        "person": calibrate_by_person(cameras.names, known, first, PersonOptions(1.72)).cameras,
+    }
+    rest = replace(capture, keypoints=second)
+    held = {name: leave_one_camera_out(replace(rest, cameras=rig)).pooled_px[0] for name, rig in rigs.items()}
+    return [Metric(f"real_{name}_held_out_px", value, "px") for name, value in held.items()]
+
+
+def apart(found: Cameras, R: np.ndarray, t: np.ndarray, *, with_scale: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C,) distances of centres in mm and (C,) of directions in degrees, after the best alignment."""
+    centres = -np.einsum("cji,cj->ci", R, t)
+    s, turn, shift = umeyama(found.centres, centres, with_scale=with_scale)
+    far = np.linalg.norm(s * found.centres @ np.asarray(turn).T + shift - centres, axis=1)
+    turned = log_so3(R @ _mean_turn(found, R) @ np.swapaxes(found.R, 1, 2))
+    return 1000 * far, np.degrees(np.linalg.norm(turned, axis=1))
+
+
+def _mean_turn(found: Cameras, R: np.ndarray) -> np.ndarray:
+    """Return the world's rotation by which the cameras' directions agree best."""
+    U, _, Vt = np.linalg.svd(np.einsum("cki,ckj->ij", R, found.R))
+    return U @ Vt

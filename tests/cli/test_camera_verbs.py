@@ -1,0 +1,100 @@
+"""The verbs of cameras: board, calibrate-cameras, check-cameras."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.calibration import read_calibration
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.rig.formats.write import write_calibration
+from solver_backend.rig.intrinsics.library import read_lenses
+from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from tests.support.recordings import recordings_folder
+from tests.support.walking_take import EXACT, walk
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> dict:
+    return json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+
+
+def test_a_board_is_written_with_the_file_that_tells_it(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "board.svg"
+    assert main(["board", "checkerboard:8x5:30mm", "--paper", "A3", "--out", str(out), "--json"]) == 0
+    assert said(capsys)["page_mm"] in ([297.0, 420.0], [420.0, 297.0])
+    assert out.read_text().startswith("<svg") and out.with_suffix(".toml").exists()
+    assert main(["board", "checkerboard:8x5:30mm", "--out", str(out), "--json"]) == 3
+    assert said(capsys)["code"] == "output_exists"
+    assert main(["board", "checkerboard:8x5:30mm", "--out", str(tmp_path / "b.docx"), "--json"]) == 2
+
+
+def test_a_capture_calibrates_its_cameras_anew_and_is_checked(tmp_path: Path, capsys) -> None:
+    capture = benchmark_capture(walk(60), BenchmarkSettings(detector=EXACT, calibration_mm=0.0, anatomy_mm=0.0))
+    path, out = tmp_path / "take.npz", tmp_path / "rig.toml"
+    write_capture(path, capture)
+    for method in ("person", "refine"):
+        arguments = ["calibrate-cameras", str(path), "--from", method, "--out", str(out), "--overwrite", "--json"]
+        assert main(arguments) == 0
+        found = said(capsys)
+        assert found["method"] == method and found["rmse_px"] < 0.5
+        assert read_calibration(out).cameras.names == capture.cameras.names
+    assert np.abs(read_calibration(out).cameras.centres - capture.cameras.centres).max() < 0.01
+    assert main(["check-cameras", str(path), "--json"]) == 0
+    assert said(capsys)["median_px"] < 0.5
+
+
+def test_what_a_method_lacks_is_named(tmp_path: Path, capsys) -> None:
+    clicks, out = tmp_path / "clicks.csv", str(tmp_path / "rig.toml")
+    clicks.write_text("p,cam,1,2\n")
+    assert main(["calibrate-cameras", str(clicks), "--from", "points", "--out", out, "--json"]) == 2
+    assert "--lenses" in said(capsys)["hint"]
+    assert main(["calibrate-cameras", str(tmp_path), "--out", out, "--json"]) == 2
+    assert "--board" in said(capsys)["hint"]
+    arguments = ["calibrate-cameras", str(tmp_path), "--board", "charuco:5x7:35mm", "--out", out, "--json"]
+    assert main(arguments) == 3
+    assert said(capsys)["code"] == "capture_not_recognised"
+    assert (
+        main(["calibrate-cameras", str(tmp_path / "none"), "--board", "charuco:5x7:35mm", "--out", out, "--json"]) == 3
+    )
+    assert said(capsys)["code"] == "file_missing"
+    assert not Path(out).exists()
+
+
+def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path, capsys) -> None:
+    pytest.importorskip("cv2", reason="the extra capture is not installed")
+    pictures = recordings_folder() / "multiview" / "pose2sim" / "S00_Calibration"
+    if not pictures.is_dir():
+        pytest.skip("The recordings are not here.")
+    folder = tmp_path / "intrinsics"
+    folder.mkdir()
+    (folder / "int_cam02_img").symlink_to(pictures / "intrinsics" / "int_cam02_img")
+    library = tmp_path / "lenses.json"
+    arguments = ["--from", "lenses", "--board", "checkerboard:5x8:60mm", "--lens", "radial2", "--out", str(library)]
+    assert main(["calibrate-cameras", str(tmp_path), *arguments, "--json"]) == 0
+    told = said(capsys)["cameras"]["cam02"]
+    assert told["held_out_px"] < 0.3
+    assert told["findings"]
+    lens = read_lenses(library)["cam02"]
+    kept = read_calibration(pictures / "Calib.qca.txt").cameras
+    assert abs(lens.K[0, 0] / kept.K[1, 0, 0] - 1) < 0.01
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(FileDamaged, match="no library"):
+        read_lenses(tmp_path / "other.json")
+
+
+def test_lenses_of_another_calibration_are_used(tmp_path: Path, capsys) -> None:
+    capture = benchmark_capture(walk(60), BenchmarkSettings(detector=EXACT, calibration_mm=0.0, anatomy_mm=0.0))
+    path, lenses, out = tmp_path / "take.npz", tmp_path / "lenses.toml", tmp_path / "rig.yml"
+    write_capture(path, capture)
+    write_calibration(lenses, capture.cameras)
+    length = ["--length", "left_knee", "left_ankle", "0.5"]
+    arguments = ["calibrate-cameras", str(path), "--from", "person", "--lenses", str(lenses), *length]
+    assert main([*arguments, "--out", str(out), "--json"]) == 0
+    assert "0.5 m" in said(capsys)["notes"][0]
+    found = read_calibration(out).cameras
+    assert np.abs(found.K - capture.cameras.K).max() < 1e-6
