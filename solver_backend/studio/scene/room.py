@@ -12,10 +12,8 @@ from solver_backend.types import Cameras
 _MARGIN_M = 0.8
 _CLEAR_OF_PERSON_M, _CLEAR_OF_CAMERA_M = 0.55, 0.6
 _TRIES = 60
-_BOX_FACES = np.array(
-    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
-     [1, 3, 5], [3, 7, 5]]
-)  # fmt: skip
+_PARTS = 10
+"""Every side of a box is so many squares wide and high: triangles small enough for the lens to be straight in them."""
 
 
 @dataclass(frozen=True)
@@ -35,21 +33,23 @@ class Room:
         """Return (V, 3) vertices and (T, 3) triangles of all furniture."""
         if not len(self.furniture):
             return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-        corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
+        corner, box = unit_box(_PARTS)
         vertices = []
         for middle, half, (angle, _, _), _ in self.furniture:
             turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
             vertices.append((corner * half) @ turn.T + middle)
-        faces = [_BOX_FACES + 8 * i for i in range(len(vertices))]
+        faces = [box + len(corner) * i for i in range(len(vertices))]
         return np.concatenate(vertices), np.concatenate(faces)
 
-    def seen_by(self, cameras: Cameras, view: int) -> tuple[np.ndarray, np.ndarray]:
+    def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (h, w) depth in metres along the axis, inf where nothing is, and (h, w, 3) normals of the world.
+
+        Args:
+            centre: (3,) the camera's.
+            ray: (h, w, 3) directions in the world, 1 long along the camera's axis.
 
         A ray from inside a box leaves it through the nearest plane that it runs towards.
         """
-        ray = pixel_rays(cameras, view) @ cameras.R[view]
-        centre = cameras.centres[view]
         planes = np.where(ray > 0, self.high, self.low)
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = (planes - centre) / ray
@@ -74,9 +74,24 @@ def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
     return np.concatenate([np.nan_to_num(straight, nan=10.0), np.ones((height, width, 1))], axis=-1)
 
 
-def furnish(
-    path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator
-) -> Room:
+def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (V, 3) vertices in -1..1 and (T, 3) triangles of a box, counter-clockwise from outside."""
+    steps = np.linspace(-1.0, 1.0, parts + 1)
+    u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    first = (np.arange(parts)[:, None] * (parts + 1) + np.arange(parts)).ravel()
+    right, up, both = first + 1, first + parts + 1, first + parts + 2
+    side = np.concatenate([np.stack([first, right, both], 1), np.stack([first, both, up], 1)])
+    vertices, faces = [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            points = np.zeros((len(u), 3))
+            points[:, axis], points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = sign, u, v
+            faces.append((side if sign > 0 else side[:, ::-1]) + len(u) * len(vertices))
+            vertices.append(points)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def furnish(path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator) -> Room:
     """Return a room around a person's way with furniture clear of both person and cameras.
 
     Args:
@@ -93,7 +108,8 @@ def furnish(
     for _ in range(_TRIES):
         half = np.array([*rng.uniform(0.15, 0.35, 2), rng.uniform(0.2, 0.5)])
         away, angle = rng.uniform(0.7, 1.6), rng.uniform(0, 2 * np.pi)
-        middle = np.array([*(path[rng.integers(len(path)), :2] + away * np.array([np.cos(angle), np.sin(angle)])), half[2]])
+        beside = path[rng.integers(len(path)), :2] + away * np.array([np.cos(angle), np.sin(angle)])
+        middle = np.array([*beside, half[2]])
         reach = float(np.hypot(*half[:2]))
         to_path = np.linalg.norm(path[:, :2] - middle[:2], axis=1).min() - reach
         to_camera = np.linalg.norm(cameras.centres[:, :2] - middle[:2], axis=1).min() - reach

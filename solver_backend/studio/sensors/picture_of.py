@@ -50,7 +50,8 @@ class Seen:
 def backdrop(stage: Stage, view: int) -> Backdrop:
     """Return a camera's picture of room and furniture."""
     cameras = stage.cameras
-    depth, normal = stage.room.seen_by(cameras, view)
+    ray = pixel_rays(cameras, view) @ cameras.R[view]
+    depth, normal = stage.room.seen_by(cameras.centres[view], ray)
     label = np.where(np.isfinite(depth), ROOM, 0).astype(np.uint8)
     vertices, faces = stage.room.furniture_mesh()
     if len(faces):
@@ -63,7 +64,6 @@ def backdrop(stage: Stage, view: int) -> Backdrop:
         unit = across / np.linalg.norm(across, axis=1, keepdims=True)
         depth, label, normal = depth.copy(), label.copy(), normal.copy()
         depth[nearer], label[nearer], normal[nearer] = pieces.depth[nearer], FURNITURE, unit[face]
-    ray = pixel_rays(cameras, view) @ cameras.R[view]
     towards = (-ray / np.linalg.norm(ray, axis=-1, keepdims=True)).astype(np.float32)
     cosine = np.abs((normal * towards).sum(axis=-1)).astype(np.float32)
     return Backdrop(depth, label, normal.astype(np.float32), cosine, towards)
