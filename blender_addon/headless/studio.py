@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from .._exchange.progress import Progress
+from ..errors import BlenderMissing
 from .solver import run_solver
 
 
@@ -77,6 +80,9 @@ def _in_colour(request: StudioRequest, given: list[str], made: dict[str, Any], p
 
 
 def _require_engine(name: str) -> None:
+    if find_spec("bpy") is None:
+        hint = "Install the package 'bpy' into it, or film no 'rgb'."
+        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
     from ..studio.engines import engine_id
 
     engine_id(name)

@@ -146,7 +146,8 @@ class _Nobody:
 
 
 def _sun(rng: np.random.Generator) -> np.ndarray:
-    direction = np.array([rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), 1.0])
+    """Return where Workbench's sun stands, from above; its second axis is the world's third."""
+    direction = np.array([rng.uniform(-0.5, 0.5), 1.0, rng.uniform(-0.5, 0.5)])
     return direction / np.linalg.norm(direction)
 
 
@@ -168,7 +169,7 @@ def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, fo
 def _at_time(
     scene: bpy.types.Scene, shot: ColourShot, view: int, time: float, rolling: float, folder: Path
 ) -> np.ndarray:
-    """Return the pinhole's picture at a time, (h, w, 3) floats; a rolling shutter reads its rows one after the other."""
+    """Return the pinhole's picture at a time, (h, w, 3) floats; a rolling shutter reads row after row."""
     if not rolling:
         _place(shot, time)
         return render_still(scene, 1, folder)[..., :3].astype(np.float64)

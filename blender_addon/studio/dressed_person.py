@@ -24,7 +24,12 @@ class DressedPerson:
     """
 
     def __init__(
-        self, body: BodyFile, motion: MotionFile, scene: SceneFile, colours: np.ndarray, collection: bpy.types.Collection
+        self,
+        body: BodyFile,
+        motion: MotionFile,
+        scene: SceneFile,
+        colours: np.ndarray,
+        collection: bpy.types.Collection,
     ) -> None:
         self._body, self._motion, self._scene = body, motion, scene
         self._known: dict[int, np.ndarray] = {}
@@ -69,5 +74,3 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     corner = faces.ravel()
     total = np.stack([np.bincount(corner, across[:, i], len(vertices)) for i in range(3)], axis=1)
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
-
-

@@ -58,8 +58,8 @@ def light_room(
     target.world = world
 
 
-def _floor_paint(rng: np.random.Generator):  # noqa: ANN202
-    base = linear(rng.uniform(0.05, 0.12), rng.uniform(0.1, 0.55), rng.uniform(0.3, 0.7))
+def _floor_paint(rng: np.random.Generator):
+    base = linear(rng.uniform(0.05, 0.12), rng.uniform(0.1, 0.5), rng.uniform(0.45, 0.8))
     kind = int(rng.integers(3))
     jitter = rng.uniform(0.05, 0.25)
 
@@ -73,8 +73,8 @@ def _floor_paint(rng: np.random.Generator):  # noqa: ANN202
     return paint
 
 
-def _wall_paint(rng: np.random.Generator):  # noqa: ANN202
-    base = linear(rng.random(), rng.uniform(0.0, 0.3), rng.uniform(0.55, 0.95))
+def _wall_paint(rng: np.random.Generator):
+    base = linear(rng.random(), rng.uniform(0.0, 0.22), rng.uniform(0.75, 0.98))
     other = base * rng.uniform(0.6, 0.95)
     period, kind = int(rng.integers(3, 9)), int(rng.integers(3))
 
@@ -85,7 +85,7 @@ def _wall_paint(rng: np.random.Generator):  # noqa: ANN202
     return paint
 
 
-def _add_plane(name, start, u, v, size, paint, collection) -> None:  # noqa: ANN001
+def _add_plane(name, start, u, v, size, paint, collection) -> None:
     """Add a rectangle of squares that spans the room along two axes from a corner."""
     lengths = float(np.abs(u @ size)), float(np.abs(v @ size))
     counts = [int(np.clip(round(length / _TILE_M), 1, _MOST_TILES)) for length in lengths]
@@ -97,17 +97,20 @@ def _add_plane(name, start, u, v, size, paint, collection) -> None:  # noqa: ANN
     _add_mesh(name, points, faces, np.repeat(paint(a, b), 4, axis=0), collection)
 
 
-def _add_box(name, middle, half, angle, colour, collection) -> None:  # noqa: ANN001
+def _add_box(name, middle, half, angle, colour, collection) -> None:
     corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     _add_mesh(name, (corner * half) @ turn.T + middle, _BOX, np.tile(colour**2.2, (24, 1)), collection)
 
 
-def _add_mesh(name, points, faces, colours, collection) -> None:  # noqa: ANN001
+def _add_mesh(name, points, faces, colours, collection) -> None:
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
     attribute.data.foreach_set("color", np.c_[np.clip(colours, 0, 1), np.ones(len(colours))].astype(np.float32).ravel())
     mesh.materials.append(painted_material(name, 0.7))
     mesh.update()
-    collection.objects.link(bpy.data.objects.new(name, mesh))
+    thing = bpy.data.objects.new(name, mesh)
+    # Workbench's only lamp is the sun, which a ceiling would keep out.
+    thing.display.show_shadows = name.startswith("furniture")
+    collection.objects.link(thing)

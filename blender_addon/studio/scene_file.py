@@ -1,4 +1,4 @@
-"""A shot's scene as the backend wrote it: which of the body's vertices clothes lie over, and what stands in the room."""
+"""A shot's scene as the backend wrote it: which of the body's vertices clothes lie over, and the room."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ def read_scene(path: Path) -> SceneFile:
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
     arrays = fields.arrays
-    base, faces = fields.shaped("base", ("vertices",), FileDamaged), fields.shaped("faces", ("triangles", 3), FileDamaged)
+    base, faces = (
+        fields.shaped("base", ("vertices",), FileDamaged),
+        fields.shaped("faces", ("triangles", 3), FileDamaged),
+    )
     count = len(base)
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         raise FileDamaged(f"The triangles must name vertices 0 to {count - 1}.", where=str(path))

@@ -80,7 +80,9 @@ def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
          "error": v.error}
         for v in verdicts
     ]  # fmt: skip
-    return Outcome(f"{table(verdicts)}\n  written     {page}", {"page": str(page), "table": table(verdicts), "rows": rows})
+    return Outcome(
+        f"{table(verdicts)}\n  written     {page}", {"page": str(page), "table": table(verdicts), "rows": rows}
+    )
 
 
 def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:

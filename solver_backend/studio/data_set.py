@@ -108,7 +108,9 @@ def make_data_set(spec: Spec, out: Path, progress: Progress = silent) -> list[di
     try:
         for shot in found.shots:
             start = before
-            records.append(make_shot(spec, shot, shots, lambda n, start=start: progress(stage, start + n, found.frames)))
+            records.append(
+                make_shot(spec, shot, shots, lambda n, start=start: progress(stage, start + n, found.frames))
+            )
             before += spec.frames
             progress(stage, before, found.frames)
     except (KeyboardInterrupt, Cancelled):

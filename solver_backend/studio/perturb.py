@@ -72,9 +72,7 @@ def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.
         px = np.stack([delayed(track, delay) for track, delay in zip(px, late, strict=True)])
     way = np.einsum("fij,cfi->cfj", stage.person.orient, cameras.centres[:, None] - stage.joints[None, :, 0])
     hidden = (truth.visibility[chosen] != VISIBLE) & (truth.visibility[chosen] != OUTSIDE)
-    sight = Sight(
-        px, px_per_mm(cameras, points), np.arctan2(way[..., 0], way[..., 2]), hidden, cameras.image_size
-    )
+    sight = Sight(px, px_per_mm(cameras, points), np.arctan2(way[..., 0], way[..., 2]), hidden, cameras.image_size)
     found = detect_keypoints(sight, chosen, spec.fps, model, rng)
     pelvis = stage.joints[:, 0].mean(axis=0)
     seen = miscalibrated(cameras, pelvis, faults.calibration_mm, rng) if faults.calibration_mm else cameras

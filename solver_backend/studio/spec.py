@@ -123,9 +123,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
     looks = tuple(read_look(item) for item in _several(top, "looks", ["suit"]))
     motions = top.raw("motions", [CHOREOGRAPHY])
     if not isinstance(motions, list) or not motions or not all(isinstance(m, str) and m for m in motions):
-        raise StudioInvalid(
-            "motions must be a list of files, folders or 'choreography'.", where="description: motions"
-        )
+        raise StudioInvalid("motions must be a list of files, folders or 'choreography'.", where="description: motions")
     for what, names in (("rigs", [r.name for r in rigs]), ("looks", [k.name for k in looks])):
         if len(set(names)) < len(names):
             raise StudioInvalid(f"Two {what} have one name: {', '.join(names)}.", where=f"description: {what}")

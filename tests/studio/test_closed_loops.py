@@ -19,7 +19,9 @@ from tests.support.blob_reading import blob_centres, lift, ring_depths, triangul
 
 
 @cache
-def filmed(rig: str, frames: int, furniture: int = 0) -> tuple[Spec, Stage, dict[tuple[str, int, int], np.ndarray], np.ndarray]:
+def filmed(
+    rig: str, frames: int, furniture: int = 0
+) -> tuple[Spec, Stage, dict[tuple[str, int, int], np.ndarray], np.ndarray]:
     spec = spec_of(
         {"rigs": [rig], "frames": frames, "fps": 4, "looks": [{"preset": "suit", "furniture": furniture}], "seed": 3}
     )
@@ -32,7 +34,9 @@ def filmed(rig: str, frames: int, furniture: int = 0) -> tuple[Spec, Stage, dict
     return spec, stage, pictures, film(spec, stage, keep).marker_seen
 
 
-def matched(stage: Stage, view: int, frame: int, blobs: np.ndarray, seen: np.ndarray, alone_px: float) -> dict[int, int]:
+def matched(
+    stage: Stage, view: int, frame: int, blobs: np.ndarray, seen: np.ndarray, alone_px: float
+) -> dict[int, int]:
     """Return the blob of each marker that is wholly seen and has no other marker near it."""
     cameras = stage.cameras
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, stage.markers[frame])[view]
@@ -46,7 +50,7 @@ def matched(stage: Stage, view: int, frame: int, blobs: np.ndarray, seen: np.nda
 
 
 def test_blobs_triangulated_with_the_written_cameras_meet_the_markers_within_a_millimetre() -> None:
-    _, stage, pictures, seen = filmed("vicon_12", 2)
+    _, stage, pictures, seen = filmed("vicon_12", 1)
     rays: dict[tuple[int, int], list[tuple[int, np.ndarray]]] = {}
     for frame in range(stage.num_frames):
         for view in range(len(stage.cameras)):
@@ -60,7 +64,7 @@ def test_blobs_triangulated_with_the_written_cameras_meet_the_markers_within_a_m
         )
         for (frame, marker), found in rays.items() if len(found) >= 3
     ])  # fmt: skip
-    assert len(error) > 60
+    assert len(error) > 25
     assert np.sqrt((error**2).mean()) < 0.5
     assert error.max() < 1.0
 
@@ -86,7 +90,7 @@ def test_ring_and_median_of_three_depth_sensors_give_markers_within_four_millime
 
 
 def test_depth_of_the_room_is_true_within_its_noise() -> None:
-    spec, stage, pictures, _ = filmed("azure_kinect_3", 6)
+    _, stage, pictures, _ = filmed("azure_kinect_3", 6)
     cameras, low, high = stage.cameras, stage.room.low, stage.room.high
     u, v = np.meshgrid(np.arange(640.0), np.arange(576.0))
     px = np.stack([u, v], axis=-1).reshape(-1, 2)
@@ -108,7 +112,9 @@ def test_noise_of_a_wall_is_the_models(distance: float) -> None:
     wall = np.full(shape, distance, np.float32)
     cameras = filmed("azure_kinect_3", 6)[1].cameras
     nobody = see_spheres(cameras, 0, np.zeros((0, 3)), wall)
-    found = measure_depth(wall, np.ones(shape, np.float32), np.zeros(shape, np.float32), nobody, model, np.random.default_rng(0))
+    found = measure_depth(
+        wall, np.ones(shape, np.float32), np.zeros(shape, np.float32), nobody, model, np.random.default_rng(0)
+    )
     error = found / 1000.0 - distance
     expected = np.hypot(model.sigma_m(np.array(distance)), 0.001 / np.sqrt(12))
     assert error.std() == pytest.approx(expected, rel=0.02)

@@ -47,8 +47,8 @@ class Verdict:
 
 
 def judge(
-    out: Path, methods: Sequence[str] = ("global",), sources: Sequence[str] = (), faults: Sequence[str] = ("perturbed",),
-    progress: Progress = silent, settings: SolveSettings = SolveSettings(),
+    out: Path, methods: Sequence[str] = ("global",), sources: Sequence[str] = (),
+    faults: Sequence[str] = ("perturbed",), progress: Progress = silent, settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:  # fmt: skip
     """Solve every shot of a data set by every method; a solve that fails is a verdict with its error.
 

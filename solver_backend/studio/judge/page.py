@@ -29,7 +29,9 @@ _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 
 def table(verdicts: Sequence[Verdict]) -> str:
     """Return the verdicts as lines of text, means over shots: clean and perturbed beside each other."""
-    lines = [f"{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>8}{'accel':>8}{'time':>8}  failed"]
+    lines = [
+        f"{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>8}{'accel':>8}{'time':>8}  failed"
+    ]
     for source, method, kind in _groups(verdicts):
         found = [v for v in verdicts if (v.source, v.method, v.faults) == (source, method, kind)]
         good = [v for v in found if not v.error]
@@ -52,7 +54,12 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
     """
     parts = []
     if verdicts:
-        parts += [_means_section(verdicts), _shots_section(verdicts), _time_section(out, verdicts), _worst(out, verdicts)]
+        parts += [
+            _means_section(verdicts),
+            _shots_section(verdicts),
+            _time_section(out, verdicts),
+            _worst(out, verdicts),
+        ]
     if places:
         low = min(float(np.nanmin(p.error_mm)) for p in places if np.isfinite(p.error_mm).any())
         high = max(float(np.nanpercentile(p.error_mm, 95)) for p in places if np.isfinite(p.error_mm).any())
@@ -90,10 +97,10 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
             share = float(np.clip((value - low_mm) / max(high_mm - low_mm, 1e-9), 0, 1))
             colour = f"hsl({210 - 200 * share:.0f} 70% {72 - 22 * share:.0f}%)"
             drawn.append(
-                f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="{colour}"><title>{value:.1f} mm at '
-                f"({xs[column]:.1f}, {ys[row]:.1f}) m, seen by {places.views[row, column]:.1f} cameras</title></rect>"
-                f'<text x="{x + cell / 2:.0f}" y="{y + cell / 2 + 4:.0f}" font-size="11" text-anchor="middle">{value:.0f}'
-                "</text>"
+                f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="{colour}">'
+                f"<title>{value:.1f} mm at ({xs[column]:.1f}, {ys[row]:.1f}) m, seen by {places.views[row, column]:.1f} cameras</title></rect>"
+                f'<text x="{x + cell / 2:.0f}" y="{y + cell / 2 + 4:.0f}" font-size="11" text-anchor="middle">'
+                f"{value:.0f}</text>"
             )
     for centre in places.cameras:
         x = cell * ((centre[0] - xs[0]) / step_x + 0.5)
@@ -121,7 +128,9 @@ def _means(verdicts: Sequence[Verdict]) -> list[float]:
 
 
 def _means_section(verdicts: Sequence[Verdict]) -> str:
-    return section("All shots", f"<pre>{text(table(verdicts))}</pre>", "Means over the shots that were solved.", "means")
+    return section(
+        "All shots", f"<pre>{text(table(verdicts))}</pre>", "Means over the shots that were solved.", "means"
+    )
 
 
 def _shots_section(verdicts: Sequence[Verdict]) -> str:
@@ -177,7 +186,9 @@ def worst_picture(out: Path, verdict: Verdict, frame: int) -> np.ndarray:
     capture = read_capture(out / SHOTS / verdict.shot / "clean.npz")
     assert capture.cameras is not None and verdict.joints is not None
     truth, cameras = np.asarray(capture.truth["joints"])[frame], capture.cameras
-    drawn = [(in_camera(cameras, c, truth)[1], in_camera(cameras, c, verdict.joints[frame])[1]) for c in range(len(cameras))]
+    drawn = [
+        (in_camera(cameras, c, truth)[1], in_camera(cameras, c, verdict.joints[frame])[1]) for c in range(len(cameras))
+    ]
     sizes = [float(np.nanmean(np.linalg.norm(a - b, axis=1))) if np.isfinite(a).any() else -1.0 for a, b in drawn]
     view = int(np.nanargmax(sizes))
     width, height = cameras.image_size[view].tolist()

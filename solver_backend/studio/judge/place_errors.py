@@ -1,4 +1,4 @@
-"""What a rig would reach: the error of triangulated keypoints at every place of the floor, before anything is bought."""
+"""What a rig would reach: the error of triangulated keypoints at every place of the floor."""
 
 from __future__ import annotations
 
@@ -78,9 +78,7 @@ def place_errors(
         for j, x in enumerate(ticks.tolist()):
             move = np.array([centre[0] + x, centre[1] + y, 0.0])
             hidden = self_occluded(true, body, skin + move, points + move, joint_set.keypoints)
-            error[i, j], views[i, j] = _at_place(
-                (true, known), still, points + move, hidden, joint_set, faults, rng
-            )
+            error[i, j], views[i, j] = _at_place((true, known), still, points + move, hidden, joint_set, faults, rng)
             progress(f"rig {rig.name}", i * len(ticks) + j + 1, ticks.size**2)
     return PlaceErrors(rig.name, centre[0] + ticks, centre[1] + ticks, error, views, true.centres)
 

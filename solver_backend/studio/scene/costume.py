@@ -104,7 +104,13 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
     covers = [regions.of(name) for name, _ in layers]
     rings = [_rings_inside(body, cover) for cover in covers]
     parts = body.weights[body.faces].sum(axis=1).argmax(axis=1)
-    base, offset, faces, label, body_face = [np.arange(len(body.v_template))], [np.zeros(len(body.v_template))], [], [], []
+    base, offset, faces, label, body_face = (
+        [np.arange(len(body.v_template))],
+        [np.zeros(len(body.v_template))],
+        [],
+        [],
+        [],
+    )
     hidden = _hidden(body, rings)
     kept = np.flatnonzero(~hidden)
     faces.append(body.faces[kept])

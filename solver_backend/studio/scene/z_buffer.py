@@ -110,7 +110,9 @@ def _linear(origin: np.ndarray, edge: np.ndarray, scale: np.ndarray) -> tuple[np
     return scale * (edge[:, 1] * origin[:, 0] - edge[:, 0] * origin[:, 1]), -scale * edge[:, 1], scale * edge[:, 0]
 
 
-def _at(plane: tuple[np.ndarray, np.ndarray, np.ndarray], which: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _at(
+    plane: tuple[np.ndarray, np.ndarray, np.ndarray], which: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> np.ndarray:
     p, q, r = plane
     return p[which] + q[which] * x + r[which] * y
 

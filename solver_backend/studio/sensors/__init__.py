@@ -1,1 +1,1 @@
-"""What a sensor makes of a scene: which surface each pixel sees, and infrared and depth as real devices measure them."""
+"""What sensors make of a scene: the surface each pixel sees, and infrared and depth as devices measure them."""

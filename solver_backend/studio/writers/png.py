@@ -1,4 +1,4 @@
-"""Pictures as PNG (ISO/IEC 15948): grey with 8 or 16 bits, or colour with 8; read again for tests and contact sheets."""
+"""Pictures as PNG (ISO/IEC 15948): grey with 8 or 16 bits, or colour with 8; also read again."""
 
 from __future__ import annotations
 
