@@ -27,7 +27,7 @@ from .lens_picture import LensPicture, lens_picture
 from .marker_balls import MarkerBalls
 from .paint import person_colours
 from .room import build_room, light_room
-from .scene_file import read_scene
+from .scene_file import SceneFile, read_scene
 
 DONE = "rgb.json"
 """Of a shot's folder: its colour pictures are whole."""
@@ -37,14 +37,18 @@ _BANDS = 8
 """Bands of rows that a rolling shutter is made of."""
 
 
+Place = Callable[[float], None]
+"""Puts everything that moves where it is at a time, in frames."""
+StandIn = Callable[[bpy.types.Collection], Place]
+"""Builds something else to be filmed than person and room."""
+
+
 @dataclass(frozen=True)
 class ColourShot:
     """What is rendered."""
 
-    folder: Path
     capture: CaptureFile
-    person: DressedPerson
-    markers: MarkerBalls | None
+    place: Place
     lenses: tuple[LensPicture, ...]
     cameras: tuple[bpy.types.Object, ...]
     settings: dict[str, Any]
@@ -52,7 +56,7 @@ class ColourShot:
 
 
 def film_in_colour(
-    folder: Path, told: Callable[[int], None] = lambda frame: None, balls: tuple[np.ndarray, np.ndarray] | None = None
+    folder: Path, told: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
     """Render a shot's colour pictures, whole or not at all, and return how many; those that are there stay.
 
@@ -61,7 +65,7 @@ def film_in_colour(
     Args:
         folder: the shot's.
         told: is told each frame that is done.
-        balls: (F, N, 3) metres and (N, 3) linear colours of balls that are shown instead of person and markers.
+        stand_in: what is filmed in the place of person and room, such as a calibration board.
 
     Raises:
         RenderFailed: Blender cannot render here.
@@ -71,14 +75,12 @@ def film_in_colour(
         return 0
     record = _record(folder)
     scene = _empty_scene()
-    shot = _set_up(folder, record, scene, balls)
+    shot = _set_up(folder, record, scene, stand_in)
     unfinished = folder / _UNFINISHED
     shutil.rmtree(unfinished, ignore_errors=True)
     frames, count = record["frames"], 0
     with tempfile.TemporaryDirectory(prefix="studio_") as name:
         for frame in range(frames):
-            if balls is not None and shot.markers is not None:
-                shot.markers.place(balls[0][frame])
             for view, camera in enumerate(shot.capture.cameras):
                 target = unfinished / camera.name
                 target.mkdir(parents=True, exist_ok=True)
@@ -104,45 +106,48 @@ def _empty_scene() -> bpy.types.Scene:
     return bpy.context.scene
 
 
-def _set_up(
-    folder: Path, record: dict[str, Any], scene: bpy.types.Scene, balls: tuple[np.ndarray, np.ndarray] | None
-) -> ColourShot:
-    capture, motion = read_capture(folder / "clean.npz"), read_motion(folder / "motion.npz")
-    own = folder / "body.npz"
-    body = read_body(own if own.is_file() else body_path_of(motion.provenance))
-    dressed = read_scene(folder / "scene.npz")
+def _set_up(folder: Path, record: dict[str, Any], scene: bpy.types.Scene, stand_in: StandIn | None) -> ColourShot:
+    capture, dressed = read_capture(folder / "clean.npz"), read_scene(folder / "scene.npz")
     rng = np.random.default_rng(int(record["rgb_seed"]))
-    # Who somebody is does not depend on where they stand: their colours have a seed of their own.
-    person = DressedPerson(body, motion, dressed, person_colours(dressed, rng), scene.collection)
     settings = dict(record["rgb"])
-    if balls is None:
+    if stand_in is None:
+        place = _cast(folder, capture, dressed, scene.collection, rng)
         build_room(dressed, scene.collection, rng)
-        count = 0 if capture.markers is None else capture.markers.shape[1]
-        markers = MarkerBalls(count, scene.collection) if count else None
     else:
-        bpy.data.objects.remove(person.object)
-        markers = MarkerBalls(balls[0].shape[1], scene.collection, 0.015, balls[1])
+        place = stand_in(scene.collection)
     light_room(dressed, scene, scene.collection, rng)
     for thing in scene.collection.objects:
         if thing.type == "MESH":
             show_paint(thing.data)
-    settings["exposure"] = float(settings["exposure"]) + float(rng.uniform(-0.25, 0.25))
     write_targa(scene)
     set_engine(scene, settings["engine"], int(settings["samples"]))
-    scene.view_settings.exposure = settings["exposure"]
+    scene.view_settings.exposure = float(settings["exposure"]) + float(rng.uniform(-0.25, 0.25))
     if settings["engine"] == "workbench":
-        scene.display.light_direction = tuple(float(v) for v in _sun(rng))
+        scene.display.light_direction = tuple(_sun(rng).tolist())
     lenses = tuple(lens_picture(camera) for camera in capture.cameras)
     cameras = tuple(create_camera(lens.pinhole, scene.collection) for lens in lenses)
-    shown = person if balls is None else _Nobody()
-    return ColourShot(folder, capture, shown, markers, lenses, cameras, settings, int(record["rgb_seed"]))  # type: ignore[arg-type]
+    return ColourShot(capture, place, lenses, cameras, settings, int(record["rgb_seed"]))
 
 
-class _Nobody:
-    """Stands where a person would, and does nothing."""
+def _cast(
+    folder: Path, capture: CaptureFile, dressed: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator
+) -> Place:
+    """Add the person and the markers, and return what places both."""
+    motion, own = read_motion(folder / "motion.npz"), folder / "body.npz"
+    body = read_body(own if own.is_file() else body_path_of(motion.provenance))
+    person = DressedPerson(body, motion, dressed, person_colours(dressed, rng), collection)
+    markers = capture.markers
+    balls = MarkerBalls(markers.shape[1], collection) if markers is not None and markers.shape[1] else None
 
-    def pose(self, frame: float) -> None:
-        """Do nothing."""
+    def place(time: float) -> None:
+        at = float(np.clip(time, 0, motion.num_frames - 1))
+        person.pose(at)
+        if balls is not None and markers is not None:
+            first = int(at)
+            after = min(first + 1, len(markers) - 1)
+            balls.place((1 - at + first) * markers[first] + (at - first) * markers[after])
+
+    return place
 
 
 def _sun(rng: np.random.Generator) -> np.ndarray:
@@ -171,26 +176,15 @@ def _at_time(
 ) -> np.ndarray:
     """Return the pinhole's picture at a time, (h, w, 3) floats; a rolling shutter reads row after row."""
     if not rolling:
-        _place(shot, time)
+        shot.place(time)
         return render_still(scene, 1, folder)[..., :3].astype(np.float64)
     rows = []
     height = shot.lenses[view].pinhole.image_size[1]
     edges = np.linspace(0, height, _BANDS + 1).round().astype(int)
     for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        _place(shot, time + rolling * ((top + bottom) / 2 / height - 0.5))
+        shot.place(time + rolling * ((top + bottom) / 2 / height - 0.5))
         rows.append(render_still(scene, 1, folder)[top:bottom, :, :3])
     return np.concatenate(rows).astype(np.float64)
-
-
-def _place(shot: ColourShot, time: float) -> None:
-    last = max(shot.capture.num_frames - 1, 0)
-    at = float(np.clip(time, 0, last))
-    shot.person.pose(at)
-    if shot.markers is not None and shot.capture.markers is not None and not isinstance(shot.person, _Nobody):
-        first = min(int(at), max(last - 1, 0))
-        share = at - first
-        markers = shot.capture.markers
-        shot.markers.place((1 - share) * markers[first] + share * markers[min(first + 1, last)])
 
 
 def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
