@@ -22,7 +22,7 @@ from ..render.picture import write_png
 from ..render.still import render_still, write_targa
 from ..scene.cameras import create_camera, look_through
 from .dressed_person import DressedPerson
-from .engines import set_engine, show_paint
+from .engines import enlargement, set_engine, show_paint
 from .lens_picture import LensPicture, lens_picture
 from .marker_balls import MarkerBalls
 from .paint import person_colours
@@ -158,7 +158,7 @@ def _sun(rng: np.random.Generator) -> np.ndarray:
 
 def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, folder: Path) -> np.ndarray:
     """Return the (h, w, 3) uint8 picture of a camera."""
-    look_through(scene, shot.cameras[view])
+    look_through(scene, shot.cameras[view], scale=enlargement(shot.settings["engine"]))
     if shot.settings["engine"] == "cycles":
         scene.cycles.seed = frame
     open_share = float(shot.settings["blur"])
@@ -177,14 +177,21 @@ def _at_time(
     """Return the pinhole's picture at a time, (h, w, 3) floats; a rolling shutter reads row after row."""
     if not rolling:
         shot.place(time)
-        return render_still(scene, 1, folder)[..., :3].astype(np.float64)
+        return _averaged(render_still(scene, 1, folder), shot.settings["engine"])
     rows = []
     height = shot.lenses[view].pinhole.image_size[1]
     edges = np.linspace(0, height, _BANDS + 1).round().astype(int)
     for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         shot.place(time + rolling * ((top + bottom) / 2 / height - 0.5))
-        rows.append(render_still(scene, 1, folder)[top:bottom, :, :3])
-    return np.concatenate(rows).astype(np.float64)
+        rows.append(_averaged(render_still(scene, 1, folder), shot.settings["engine"])[top:bottom])
+    return np.concatenate(rows)
+
+
+def _averaged(rendered: np.ndarray, engine: str) -> np.ndarray:
+    """Return (h, w, 3) float32: the mean of each square of an enlarged picture."""
+    by = enlargement(engine)
+    parts = [rendered[i::by, j::by, :3].astype(np.float32) for i in range(by) for j in range(by)]
+    return np.sum(parts, axis=0) / len(parts)
 
 
 def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:

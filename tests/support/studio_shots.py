@@ -34,7 +34,14 @@ def dots(points: np.ndarray, radius_m: float = 0.02) -> Callable[[bpy.types.Coll
 
     def build(collection: bpy.types.Collection) -> Callable[[float], None]:
         balls = MarkerBalls(points.shape[1], collection, radius_m, np.full((points.shape[1], 3), 0.95))
-        return lambda time: balls.place(points[round(time)])
+
+        def place(time: float) -> None:
+            # Evenly bright all over: a dot's middle is then the middle of what is bright.
+            shading = bpy.context.scene.display.shading
+            shading.light, shading.show_shadows = "FLAT", False
+            balls.place(points[round(time)])
+
+        return place
 
     return build
 

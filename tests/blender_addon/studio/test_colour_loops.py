@@ -19,6 +19,7 @@ from tests.support.blob_reading import triangulated
 from tests.support.studio_shots import board, board_points, colour_shot, dots
 
 COLUMNS, ROWS, SQUARE_M = 8, 6, 0.11
+PAIR = {"preset": "webcam_ring_4", "layout": "corners", "count": 2, "room_m": [3.8, 3.8], "height_m": 1.3}
 
 
 def cameras_of(folder: Path) -> Cameras:
@@ -28,36 +29,38 @@ def cameras_of(folder: Path) -> Cameras:
 
 
 def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_path: Path) -> None:
-    folder = colour_shot(tmp_path, motions=["choreography"], seed=4)
+    folder = colour_shot(tmp_path, rigs=[PAIR], seed=4)
     capture = read_capture(folder / "clean.npz")
     points = np.asarray(capture.truth["keypoints3d"])
-    assert film_in_colour(folder, stand_in=dots(points)) == 4
+    assert film_in_colour(folder, stand_in=dots(points)) == 2
     cameras, keypoints = capture.require_multiview()
     errors = []
     for view, name in enumerate(cameras.names):
         grey = read_png(folder / "rgb" / name / "000000.png").max(axis=2).astype(float)
-        label, count = ndimage.label(grey > 0.5 * (grey.max() + np.median(grey)))
+        # Balls are lit from above: whatever differs from the background is a ball.
+        label, count = ndimage.label(np.abs(grey - np.median(grey)) > 5)
         blobs = np.array(ndimage.center_of_mass(label > 0, label, range(1, count + 1)))[:, ::-1]
         true = keypoints.xy[view, 0]
         apart = np.linalg.norm(true[:, None] - true[None], axis=-1) + 1e6 * np.eye(len(true))
-        for xy in true[np.isfinite(true).all(axis=1) & (np.nanmin(apart, axis=1) > 9)]:
+        for xy in true[np.isfinite(true).all(axis=1) & (np.nanmin(apart, axis=1) > 18)]:
             errors.append(np.linalg.norm(blobs - xy, axis=1).min())
-    assert len(errors) > 20
+    assert len(errors) > 12
+    assert np.mean(errors) < 0.15
     assert max(errors) < 0.3
 
 
 def test_corners_of_a_board_reproject_to_a_tenth_of_a_pixel(tmp_path: Path) -> None:
-    turns = [(0.1, -0.3), (0.4, 0.2), (-0.3, 0.5)]
-    folder = colour_shot(tmp_path, frames=len(turns), fps=30)
+    turns = [(0.1, -0.2)]
+    folder = colour_shot(tmp_path, frames=len(turns), rigs=[PAIR])
     cameras = cameras_of(folder)
-    middle = np.array([*cameras.centres[:, :2].mean(axis=0), 1.0])
-    # The board faces a place between the first two cameras, so that both see it.
-    towards = cameras.centres[:2].mean(axis=0) - middle
+    # The board stands where both cameras look, and faces a place between them.
+    middle = triangulated(cameras, [0, 1], cameras.K[:, :2, 2])
+    towards = cameras.centres.mean(axis=0) - middle
     towards /= np.linalg.norm(towards)
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
     facing = np.stack([right, np.cross(towards, right), towards], axis=1)
-    poses = [(facing @ exp_so3(np.array([a, b, 0.3 * a])), middle + 0.7 * towards) for a, b in turns]
+    poses = [(facing @ exp_so3(np.array([a, b, 0.3 * a])), middle + 0.4 * towards) for a, b in turns]
     film_in_colour(folder, stand_in=board(COLUMNS, ROWS, SQUARE_M, poses))
     off, space = [], []
     for frame, (R, t) in enumerate(poses):
@@ -71,7 +74,9 @@ def test_corners_of_a_board_reproject_to_a_tenth_of_a_pixel(tmp_path: Path) -> N
             distance = np.linalg.norm(xy[:, 0][None] - true[view][:, None], axis=-1)
             found.append(xy[distance.argmin(axis=1), 0])
             off.append(found[-1] - true[view])
-        space += [triangulated(cameras, [0, 1], np.stack([found[0][k], found[1][k]])) - c for k, c in enumerate(corners)]
+        space += [
+            triangulated(cameras, [0, 1], np.stack([found[0][k], found[1][k]])) - c for k, c in enumerate(corners)
+        ]
     off = np.concatenate(off)
     assert np.abs(off.mean(axis=0)).max() < 0.03, "half a pixel would show here"
     assert np.sqrt((off**2).sum(axis=1).mean()) < 0.1
