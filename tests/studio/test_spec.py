@@ -93,7 +93,8 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
 def test_a_motion_of_other_joints_is_refused(tmp_path: Path) -> None:
     rows = "0 0 0 0 0 0\n" * 6
     (tmp_path / "dog.bvh").write_text(
-        "HIERARCHY\nROOT Tail\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n"
+        "HIERARCHY\nROOT Tail\n{\nOFFSET 0 0 0\n"
+        "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n"
         f"End Site\n{{\nOFFSET 0 1 0\n}}\n}}\nMOTION\nFrames: 6\nFrame Time: 0.03\n{rows}"
     )
     with pytest.raises(MotionInvalid):
