@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 import numpy as np
 
 from .paint import COLOURS, linear, painted_material
 from .scene_file import SceneFile
 
+Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Returns the (n, 3) linear colours of squares by their (n,) column and row."""
 _TILE_M = 0.12
 """Floor and walls are made of squares of about this size, each with its own colour."""
 _MOST_TILES = 90
@@ -85,7 +89,10 @@ def _wall_paint(rng: np.random.Generator):
     return paint
 
 
-def _add_plane(name, start, u, v, size, paint, collection) -> None:
+def _add_plane(
+    name: str, start: np.ndarray, u: np.ndarray, v: np.ndarray, size: np.ndarray, paint: Paint,
+    collection: bpy.types.Collection,
+) -> None:  # fmt: skip
     """Add a rectangle of squares that spans the room along two axes from a corner."""
     lengths = float(np.abs(u @ size)), float(np.abs(v @ size))
     counts = [int(np.clip(round(length / _TILE_M), 1, _MOST_TILES)) for length in lengths]
@@ -97,13 +104,18 @@ def _add_plane(name, start, u, v, size, paint, collection) -> None:
     _add_mesh(name, points, faces, np.repeat(paint(a, b), 4, axis=0), collection)
 
 
-def _add_box(name, middle, half, angle, colour, collection) -> None:
+def _add_box(
+    name: str, middle: np.ndarray, half: np.ndarray, angle: float, colour: np.ndarray,
+    collection: bpy.types.Collection,
+) -> None:  # fmt: skip
     corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     _add_mesh(name, (corner * half) @ turn.T + middle, _BOX, np.tile(colour**2.2, (24, 1)), collection)
 
 
-def _add_mesh(name, points, faces, colours, collection) -> None:
+def _add_mesh(
+    name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, collection: bpy.types.Collection
+) -> None:
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")

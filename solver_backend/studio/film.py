@@ -69,7 +69,7 @@ def _shoot(
     rng = stage.shot.rng(spec, f"pixels {view} {frame}")
     model = InfraredModel()
     if "infrared" in kinds or "depth" in kinds:
-        light = sphere_light(seen.spheres, seen.depth.shape, model)
+        light = sphere_light(seen.spheres, (len(seen.depth), seen.depth.shape[1]), model)
         if "infrared" in kinds:
             keep("infrared", view, frame, infrared(seen.depth, seen.cosine, seen.label, light, model, rng))
         if "depth" in kinds:

@@ -9,10 +9,16 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 
 
+def labelled(bright: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return connected patches, numbered from 1, and how many there are; corners connect."""
+    label = np.zeros(bright.shape, np.int32)
+    return label, int(ndimage.label(bright, np.ones((3, 3)), output=label))  # type: ignore[arg-type]
+
+
 def blob_centres(infrared: np.ndarray, threshold: float = 20000.0) -> np.ndarray:
     """Return (N, 2) pixel centroids of bright blobs, weighted by what exceeds the threshold."""
     bright = np.maximum(infrared.astype(np.float64) - threshold, 0.0)
-    label, count = ndimage.label(bright > 0, structure=np.ones((3, 3)))
+    label, count = labelled(bright > 0)
     if not count:
         return np.zeros((0, 2))
     return np.array(ndimage.center_of_mass(bright, label, range(1, count + 1)))[:, ::-1]
@@ -20,7 +26,7 @@ def blob_centres(infrared: np.ndarray, threshold: float = 20000.0) -> np.ndarray
 
 def ring_depths(infrared: np.ndarray, depth_mm: np.ndarray, threshold: float = 20000.0) -> np.ndarray:
     """Return (N,) metres: the median of the valid depths in a ring two pixels wide around each blob."""
-    label, count = ndimage.label(infrared > threshold, structure=np.ones((3, 3)))
+    label, count = labelled(infrared > threshold)
     found = []
     for i, (rows, columns) in enumerate(ndimage.find_objects(label), start=1):
         area = (slice(max(rows.start - 2, 0), rows.stop + 2), slice(max(columns.start - 2, 0), columns.stop + 2))

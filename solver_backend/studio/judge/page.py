@@ -98,7 +98,8 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
             colour = f"hsl({210 - 200 * share:.0f} 70% {72 - 22 * share:.0f}%)"
             drawn.append(
                 f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="{colour}">'
-                f"<title>{value:.1f} mm at ({xs[column]:.1f}, {ys[row]:.1f}) m, seen by {places.views[row, column]:.1f} cameras</title></rect>"
+                f"<title>{value:.1f} mm at ({xs[column]:.1f}, {ys[row]:.1f}) m, "
+                f"seen by {places.views[row, column]:.1f} cameras</title></rect>"
                 f'<text x="{x + cell / 2:.0f}" y="{y + cell / 2 + 4:.0f}" font-size="11" text-anchor="middle">'
                 f"{value:.0f}</text>"
             )
