@@ -43,6 +43,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     _add_retarget_options(retargeted)
     _add_body_options(verb("body", "body common", "write the posable body alone, as an asset"))
     _add_batch_options(verb("batch", "body out python common", "do all that for every capture of a folder, and resume"))
+    _add_studio_options(verb("studio", "python common", "film captures with known truth"))
     return whole
 
 
@@ -149,6 +150,15 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
         "--export-markers", nargs="+", choices=("c3d", "trc"), default=[],
         help="write the cleaned markers of takes of markers",
     )  # fmt: skip
+
+
+def _add_studio_options(studio: argparse.ArgumentParser) -> None:
+    add = studio.add_argument
+    add("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run that was ended resumes")
+    add("--plan", action="store_true", help="only check, and say what would be made and what room it needs")
+    add("--judge", nargs="+", default=[], metavar="METHOD", help="also solve by these methods and compare")
+    add("--places", action="store_true", help="also map the rigs' errors over the floor")
 
 
 def _blend_file(text: str) -> Path:

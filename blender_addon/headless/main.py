@@ -28,6 +28,7 @@ from .parent_pipe import end_with_input
 from .quiet import own_streams
 from .retarget import RetargetRequest, run_retarget
 from .solver import run_solver
+from .studio import StudioRequest, run_studio
 
 MODULE = "python -m blender_addon"
 _BREAKS = "\n"
@@ -169,9 +170,17 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_batch(request, progress, spread)
 
 
+def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    request = StudioRequest(
+        options.description, options.out, options.plan, tuple(dict.fromkeys(options.judge)), options.places,
+        options.python,
+    )  # fmt: skip
+    return run_studio(request, progress)
+
+
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
-    "export": _export, "retarget": _retarget, "body": _body, "batch": _batch,
+    "export": _export, "retarget": _retarget, "body": _body, "batch": _batch, "studio": _studio,
 }  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.marker_verbs import MARKER_VERBS
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.pose_arguments import POSE_VERBS
+from solver_backend.cli.studio_verbs import STUDIO_VERBS
 from solver_backend.exchange.errors import MocapError, SolverFailed
 from solver_backend.exchange.progress import Progress
 
@@ -75,7 +76,8 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
     groups = {
-        "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS, "solve_verb": ("solve",),
+        "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS,
+        "studio_verbs": STUDIO_VERBS, "solve_verb": ("solve",),
     }  # fmt: skip
     module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")

@@ -1,0 +1,88 @@
+"""``studio``: a description in; captures with truth, pictures and, if asked, a judged solve out."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from .._exchange.progress import Progress
+from ..errors import BlenderMissing
+from .solver import run_solver
+
+
+@dataclass(frozen=True)
+class StudioRequest:
+    """What to make."""
+
+    description: Path
+    """JSON file."""
+    out: Path
+    """Folder of the data set."""
+    plan: bool = False
+    """Only check, and say what would be made."""
+    judge: tuple[str, ...] = ()
+    """Methods to judge on it, none for no judging."""
+    places: bool = False
+    """Also map the rigs' errors over the floor."""
+    python: Path | None = None
+    """Python to solve with."""
+
+
+def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
+    """Make a data set: the backend films truth, infrared, depth and masks, Blender colour; a killed run resumes.
+
+    Returns:
+        The ``result`` event: the folder, how many shots, frames and pictures, seconds, and the judge's table.
+
+    Raises:
+        SolverStopped: the backend ended with an error: a description, motion, rig or disk that will not do.
+        RenderFailed: this Blender lacks the engine, or cannot render.
+    """
+    start = time.monotonic()
+    given = [str(request.description), "--out", str(request.out)]
+    planned = run_solver("studio", [*given, "--plan"], progress, python=request.python)
+    coloured = "rgb" in planned["film"]
+    if coloured:
+        _require_engine(planned["engine"])
+    notes = [
+        f"{len(planned['shots'])} shots, {planned['pictures']} pictures, about {planned['needed_mb']:.0f} MiB on disk."
+    ]
+    progress(f"planned, {planned['needed_mb']:.0f} MiB", 1, 1)
+    result = {**planned, "event": "result", "outputs": [str(request.out)], "notes": notes}
+    if request.plan:
+        return result
+    made = run_solver("studio", given, progress, python=request.python)
+    if coloured:
+        made = _in_colour(request, given, made, progress)
+    outputs = [str(request.out), *made["card"]]
+    if request.judge or request.places:
+        methods = ["--methods", *(request.judge or ("triangulation",))]
+        more = ["--places"] if request.places else []
+        judged = run_solver("studio-judge", [str(request.out), *methods, *more], progress, python=request.python)
+        outputs.append(judged["page"])
+        result |= {"table": judged["table"], "rows": judged["rows"]}
+    return {**result, "outputs": outputs, "frames": made["frames"], "seconds": round(time.monotonic() - start, 2)}
+
+
+def _in_colour(request: StudioRequest, given: list[str], made: dict[str, Any], progress: Progress) -> dict[str, Any]:
+    from ..studio.data_set import film_data_set_in_colour
+    from ..studio.videos import write_videos
+
+    film_data_set_in_colour(request.out, made["shots"], made["frames"], progress)
+    if "video" in made["write"]:
+        write_videos(request.out, made["shots"], progress)
+    # Once more, for the card and the contact sheet: the shots are there.
+    return run_solver("studio", given, progress, python=request.python)
+
+
+def _require_engine(name: str) -> None:
+    if find_spec("bpy") is None:
+        hint = "Install the package 'bpy' into it, or film no 'rgb'."
+        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
+    from ..studio.engines import engine_id
+
+    engine_id(name)

@@ -1,0 +1,201 @@
+"""A shot filmed in colour: every camera and frame rendered, bent by its lens, exposed, with the sensor's noise."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .._exchange.capture_file import CaptureFile, read_capture
+from .._exchange.errors import FileDamaged
+from .._exchange.motion_file import read_motion
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
+from ..render.picture import write_png
+from ..render.still import render_still, write_targa
+from ..scene.cameras import create_camera, look_through
+from .dressed_person import DressedPerson
+from .engines import enlargement, set_engine, show_paint
+from .lens_picture import LensPicture, lens_picture
+from .marker_balls import MarkerBalls
+from .paint import person_colours
+from .room import build_room, light_room
+from .scene_file import SceneFile, read_scene
+
+DONE = "rgb.json"
+"""Of a shot's folder: its colour pictures are whole."""
+FOLDER, _UNFINISHED = "rgb", ".unfinished-rgb"
+_BLUR_STEPS = 4
+_BANDS = 8
+"""Bands of rows that a rolling shutter is made of."""
+
+
+Place = Callable[[float], None]
+"""Puts everything that moves where it is at a time, in frames."""
+StandIn = Callable[[bpy.types.Collection], Place]
+"""Builds something else to be filmed than person and room."""
+
+
+@dataclass(frozen=True)
+class ColourShot:
+    """What is rendered."""
+
+    capture: CaptureFile
+    place: Place
+    lenses: tuple[LensPicture, ...]
+    cameras: tuple[bpy.types.Object, ...]
+    settings: dict[str, Any]
+    seed: int
+
+
+def film_in_colour(
+    folder: Path, told: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
+) -> int:
+    """Render a shot's colour pictures, whole or not at all, and return how many; those that are there stay.
+
+    The open file is forgotten.
+
+    Args:
+        folder: the shot's.
+        told: is told each frame that is done.
+        stand_in: what is filmed in the place of person and room, such as a calibration board.
+
+    Raises:
+        RenderFailed: Blender cannot render here.
+        MocapError: a file of the shot is missing or damaged.
+    """
+    if (folder / DONE).is_file():
+        return 0
+    record = _record(folder)
+    scene = _empty_scene()
+    shot = _set_up(folder, record, scene, stand_in)
+    unfinished = folder / _UNFINISHED
+    shutil.rmtree(unfinished, ignore_errors=True)
+    frames, count = record["frames"], 0
+    with tempfile.TemporaryDirectory(prefix="studio_") as name:
+        for frame in range(frames):
+            for view, camera in enumerate(shot.capture.cameras):
+                target = unfinished / camera.name
+                target.mkdir(parents=True, exist_ok=True)
+                write_png(target / f"{frame:06d}.png", _picture(scene, shot, view, frame, Path(name)), level=1)
+                count += 1
+            told(frame + 1)
+    shutil.rmtree(folder / FOLDER, ignore_errors=True)
+    unfinished.rename(folder / FOLDER)
+    (folder / DONE).write_text(json.dumps({"pictures": count, "blender": bpy.app.version_string}), encoding="utf-8")
+    return count
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    path = folder / "shot.json"
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FileDamaged(f"The shot cannot be read: {error}.", where=str(path)) from error
+
+
+def _empty_scene() -> bpy.types.Scene:
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return bpy.context.scene
+
+
+def _set_up(folder: Path, record: dict[str, Any], scene: bpy.types.Scene, stand_in: StandIn | None) -> ColourShot:
+    capture, dressed = read_capture(folder / "clean.npz"), read_scene(folder / "scene.npz")
+    rng = np.random.default_rng(int(record["rgb_seed"]))
+    settings = dict(record["rgb"])
+    if stand_in is None:
+        place = _cast(folder, capture, dressed, scene.collection, rng)
+        build_room(dressed, scene.collection, rng)
+    else:
+        place = stand_in(scene.collection)
+    light_room(dressed, scene, scene.collection, rng)
+    for thing in scene.collection.objects:
+        if thing.type == "MESH":
+            show_paint(thing.data)
+    write_targa(scene)
+    set_engine(scene, settings["engine"], int(settings["samples"]))
+    scene.view_settings.exposure = float(settings["exposure"]) + float(rng.uniform(-0.25, 0.25))
+    if settings["engine"] == "workbench":
+        scene.display.light_direction = tuple(_sun(rng).tolist())
+    lenses = tuple(lens_picture(camera) for camera in capture.cameras)
+    cameras = tuple(create_camera(lens.pinhole, scene.collection) for lens in lenses)
+    return ColourShot(capture, place, lenses, cameras, settings, int(record["rgb_seed"]))
+
+
+def _cast(
+    folder: Path, capture: CaptureFile, dressed: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator
+) -> Place:
+    """Add the person and the markers, and return what places both."""
+    motion, own = read_motion(folder / "motion.npz"), folder / "body.npz"
+    body = read_body(own if own.is_file() else body_path_of(motion.provenance))
+    person = DressedPerson(body, motion, dressed, person_colours(dressed, rng), collection)
+    markers = capture.markers
+    balls = MarkerBalls(markers.shape[1], collection) if markers is not None and markers.shape[1] else None
+
+    def place(time: float) -> None:
+        at = float(np.clip(time, 0, motion.num_frames - 1))
+        person.pose(at)
+        if balls is not None and markers is not None:
+            first = int(at)
+            after = min(first + 1, len(markers) - 1)
+            balls.place((1 - at + first) * markers[first] + (at - first) * markers[after])
+
+    return place
+
+
+def _sun(rng: np.random.Generator) -> np.ndarray:
+    """Return where Workbench's sun stands, from above; its second axis is the world's third."""
+    direction = np.array([rng.uniform(-0.5, 0.5), 1.0, rng.uniform(-0.5, 0.5)])
+    return direction / np.linalg.norm(direction)
+
+
+def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, folder: Path) -> np.ndarray:
+    """Return the (h, w, 3) uint8 picture of a camera."""
+    look_through(scene, shot.cameras[view], scale=enlargement(shot.settings["engine"]))
+    if shot.settings["engine"] == "cycles":
+        scene.cycles.seed = frame
+    open_share = float(shot.settings["blur"])
+    rolling = float(shot.settings["rolling_s"]) * shot.capture.fps
+    times = frame + open_share * ((np.arange(_BLUR_STEPS) + 0.5) / _BLUR_STEPS - 0.5) if open_share else [frame]
+    total = np.zeros(1)
+    for time in times:
+        total = total + _at_time(scene, shot, view, float(time), rolling, folder)
+    picture = shot.lenses[view](np.round(total / len(times)).astype(np.uint8))
+    return _with_noise(picture, float(shot.settings["noise"]), np.random.default_rng([shot.seed, view, frame]))
+
+
+def _at_time(
+    scene: bpy.types.Scene, shot: ColourShot, view: int, time: float, rolling: float, folder: Path
+) -> np.ndarray:
+    """Return the pinhole's picture at a time, (h, w, 3) floats; a rolling shutter reads row after row."""
+    if not rolling:
+        shot.place(time)
+        return _averaged(render_still(scene, 1, folder), shot.settings["engine"])
+    rows = []
+    height = shot.lenses[view].pinhole.image_size[1]
+    edges = np.linspace(0, height, _BANDS + 1).round().astype(int)
+    for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        shot.place(time + rolling * ((top + bottom) / 2 / height - 0.5))
+        rows.append(_averaged(render_still(scene, 1, folder), shot.settings["engine"])[top:bottom])
+    return np.concatenate(rows)
+
+
+def _averaged(rendered: np.ndarray, engine: str) -> np.ndarray:
+    """Return (h, w, 3) float32: the mean of each square of an enlarged picture."""
+    by = enlargement(engine)
+    parts = [rendered[i::by, j::by, :3].astype(np.float32) for i in range(by) for j in range(by)]
+    return np.sum(parts, axis=0) / len(parts)
+
+
+def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
+    if not sigma:
+        return np.ascontiguousarray(picture)
+    noisy = picture + (255 * sigma) * rng.standard_normal(picture.shape, np.float32)
+    return np.clip(noisy + 0.5, 0, 255).astype(np.uint8)

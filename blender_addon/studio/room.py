@@ -1,0 +1,128 @@
+"""The room of a shot in Blender: floor, walls, furniture and lights, in colours drawn by its seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+
+from .paint import COLOURS, linear, painted_material
+from .scene_file import SceneFile
+
+Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Returns the (n, 3) linear colours of squares by their (n,) column and row."""
+_TILE_M = 0.12
+"""Floor and walls are made of squares of about this size, each with its own colour."""
+_MOST_TILES = 90
+_BOX = np.array(
+    [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+)  # fmt: skip
+
+
+def build_room(scene: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator) -> None:
+    """Add floor, walls, ceiling and furniture to a collection."""
+    low, high = scene.room
+    floor, wall = _floor_paint(rng), _wall_paint(rng)
+    corners = {
+        "floor": (low, (1, 0, 0), (0, 1, 0)), "south": (low, (0, 0, 1), (1, 0, 0)), "west": (low, (0, 1, 0), (0, 0, 1)),
+        "north": (high, (0, 0, -1), (-1, 0, 0)), "east": (high, (0, -1, 0), (0, 0, -1)),
+        "ceiling": (high, (-1, 0, 0), (0, -1, 0)),
+    }  # fmt: skip
+    for name, (start, u, v) in corners.items():
+        if name == "floor" or scene.walls:
+            paint = floor if name == "floor" else wall
+            _add_plane(name, start, np.array(u, float), np.array(v, float), high - low, paint, collection)
+    for i, (middle, half, (angle, _, _), colour) in enumerate(scene.furniture):
+        _add_box(f"furniture {i}", middle, half, angle, colour, collection)
+
+
+def light_room(
+    scene: SceneFile, target: bpy.types.Scene, collection: bpy.types.Collection, rng: np.random.Generator
+) -> None:
+    """Add lamps below the ceiling and a dim world; they light Cycles and EEVEE."""
+    low, high = scene.room
+    area = float((high - low)[0] * (high - low)[1])
+    warmth = rng.uniform(-0.15, 0.15)
+    for _ in range(int(rng.integers(2, 5))):
+        data = bpy.data.lights.new("lamp", "AREA")
+        data.energy = float(rng.uniform(4.0, 9.0) * area / 2)
+        data.size = float(rng.uniform(0.5, 1.6))
+        data.color = (1.0, float(1 - 0.3 * max(warmth, 0)), float(1 - max(warmth, 0)))
+        lamp = bpy.data.objects.new("lamp", data)
+        place = low + (high - low) * [*rng.uniform(0.2, 0.8, 2), 0.0]
+        lamp.location = (float(place[0]), float(place[1]), float(high[2] - 0.06))
+        collection.objects.link(lamp)
+    world = bpy.data.worlds.new("studio")
+    if bpy.app.version < (5, 0):
+        world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    background.inputs["Color"].default_value = (0.8, 0.85, 1.0, 1.0)
+    background.inputs["Strength"].default_value = float(rng.uniform(0.3, 0.6)) if scene.walls else 0.9
+    target.world = world
+
+
+def _floor_paint(rng: np.random.Generator):
+    base = linear(rng.uniform(0.05, 0.12), rng.uniform(0.1, 0.5), rng.uniform(0.45, 0.8))
+    kind = int(rng.integers(3))
+    jitter = rng.uniform(0.05, 0.25)
+
+    def paint(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        shade = np.sin(12.9898 * i + 78.233 * (j // 6 if kind == 0 else j)) * 43758.5453
+        shade = 1 + jitter * (shade - np.floor(shade) - 0.5)
+        if kind == 1:
+            shade = shade * np.where(((i // 3 + j // 3) % 2).astype(bool), 1.15, 0.7)
+        return base * shade[:, None]
+
+    return paint
+
+
+def _wall_paint(rng: np.random.Generator):
+    base = linear(rng.random(), rng.uniform(0.0, 0.22), rng.uniform(0.75, 0.98))
+    other = base * rng.uniform(0.6, 0.95)
+    period, kind = int(rng.integers(3, 9)), int(rng.integers(3))
+
+    def paint(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        stripe = ((i if kind == 1 else j) // period) % 2 == 0
+        return np.where(stripe[:, None] & (kind > 0), other, base)
+
+    return paint
+
+
+def _add_plane(
+    name: str, start: np.ndarray, u: np.ndarray, v: np.ndarray, size: np.ndarray, paint: Paint,
+    collection: bpy.types.Collection,
+) -> None:  # fmt: skip
+    """Add a rectangle of squares that spans the room along two axes from a corner."""
+    lengths = float(np.abs(u @ size)), float(np.abs(v @ size))
+    counts = [int(np.clip(round(length / _TILE_M), 1, _MOST_TILES)) for length in lengths]
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(counts[0] + 1), np.arange(counts[1] + 1), indexing="ij"))
+    points = start + np.outer(i / counts[0] * lengths[0], u) + np.outer(j / counts[1] * lengths[1], v)
+    a, b = (grid.ravel() for grid in np.meshgrid(np.arange(counts[0]), np.arange(counts[1]), indexing="ij"))
+    first = a * (counts[1] + 1) + b
+    faces = np.stack([first, first + counts[1] + 1, first + counts[1] + 2, first + 1], axis=1)
+    _add_mesh(name, points, faces, np.repeat(paint(a, b), 4, axis=0), collection)
+
+
+def _add_box(
+    name: str, middle: np.ndarray, half: np.ndarray, angle: float, colour: np.ndarray,
+    collection: bpy.types.Collection,
+) -> None:  # fmt: skip
+    corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    _add_mesh(name, (corner * half) @ turn.T + middle, _BOX, np.tile(colour**2.2, (24, 1)), collection)
+
+
+def _add_mesh(
+    name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, collection: bpy.types.Collection
+) -> None:
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(points.tolist(), [], faces.tolist())
+    attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
+    attribute.data.foreach_set("color", np.c_[np.clip(colours, 0, 1), np.ones(len(colours))].astype(np.float32).ravel())
+    mesh.materials.append(painted_material(name, 0.7))
+    mesh.update()
+    thing = bpy.data.objects.new(name, mesh)
+    # Workbench's only lamp is the sun, which a ceiling would keep out.
+    thing.display.show_shadows = name.startswith("furniture")
+    collection.objects.link(thing)

@@ -1,0 +1,109 @@
+"""The verbs of the studio: make a data set, judge solves on it, and say what rigs would reach."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.progress import Progress
+
+STUDIO_VERBS = ("studio", "studio-judge", "studio-rigs")
+
+
+def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add studio, studio-judge and studio-rigs to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    make = verbs.add_parser("studio", parents=[common], help="make captures with known truth from a description")
+    make.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
+    make.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
+    make.add_argument("--plan", action="store_true", help="only say what would be made, and check it")
+
+    judge = verbs.add_parser("studio-judge", parents=[common], help="solve a data set and compare with its truth")
+    judge.add_argument("data_set", type=Path, metavar="DIR", help="folder that studio made")
+    judge.add_argument("--methods", nargs="+", default=["global"], metavar="METHOD", help="of solve, or triangulation")
+    judge.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="what is solved")
+    judge.add_argument(
+        "--faults", nargs="+", default=["perturbed"], choices=("clean", "perturbed"), help="which captures"
+    )
+    judge.add_argument("--places", action="store_true", help="also map the rigs' errors over the floor")
+
+    rigs = verbs.add_parser("studio-rigs", parents=[writing, common], help="map the errors of rigs over the floor")
+    rigs.add_argument("description", type=Path, metavar="SPEC.json", help="its rigs and its perturb are taken")
+    rigs.add_argument("--out", type=Path, required=True, metavar="PAGE.html", help="page to write")
+
+
+def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Make a data set, or say what would be made."""
+    from solver_backend.studio.data_set import make_data_set, open_data_set, plan
+    from solver_backend.studio.spec import read_spec
+    from solver_backend.studio.writers.contact_sheet import write_card
+
+    spec = read_spec(args.description)
+    found = open_data_set(spec, args.out) if args.plan else plan(spec)
+    said = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
+    data = {
+        "shots": [shot.name for shot in found.shots], "frames": found.frames, "pictures": found.pictures,
+        "needed_mb": round(found.bytes / 2**20, 1), "film": list(spec.film), "engine": spec.rgb.engine,
+        "write": list(spec.write), "data_set": str(args.out),
+    }  # fmt: skip
+    if args.plan:
+        return Outcome(f"would make {said}", data)
+    records = make_data_set(spec, args.out, progress)
+    card = write_card(args.out)
+    data["frames"] = sum(record["frames"] for record in records)
+    return Outcome(f"made {said}\n  written     {args.out}", data | {"card": [str(path) for path in card]})
+
+
+def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Solve a data set by some methods, compare with its truth, and write a page."""
+    from solver_backend.exchange.outputs import write_text
+    from solver_backend.studio.data_set import read_data_set
+    from solver_backend.studio.judge.judge import judge
+    from solver_backend.studio.judge.page import page_html, table
+    from solver_backend.studio.judge.place_errors import place_errors
+
+    spec, _ = read_data_set(args.data_set)
+    verdicts = judge(args.data_set, args.methods, args.inputs, args.faults, progress)
+    places = [place_errors(rig, spec.perturb, progress=progress) for rig in spec.rigs] if args.places else []
+    page = args.data_set / "judge.html"
+    write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
+    rows = [
+        {"shot": v.shot, "faults": v.faults, "input": v.source, "method": v.method, "mpjpe_mm": _plain(v.mpjpe_mm),
+         "pa_mpjpe_mm": _plain(v.pa_mpjpe_mm), "accel_m_s2": _plain(v.accel_m_s2), "seconds": _plain(v.seconds),
+         "error": v.error}
+        for v in verdicts
+    ]  # fmt: skip
+    return Outcome(
+        f"{table(verdicts)}\n  written     {page}", {"page": str(page), "table": table(verdicts), "rows": rows}
+    )
+
+
+def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Map the errors of a description's rigs over the floor."""
+    import numpy as np
+
+    from solver_backend.exchange.outputs import check_output, write_text
+    from solver_backend.studio.judge.page import page_html
+    from solver_backend.studio.judge.place_errors import place_errors
+    from solver_backend.studio.spec import read_spec
+
+    check_output(args.out, overwrite=bool(args.overwrite))
+    spec = read_spec(args.description)
+    places = [place_errors(rig, spec.perturb, seed=spec.seed, progress=progress) for rig in spec.rigs]
+    write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=bool(args.overwrite))
+    medians = {p.rig: float(np.nanmedian(p.error_mm)) if np.isfinite(p.error_mm).any() else None for p in places}
+    said = "\n".join(
+        f"{name:<20} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
+    )
+    return Outcome(f"{said}\n  written     {args.out}", {"page": str(args.out), "median_mm": medians})
+
+
+def _plain(value: float) -> float | None:
+    return round(value, 4) if value == value else None

@@ -1,0 +1,187 @@
+"""A data set on disk: its folder claimed, room for it asked, its shots made one after the other, resumable."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from solver_backend import __version__
+from solver_backend.exchange.errors import Cancelled, FileDamaged, FileMissing
+from solver_backend.exchange.outputs import check_output, is_free, write_text
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.studio.errors import DiskTooSmall, OtherDataSet
+from solver_backend.studio.make_shot import DONE, UNFINISHED, make_shot
+from solver_backend.studio.shots import Shot, list_shots
+from solver_backend.studio.spec import Spec, spec_of
+from solver_backend.studio.stage import require_sight, set_up
+
+DESCRIPTION, SHOTS = "studio.json", "shots"
+_FORMAT = "manifold_mocap_studio"
+_BYTES_PER_PIXEL = {"infrared": 1.45, "depth": 0.85, "masks": 0.04, "normals": 0.25, "rgb": 1.6}
+"""Of PNG, measured on the presets (RGB with its noise)."""
+_BYTES_PER_FRAME = {"pose2sim": 700, "coco": 450}
+"""A view."""
+_TRUTH_BYTES = 9000
+"""A view and frame, of truth and captures."""
+_SPARE = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a description asks for."""
+
+    shots: tuple[Shot, ...]
+    frames: int
+    """Of all shots, at most."""
+    pictures: int
+    """Of all kinds, at most."""
+    bytes: int
+    """About what it takes on disk."""
+
+
+def plan(spec: Spec) -> Plan:
+    """Return what a description asks for; nothing is made.
+
+    Raises:
+        FileMissing: a motion is not there.
+    """
+    shots = list_shots(spec)
+    total, pictures = 0.0, 0
+    for shot in shots:
+        sizes = shot.rig.cameras.image_size
+        views = len(sizes)
+        area = float((sizes[:, 0] * sizes[:, 1]).sum())
+        pictures += views * spec.frames * len(spec.film)
+        total += spec.frames * area * sum(_BYTES_PER_PIXEL[kind] for kind in spec.film)
+        total += spec.frames * views * (_TRUTH_BYTES + sum(_BYTES_PER_FRAME.get(kind, 0) for kind in spec.write))
+    return Plan(shots, spec.frames * len(shots), pictures, int(total))
+
+
+def open_data_set(spec: Spec, out: Path) -> Plan:
+    """Claim a folder for a data set after checking everything that can be checked before work begins.
+
+    Raises:
+        OtherDataSet: the folder holds another data set, or something else.
+        DiskTooSmall: there is not enough room for what is not yet made.
+        NobodySeen, CameraInsideBody: a shot cannot be filmed.
+        OutputNotWritable: the folder cannot be written to.
+        MocapError: a motion cannot be read.
+    """
+    found = plan(spec)
+    _require_own(spec, out)
+    done = [shot for shot in found.shots if (out / SHOTS / shot.name / DONE).is_file()]
+    needed = int(found.bytes * (1 - len(done) / len(found.shots))) + _SPARE
+    free = shutil.disk_usage(_existing(out)).free
+    if needed > free:
+        raise DiskTooSmall(
+            f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.", where=str(out),
+            hint="Film fewer frames, smaller pictures or fewer kinds, or choose another disk.",
+        )  # fmt: skip
+    left = [shot for shot in found.shots if shot not in done]
+    for shot in _one_of_each(left):
+        require_sight(set_up(spec, shot))
+    check_output(out / DESCRIPTION, overwrite=True)
+    text = json.dumps(
+        {"format": _FORMAT, "version": __version__, "digest": digest(spec), "folder": str(spec.folder),
+         "description": json.loads(spec.text), "needed_mb": round(found.bytes / 2**20, 1)},
+        indent=1, sort_keys=True,
+    )  # fmt: skip
+    write_text(out / DESCRIPTION, text + "\n", overwrite=True)
+    return found
+
+
+def make_data_set(spec: Spec, out: Path, progress: Progress = silent) -> list[dict[str, Any]]:
+    """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` says.
+
+    Raises:
+        MocapError: see ``open_data_set`` and ``make_shot``.
+    """
+    found = open_data_set(spec, out)
+    shots, records, before = out / SHOTS, [], 0
+    shots.mkdir(exist_ok=True)
+    stage = f"filming {_size(found.bytes)}"
+    progress(stage, 0, found.frames)
+    try:
+        for shot in found.shots:
+            start = before
+            records.append(
+                make_shot(spec, shot, shots, lambda n, start=start: progress(stage, start + n, found.frames))
+            )
+            before += spec.frames
+            progress(stage, before, found.frames)
+    except (KeyboardInterrupt, Cancelled):
+        _tidy(shots)
+        raise
+    return records
+
+
+def read_data_set(out: Path) -> tuple[Spec, list[dict[str, Any]]]:
+    """Return description and shots of a data set that was made.
+
+    Raises:
+        FileMissing: there is none, or no shot of it.
+        FileDamaged: its description cannot be read.
+    """
+    values = _description(out)
+    if values is None:
+        raise FileMissing("The folder holds no data set of the studio.", where=str(out))
+    spec = spec_of(values["description"], Path(values.get("folder", ".")))
+    records = [
+        json.loads((folder / DONE).read_text(encoding="utf-8"))
+        for folder in sorted((out / SHOTS).glob("*")) if (folder / DONE).is_file()
+    ]  # fmt: skip
+    if not records:
+        raise FileMissing("The data set has no finished shot.", where=str(out), hint="Run the studio again.")
+    return spec, records
+
+
+def digest(spec: Spec) -> str:
+    """Return what makes a data set the same: its description, in hexadecimal."""
+    return hashlib.sha256(spec.text.encode()).hexdigest()[:32]
+
+
+def _one_of_each(shots: list[Shot]) -> list[Shot]:
+    """Return one shot of each motion, rig and look: who the person is hardly changes what is seen of them."""
+    return list({(s.motion.name, s.rig.name): s for s in reversed(shots)}.values())[::-1]
+
+
+def _require_own(spec: Spec, out: Path) -> None:
+    values = _description(out)
+    if values is not None and values.get("digest") != digest(spec):
+        raise OtherDataSet(
+            "The folder holds a data set of another description.", where=str(out),
+            hint="Choose another folder, or give the description that made it.",
+        )  # fmt: skip
+    if values is None and not is_free(out):
+        raise OtherDataSet("The folder holds something else.", where=str(out), hint="Choose a folder that is new.")
+
+
+def _description(out: Path) -> dict[str, Any] | None:
+    path = out / DESCRIPTION
+    if not path.is_file():
+        return None
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FileDamaged(f"The data set's description is not JSON: {error}.", where=str(path)) from error
+    return values if isinstance(values, dict) and values.get("format") == _FORMAT else {}
+
+
+def _existing(path: Path) -> Path:
+    return next(p for p in (path.resolve(), *path.resolve().parents) if p.exists())
+
+
+def _tidy(shots: Path) -> None:
+    for folder in shots.glob(f"{UNFINISHED}*"):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _size(count: float) -> str:
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.0f} MiB"
+
+
+__all__ = ["DESCRIPTION", "SHOTS", "Plan", "make_data_set", "open_data_set", "plan", "read_data_set"]

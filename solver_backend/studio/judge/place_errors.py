@@ -1,0 +1,116 @@
+"""What a rig would reach: the error of triangulated keypoints at every place of the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.cameras.projection import project
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.simulation.filming import Person, miscalibrated, px_per_mm
+from solver_backend.simulation.keypoint_detector import DetectorModel, Sight, detect_keypoints
+from solver_backend.simulation.occlusion import self_occluded
+from solver_backend.studio.motions import MotionSource
+from solver_backend.studio.perturbation import Perturbation
+from solver_backend.studio.rigs import Rig
+from solver_backend.studio.shots import seeded
+from solver_backend.types import Cameras, JointSet
+
+_POSES, _DRAWS = 5, 8
+"""Poses a place, and how often a detector looks at each."""
+_FPS = 30.0
+
+
+@dataclass(frozen=True)
+class PlaceErrors:
+    """Errors over the floor; Y rows, X columns."""
+
+    rig: str
+    x_m: np.ndarray
+    """(X,) metres."""
+    y_m: np.ndarray
+    """(Y,) metres."""
+    error_mm: np.ndarray
+    """(Y, X) root mean square distance of triangulated keypoints to the truth, NaN where most are not located."""
+    views: np.ndarray
+    """(Y, X) mean number of cameras that see a keypoint."""
+    cameras: np.ndarray
+    """(C, 3) metres."""
+
+
+def place_errors(
+    rig: Rig, faults: Perturbation, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
+    joint_set: JointSet = JointSet.BODY_25, progress: Progress = silent,
+) -> PlaceErrors:  # fmt: skip
+    """Return the error of a rig over a square of the floor.
+
+    At each place a person stands in some poses of the choreography; a detector looks at each several times, and what
+    two cameras or more see is triangulated as a solve would.
+
+    Args:
+        rig: the cameras.
+        faults: of the detector and the calibration.
+        half_m: half the square's side.
+        step_m: between places.
+        seed: of detector and calibration.
+        joint_set: of the keypoints.
+        progress: told about every place.
+    """
+    body, betas = load_body(), np.zeros(10)
+    person = MotionSource("choreography", None).play(body, betas, _FPS, 180)
+    frames = np.linspace(0, len(person.transl) - 1, _POSES).round().astype(int)
+    still = Person(body, betas, person.orient[frames], person.local[frames], person.transl[frames])
+    points, skin = still.landmarks(joint_set).points, still.skin(np.arange(_POSES))
+    middle = still.landmarks(JointSet.SMPL_24).points[:, :1] * [1.0, 1.0, 0.0]
+    points, skin = points - middle, skin - middle
+    target = np.zeros(3)
+    true = rig.around(target)
+    centre = true.centres[:, :2].mean(axis=0) if rig.fixed else target[:2]
+    rng = seeded(seed, rig.name, "places")
+    room = np.array([*centre, 0.95])
+    known = miscalibrated(true, room, faults.calibration_mm, rng) if faults.calibration_mm and len(true) > 1 else true
+    ticks = np.arange(-half_m, half_m + 1e-9, step_m)
+    error, views = np.full((len(ticks), len(ticks)), np.nan), np.zeros((len(ticks), len(ticks)))
+    for i, y in enumerate(ticks.tolist()):
+        for j, x in enumerate(ticks.tolist()):
+            move = np.array([centre[0] + x, centre[1] + y, 0.0])
+            hidden = self_occluded(true, body, skin + move, points + move, joint_set.keypoints)
+            error[i, j], views[i, j] = _at_place((true, known), still, points + move, hidden, joint_set, faults, rng)
+            progress(f"rig {rig.name}", i * len(ticks) + j + 1, ticks.size**2)
+    return PlaceErrors(rig.name, centre[0] + ticks, centre[1] + ticks, error, views, true.centres)
+
+
+def _at_place(
+    cameras: tuple[Cameras, Cameras], person: Person, points: np.ndarray, hidden: np.ndarray, joint_set: JointSet,
+    faults: Perturbation, rng: np.random.Generator,
+) -> tuple[float, float]:  # fmt: skip
+    true, known = cameras
+    px = project(true.K, true.distortion, true.R, true.t, points, true.distortion_model)
+    with np.errstate(invalid="ignore"):
+        inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
+    way = np.einsum("fij,cfi->cfj", person.orient, true.centres[:, None] - points[None, :, 0])
+    model = DetectorModel(
+        view_bias_mm=faults.bias_mm, drift_mm=faults.drift_mm, jitter_mm=faults.jitter_mm, missing=faults.missing,
+        occluded_missing=faults.occluded_missing, outliers=faults.outliers, swaps_per_minute=0.0, drift_s=1e-3,
+    )  # fmt: skip
+    tile = (1, _DRAWS, 1)
+    sight = Sight(
+        np.tile(np.where(inside[..., None], px, -1e6), (*tile, 1)), np.tile(px_per_mm(true, points), tile),
+        np.tile(np.arctan2(way[..., 0], way[..., 2]), (1, _DRAWS)), np.tile(hidden, tile), true.image_size,
+    )  # fmt: skip
+    found = detect_keypoints(sight, joint_set, _FPS, model, rng)
+    seen_by = float((found.confidence > 0).sum(axis=0).mean())
+    if len(true) < 2:
+        return np.nan, seen_by
+    located = triangulate(known, found.xy, found.confidence).points
+    off = np.linalg.norm(located - np.tile(points, (_DRAWS, 1, 1)), axis=-1)
+    good = np.isfinite(off)
+    return (float(1e3 * np.sqrt((off[good] ** 2).mean())) if good.mean() > 0.5 else np.nan), seen_by
+
+
+def with_count(rig: Rig, cameras: list[int]) -> Rig:
+    """Return the rig with some of its cameras: what fewer would reach."""
+    return replace(rig, name=f"{rig.name}_{len(cameras)}", cameras=rig.cameras.subset(cameras))

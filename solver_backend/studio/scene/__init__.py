@@ -1,0 +1,1 @@
+"""What stands before the cameras: the person in clothes, furniture, the room, and which surface each pixel sees."""

@@ -1,0 +1,119 @@
+"""The room: floor, walls and ceiling around cameras and person, and furniture in the way of some sight lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.exchange.lens import normalised, undistort
+from solver_backend.types import Cameras
+
+_MARGIN_M = 0.8
+_CLEAR_OF_PERSON_M, _CLEAR_OF_CAMERA_M = 0.55, 0.6
+_TRIES = 60
+_PARTS = 10
+"""Every side of a box is so many squares wide and high: triangles small enough for the lens to be straight in them."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A box that holds everything, and boxes in it."""
+
+    low: np.ndarray
+    """(3,) metres; z is the floor."""
+    high: np.ndarray
+    """(3,) metres."""
+    walls: bool
+    """Walls and ceiling are there."""
+    furniture: np.ndarray
+    """(N, 4, 3): of each piece the middle, the half sizes, (heading, 0, 0) and its colour, 0..1."""
+
+    def furniture_mesh(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (V, 3) vertices and (T, 3) triangles of all furniture."""
+        if not len(self.furniture):
+            return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+        corner, box = unit_box(_PARTS)
+        vertices = []
+        for middle, half, (angle, _, _), _ in self.furniture:
+            turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+            vertices.append((corner * half) @ turn.T + middle)
+        faces = [box + len(corner) * i for i in range(len(vertices))]
+        return np.concatenate(vertices), np.concatenate(faces)
+
+    def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (h, w) depth in metres along the axis, inf where nothing is, and (h, w, 3) normals of the world.
+
+        Args:
+            centre: (3,) the camera's.
+            ray: (h, w, 3) directions in the world, 1 long along the camera's axis.
+
+        A ray from inside a box leaves it through the nearest plane that it runs towards.
+        """
+        planes = np.where(ray > 0, self.high, self.low)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = (planes - centre) / ray
+        if not self.walls:
+            reach[..., :2] = np.inf
+            reach[..., 2] = np.where(ray[..., 2] < 0, reach[..., 2], np.inf)
+        reach = np.where(reach > 0, reach, np.inf)
+        axis = reach.argmin(axis=-1)
+        depth = np.take_along_axis(reach, axis[..., None], -1)[..., 0]
+        normal = np.zeros((*depth.shape, 3))
+        sign = -np.sign(np.take_along_axis(ray, axis[..., None], -1))
+        np.put_along_axis(normal, axis[..., None], sign, -1)
+        return depth.astype(np.float32), normal.astype(np.float32)
+
+
+def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
+    """Return the (h, w, 3) directions, z = 1, that the pixels' centres see along in the camera's frame."""
+    width, height = cameras.image_size[view].tolist()
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    bent = normalised(np.stack([u, v], axis=-1), cameras.K[view])
+    straight = undistort(bent, cameras.distortion[view], cameras.distortion_model)
+    return np.concatenate([np.nan_to_num(straight, nan=10.0), np.ones((height, width, 1))], axis=-1)
+
+
+def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (V, 3) vertices in -1..1 and (T, 3) triangles of a box, counter-clockwise from outside."""
+    steps = np.linspace(-1.0, 1.0, parts + 1)
+    u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    first = (np.arange(parts)[:, None] * (parts + 1) + np.arange(parts)).ravel()
+    right, up, both = first + 1, first + parts + 1, first + parts + 2
+    side = np.concatenate([np.stack([first, right, both], 1), np.stack([first, both, up], 1)])
+    vertices, faces = [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            points = np.zeros((len(u), 3))
+            points[:, axis], points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = sign, u, v
+            faces.append((side if sign > 0 else side[:, ::-1]) + len(u) * len(vertices))
+            vertices.append(points)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def furnish(path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator) -> Room:
+    """Return a room around a person's way with furniture clear of both person and cameras.
+
+    Args:
+        path: (F, 3) pelvis, metres.
+        cameras: C cameras.
+        furniture: at most so many pieces.
+        walls: whether there are walls and a ceiling.
+        rng: seeded source of randomness.
+    """
+    points = np.concatenate([path, cameras.centres])
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    low[2], high[2] = 0.0, max(high[2], 2.6)
+    pieces: list[np.ndarray] = []
+    for _ in range(_TRIES):
+        half = np.array([*rng.uniform(0.15, 0.35, 2), rng.uniform(0.2, 0.5)])
+        away, angle = rng.uniform(0.7, 1.6), rng.uniform(0, 2 * np.pi)
+        beside = path[rng.integers(len(path)), :2] + away * np.array([np.cos(angle), np.sin(angle)])
+        middle = np.array([*beside, half[2]])
+        reach = float(np.hypot(*half[:2]))
+        to_path = np.linalg.norm(path[:, :2] - middle[:2], axis=1).min() - reach
+        to_camera = np.linalg.norm(cameras.centres[:, :2] - middle[:2], axis=1).min() - reach
+        apart = all(np.linalg.norm(middle[:2] - p[0, :2]) > reach + np.hypot(*p[1, :2]) for p in pieces)
+        if len(pieces) < furniture and to_path > _CLEAR_OF_PERSON_M and to_camera > _CLEAR_OF_CAMERA_M and apart:
+            pieces.append(np.stack([middle, half, [rng.uniform(0, np.pi), 0, 0], rng.uniform(0.15, 0.75, 3)]))
+    return Room(low, high, walls, np.array(pieces).reshape(-1, 4, 3))

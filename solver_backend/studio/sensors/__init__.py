@@ -1,0 +1,1 @@
+"""What sensors make of a scene: the surface each pixel sees, and infrared and depth as devices measure them."""

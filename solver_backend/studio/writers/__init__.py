@@ -1,0 +1,1 @@
+"""A shot written as other programs read it."""
