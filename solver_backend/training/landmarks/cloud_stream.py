@@ -76,7 +76,8 @@ class CloudStream:
             targets = torch.cat((places[:, :GHOST], joints), 1) - centre
             ones = torch.ones(count, device=self.device) if weight is None else weight
             points = torch.where(cloud.seen[..., None], cloud.points - centre, 0.0)
-            return Clouds(points, cloud.seen, cloud.labels, targets, ones)
+            whole = Clouds(points, cloud.seen, cloud.labels, targets, ones)
+            return whole if self.device == "cuda" else without_empty_slots(whole)
 
     def _posed(self, rotvec: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return (B, P, 3) places and (B, 24, 3) joints, of people of all shapes, heading anywhere."""
@@ -137,6 +138,14 @@ class CloudStream:
         worn = torch.where(_often(0.25, count, 1, like=kept) > 0, worn & thinned, worn)
         more = torch.rand(count, len(PLACES), device=device) < 0.06 * torch.rand(count, 1, device=device)
         return torch.where(_often(0.25, count, 1, like=kept) > 0, worn | more, worn)
+
+
+def without_empty_slots(clouds: Clouds) -> Clouds:
+    """Return the clouds with the points that are there first, and no more slots than the fullest needs."""
+    most = int(clouds.seen.sum(1).max())
+    order = (~clouds.seen).to(torch.int8).argsort(dim=1, stable=True)[:, :most]
+    points = clouds.points.gather(1, order[..., None].expand(-1, -1, 3))
+    return Clouds(points, clouds.seen.gather(1, order), clouds.labels.gather(1, order), clouds.targets, clouds.weight)
 
 
 def _median(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import nn
 
-from solver_backend.labelling.features import FREQUENCIES, RADII_M, RADIUS_WIDTH
+from solver_backend.labelling.features import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
 
 _HIDDEN = -30000.0
@@ -49,7 +49,7 @@ class PointNet(nn.Module):
         self.widths = widths
         d, heads = widths.width, widths.heads
         self.embed = nn.Linear(3 + 6 * len(FREQUENCIES), d)
-        self.by_distance = nn.Linear(len(RADII_M), widths.layers * heads, bias=False)
+        self.by_distance = nn.Linear(len(NEARNESS), widths.layers * heads, bias=False)
         self.layers = nn.ModuleList(_Layer(d, heads) for _ in range(widths.layers))
         self.norm = nn.LayerNorm(d)
         self.labels = nn.Linear(d, GHOST + 1)
@@ -61,14 +61,14 @@ class PointNet(nn.Module):
         self.offset = nn.Linear(d, 3)
         self.spread = nn.Linear(d, 6)
         self.register_buffer("frequencies", torch.tensor(FREQUENCIES), persistent=False)
-        self.register_buffer("radii", torch.tensor(RADII_M), persistent=False)
+        self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
 
     def forward(self, points: torch.Tensor, seen: torch.Tensor) -> Reading:
         """Read (B, N, 3) points of which ``seen`` (B, N) are there."""
         waves = (points[..., None] * self.frequencies).flatten(-2)
         x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
-        apart = (points[:, :, None] - points[:, None]).square().sum(-1).clamp(min=1e-8).sqrt()
-        near = torch.exp(-((apart[..., None] - self.radii) / RADIUS_WIDTH).square())
+        apart = (points[:, :, None] - points[:, None]).square().sum(-1).clamp(min=1e-8).pow(0.25)
+        near = torch.exp(-((apart[..., None] - self.nearness) / NEARNESS_WIDTH).square())
         gone = torch.where(seen, 0.0, _HIDDEN)
         bias = self.by_distance(near).permute(0, 3, 1, 2) + gone[:, None, None]
         for layer, part in zip(self.layers, bias.chunk(len(self.layers), dim=1), strict=True):

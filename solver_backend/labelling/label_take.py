@@ -1,0 +1,174 @@
+"""A cloud without names becomes a labelled one: the network reads frames, stretches vote, labels exclude one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.labelling.exclusive_labels import labels_of_stretches
+from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
+from solver_backend.labelling.point_network import PointNetwork
+from solver_backend.labelling.tracklets import Tracklets, tracklets_of
+from solver_backend.types import MarkerCloud
+
+UNKNOWN = -1
+"""Label of a point that nobody dares to name."""
+READ_FPS = 30.0
+"""Frames a second that the network reads: votes nearer to each other say the same."""
+MEMORY_S = 0.15
+"""Readings nearer in time than this err alike, and count as one."""
+SURE, SHARE = 0.8, 0.35
+"""A label stands if the whole stretch makes it so probable, and if in a frame it has at least this on average."""
+FEWEST_POINTS = 6
+"""Fewer do not make a person."""
+_FLOOR = -8.0
+"""Least log probability that one reading may have: no single frame rules a label out."""
+_PART = 64
+
+
+@dataclass(frozen=True)
+class LabelledTake:
+    """F frames of N points and what each of them is."""
+
+    labels: np.ndarray
+    """(F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or not there."""
+    confidence: np.ndarray
+    """(F, N) probability of the label, NaN where there is no point."""
+    tracklets: Tracklets
+    stretch_label: np.ndarray
+    """(T,) label of each stretch, as above."""
+    stretch_confidence: np.ndarray
+    """(T,)"""
+    frames: np.ndarray
+    """(K,) frames that the network read."""
+    landmarks: np.ndarray
+    """(K, 77, 3) metres: where the network has markers and joints."""
+    covariance: np.ndarray
+    """(K, 77, 3, 3) m²."""
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(K, 24, 3) metres."""
+        return self.landmarks[:, -len(JOINTS) :]
+
+    def cloud(self, source: MarkerCloud) -> MarkerCloud:
+        """Return the take with one column a marker, by the superset's order, and the points without a name after them.
+
+        Where two stretches of one marker share a frame, the surer one counts.
+        """
+        frames, points = self.labels.shape
+        named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
+        positions = np.full((frames, len(named), 3), np.nan)
+        for column, label in enumerate(named):
+            mine = np.where(self.labels == label, self.confidence, -1.0)
+            best = mine.argmax(1)
+            there = mine[np.arange(frames), best] >= 0
+            positions[there, column] = source.positions[there, best[there]]
+        rest = np.where(((self.labels < 0) | (self.labels == GHOST))[..., None], source.positions, np.nan)
+        rest = rest[:, np.isfinite(rest).all(-1).any(0)]
+        names = tuple(MARKERS[label] for label in named) + tuple(f"*{i}" for i in range(1, rest.shape[1] + 1))
+        return replace(source, positions=np.concatenate([positions, rest], axis=1), labels=names, residual=None)
+
+
+def label_take(
+    cloud: MarkerCloud, network: PointNetwork, progress: Progress = silent,
+    told: Mapping[tuple[int, int], str] | None = None,
+) -> LabelledTake:  # fmt: skip
+    """Label the points of a take.
+
+    Args:
+        cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
+        network: that reads frames.
+        progress: called as frames are read.
+        told: marker's name by (column, frame), from a person: it binds the whole stretch. Empty text: none of them.
+
+    Raises:
+        NoDetections: in no frame are there enough points.
+    """
+    positions = np.asarray(cloud.positions, dtype=np.float64)
+    seen = np.isfinite(positions).all(-1)
+    if not (seen.sum(1) >= FEWEST_POINTS).any():
+        raise NoDetections(
+            f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
+        )
+    tracklets = tracklets_of(positions, cloud.fps)
+    frames = _frames_to_read(seen, cloud.fps)
+    evidence, mean, count, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
+    labels, sure = _voted(evidence, mean, count, frames, tracklets, cloud.fps, told or {})
+    stretch = tracklets.number
+    by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
+    confidence = np.where(stretch >= 0, sure[stretch], np.nan)
+    return LabelledTake(by_point, confidence, tracklets, labels, sure, frames, landmarks, covariance)
+
+
+def _frames_to_read(seen: np.ndarray, fps: float) -> np.ndarray:
+    """Return frames at the reading rate, and the middles of stretches too short to have one."""
+    step = max(1, round(fps / READ_FPS))
+    frames = np.arange(0, len(seen), step)
+    return frames[seen[frames].sum(1) >= FEWEST_POINTS] if (seen[frames].sum(1) >= FEWEST_POINTS).any() else (
+        np.flatnonzero(seen.sum(1) >= FEWEST_POINTS)
+    )  # fmt: skip
+
+
+def _read(
+    positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, tracklets: Tracklets, network: PointNetwork,
+    progress: Progress,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return summed log probabilities by chain (C, 54), mean probabilities, readings, and the frames' landmarks."""
+    chains = tracklets.num_chains
+    evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
+    landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
+    covariance = np.zeros((len(frames), len(LANDMARKS), 3, 3))
+    for start in range(0, len(frames), _PART):
+        part = frames[start : start + _PART]
+        columns = np.argsort(~seen[part], axis=1, kind="stable")[:, : int(seen[part].sum(1).max())]
+        there = np.take_along_axis(seen[part], columns, axis=1)
+        points = np.take_along_axis(positions[part], columns[..., None], axis=1)
+        reading = network(np.where(there[..., None], points, 0.0), there)
+        which = tracklets.chain[np.take_along_axis(tracklets.number[part], columns, axis=1)[there]]
+        log = reading.log_probability[there]
+        np.add.at(evidence, which, np.maximum(log, _FLOOR))
+        np.add.at(mean, which, np.exp(log))
+        np.add.at(count, which, 1.0)
+        landmarks[start : start + len(part)] = reading.positions
+        covariance[start : start + len(part)] = reading.covariance
+        progress("Reading the points", start + len(part), len(frames))
+    return evidence, mean / np.maximum(count, 1.0)[:, None], count, landmarks, covariance
+
+
+def _voted(
+    evidence: np.ndarray, mean: np.ndarray, count: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float,
+    told: Mapping[tuple[int, int], str],
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return label and confidence of every stretch."""
+    between = np.median(np.diff(frames)) / fps if len(frames) > 1 else 1.0
+    tempered = evidence * min(1.0, between / MEMORY_S)
+    bound = {}
+    for (column, frame), name in told.items():
+        stretch = tracklets.number[frame, column]
+        if stretch >= 0:
+            bound[int(tracklets.chain[stretch])] = MARKERS.index(name) if name in MARKERS else GHOST
+    labels = labels_of_stretches(tempered, _together(tracklets), bound)
+    shifted = np.exp(tempered - tempered.max(1, keepdims=True))
+    probability = shifted / shifted.sum(1, keepdims=True)
+    rows = np.arange(len(labels))
+    sure = probability[rows, labels]
+    keep = (sure >= SURE) & (mean[rows, labels] >= SHARE) & (count > 0)
+    keep[list(bound)], sure[list(bound)] = True, 1.0
+    labels = np.where(keep, labels, UNKNOWN)
+    return labels[tracklets.chain], sure[tracklets.chain]
+
+
+def _together(tracklets: Tracklets) -> np.ndarray:
+    """Return (C, C) whether two chains have stretches that are seen at one time."""
+    first, last, chain = tracklets.first, tracklets.last, tracklets.chain
+    both = (first[:, None] <= last[None]) & (first[None] <= last[:, None])
+    a, b = np.nonzero(both)
+    together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
+    together[chain[a], chain[b]] = True
+    np.fill_diagonal(together, False)
+    return together
