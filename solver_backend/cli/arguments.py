@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
-    add_marker_verbs(verbs, writing, common)
+    add_marker_verbs(verbs, reading, writing, common)
     return parser
 
 

@@ -28,6 +28,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
         if path is not None:
             check_output(path, overwrite=job.overwrite)
     capture = _load(job.capture, job.reading(), progress)
+    from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion
@@ -35,6 +36,8 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.recognition.motion_checks import motion_problems
 
     start = time.monotonic()
+    if not job.settings.layout:
+        capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
         motion = solve_capture(capture, job.settings, progress, person=person).motion
@@ -73,11 +76,14 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     captures = [_load(path, _reading(args), progress) for path in args.captures]
+    from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.subject_file import write_subject
 
     chosen = {name: getattr(args, name) for name in ("body", "layout") if getattr(args, name) is not None}
     settings = SolveSettings.from_dict(chosen)
+    if args.layout is None:
+        captures = [labelled_capture(capture, progress)[0] for capture in captures]
     person = calibrate_person(captures, settings, progress)
     write_subject(args.out, person, overwrite=overwrite)
     text, data = describe_person(person)
@@ -202,6 +208,11 @@ def _resolve(args: argparse.Namespace) -> Resolve | None:
             "--resolve and --frames belong together.", hint="--resolve MOTION.npz --frames FIRST LAST"
         )
     return Resolve(args.resolve, FrameRange(*args.frames))
+
+
+def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
+    """Return the capture of a command line, read as its options say."""
+    return _read(args, progress)
 
 
 def _read(args: argparse.Namespace, progress: Progress) -> Capture:

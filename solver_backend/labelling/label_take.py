@@ -1,4 +1,4 @@
-"""A cloud without names becomes a labelled one: the network reads frames, stretches vote, labels exclude one another."""
+"""A cloud without names gets them: the network reads frames, stretches vote, labels exclude one another."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class LabelledTake:
 
         Where two stretches of one marker share a frame, the surer one counts.
         """
-        frames, points = self.labels.shape
+        frames = len(self.labels)
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
         positions = np.full((frames, len(named), 3), np.nan)
         for column, label in enumerate(named):

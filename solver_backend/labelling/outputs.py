@@ -14,9 +14,7 @@ JOINTS: tuple[str, ...] = SMPL_JOINTS
 LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)
 """Markers, then joints: what positions are told of."""
 OTHER_PLACES: tuple[str, ...] = tuple(
-    place
-    for place in dict.fromkeys(load_layouts().names.values())
-    if place not in MARKERS
+    place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )
 """Places of other layouts: points there are none of the markers."""
 PUBLISHED_JOINTS: tuple[str, ...] = (

@@ -1,4 +1,4 @@
-"""Our network read in NumPy: what each point is, and where every marker and joint is (trained by ``train landmarks``)."""
+"""Our network read in NumPy: what each point is, and where every marker and joint is (see ``train landmarks``)."""
 
 from __future__ import annotations
 

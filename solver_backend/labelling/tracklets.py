@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[i
         # A jump makes two sudden steps: there, and on going on. The first of both is where it is cut.
         cuts = np.flatnonzero(sudden & ~np.roll(sudden, 1)) if sudden.any() else []
         edges = [first, *(first + int(c) + 1 for c in cuts), last + 1]
-        found += [(a, b - 1) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+        found += [(a, b - 1) for a, b in pairwise(edges) if b > a]
     return _without_short_gaps(points, found, fps)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.labelling.exclusive_labels import labels_of_frame
+from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
-from solver_backend.live.frame_fit import FrameFit
 from solver_backend.live.frames import PointFrame
 from solver_backend.live.point_tracks import PointTracks
 from solver_backend.live.world import UNITS, unit_of, up_axis_of
@@ -52,6 +52,8 @@ class LiveSession:
         self._still_s = 0.0
         self._number = 0
         self._turn: np.ndarray | None = None
+        self.shown: np.ndarray | None = None
+        """Points of the last frame that was fitted, metres, Z up."""
 
     def run(self, frames: Iterable[PointFrame]) -> Iterator[dict[str, Any]]:
         """Yield a line a frame, and events; nothing that comes as a frame ends it."""
@@ -61,6 +63,11 @@ class LiveSession:
             except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
                 self._reset()
                 yield self._event("restarted", f"The frame could not be fitted ({error}); starting anew.", frame)
+
+    @property
+    def to_metres(self) -> np.ndarray | None:
+        """(3, 3) what turns the source's points into metres, Z up; None while it is not known."""
+        return self._turn
 
     def step(self, frame: PointFrame) -> Iterator[dict[str, Any]]:
         """Yield what one frame makes: perhaps events, then a pose or what keeps it from having one."""
@@ -88,6 +95,7 @@ class LiveSession:
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> dict[str, Any]:
         """Return the pose of a frame."""
+        self.shown = points
         points = self._nearest(points)
         reading = self.network(points[None])
         evidence = self.tracks.update(points, reading.log_probability[0], dt)
@@ -150,7 +158,9 @@ class LiveSession:
         metres = UNITS[unit]
         axis = self.up_axis or up_axis_of([metres * p for p in self._first], self.network)
         self._turn = metres * rotation_to_z_up(axis)
-        return f"Points are in {unit}, {axis} is up" + ("." if self.unit and self.up_axis else ", as far as can be seen.")
+        return f"Points are in {unit}, {axis} is up" + (
+            "." if self.unit and self.up_axis else ", as far as can be seen."
+        )
 
     def _stands_still(self, points: np.ndarray, dt: float) -> bool:
         same = self._last_points is not None and np.array_equal(points, self._last_points)

@@ -75,9 +75,7 @@ class BodyPoints:
         blend = torch.matmul(self.weights, G.flatten(2)).unflatten(-1, (3, 3))
         return points + (blend @ correction[..., None])[..., 0], joints
 
-    def _posed(
-        self, root: torch.Tensor, local: torch.Tensor, rest: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def _posed(self, root: torch.Tensor, local: torch.Tensor, rest: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return global rotations (B, 24, 3, 3) and joints (B, 24, 3), level by level of the tree."""
         count = len(root)
         hands = torch.eye(3, device=root.device).expand(count, 2, 3, 3)

@@ -87,7 +87,9 @@ class CloudStream:
             donor = rotations[torch.rand(count, device=device).argsort()]
             take = torch.rand(count, 1, 1, 1, device=device) < v.exchanged
             rotations[:, limb] = torch.where(take, donor[:, limb], rotations[:, limb])
-        turn = rodrigues(v.pose_noise * torch.rand(count, 1, 1, device=device) * 1.6 * _normal(count, 22, 3, like=rotvec))
+        turn = rodrigues(
+            v.pose_noise * torch.rand(count, 1, 1, device=device) * 1.6 * _normal(count, 22, 3, like=rotvec)
+        )
         rotations = rotations @ turn
         betas = 0.7 * _normal(count, 10, like=rotvec)
         betas = betas + _often(0.5, count, 1, like=rotvec) * (2.0 * torch.rand(count, 1, device=device) - 1.0)
@@ -131,7 +133,9 @@ class CloudStream:
             worn = torch.zeros(count, len(PLACES), dtype=torch.bool, device=device)
             worn[:, : len(MARKERS)] = True
             return worn
-        which = torch.searchsorted(self.layout_chance, torch.rand(count, device=device)).clamp(max=len(self.layouts) - 1)
+        which = torch.searchsorted(self.layout_chance, torch.rand(count, device=device)).clamp(
+            max=len(self.layouts) - 1
+        )
         worn = self.layouts[which]
         kept = 0.5 + 0.5 * torch.rand(count, 1, device=device)
         thinned = torch.rand(count, len(PLACES), device=device) < kept

@@ -21,9 +21,7 @@ LIMBS = {
 PART = 250
 
 
-def judged_clouds(
-    stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234
-) -> dict[str, list[Clouds]]:
+def judged_clouds(stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234) -> dict[str, list[Clouds]]:
     """Return the clouds of every set of poses, the same for the same seed."""
     torch.manual_seed(seed)
     return {name: [stream.draw(part) for part in poses[name].split(PART)] for name in poses}
@@ -36,9 +34,7 @@ def judge(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
     RMSE is the mean over samples of the root of the mean squared distance over landmarks.
     """
     model.eval()
-    distance = torch.cat(
-        [(model.positions(c) - c.targets[:, list(model.columns)]).norm(dim=-1) for c in clouds]
-    ).cpu()
+    distance = torch.cat([(model.positions(c) - c.targets[:, list(model.columns)]).norm(dim=-1) for c in clouds]).cpu()
     figures = {
         "rmse_mm": 1e3 * float(distance.square().mean(1).sqrt().mean()),
         "mpjpe_mm": 1e3 * float(distance[:, len(MARKERS) :].mean()),

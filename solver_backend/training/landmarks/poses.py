@@ -151,5 +151,3 @@ def _packed(rotations: np.ndarray) -> np.ndarray:
 
 def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
     return [array[i : i + size].astype(np.float64) for i in range(0, len(array), size)]
-
-

@@ -19,9 +19,7 @@ class UNet(nn.Module):
     def __init__(self, inputs: int, outputs: int, width: int = 32) -> None:
         super().__init__()
         widths = [width * 2**k for k in range(BLOCKS)]
-        self.encoders = nn.ModuleList(
-            _Block(a, b) for a, b in zip([inputs, *widths[:-1]], widths, strict=True)
-        )
+        self.encoders = nn.ModuleList(_Block(a, b) for a, b in zip([inputs, *widths[:-1]], widths, strict=True))
         self.bottleneck = _Block(widths[-1], widths[-1], convolutions=1)
         self.decoders = nn.ModuleList(
             _Block(below + own, own) for below, own in zip(widths[:0:-1], widths[-2::-1], strict=True)

@@ -94,14 +94,16 @@ class FrameFit:
     def _start(self, target: np.ndarray) -> LivePose:
         """Return the rest pose laid over the markers."""
         rest = self.landmarks.anchors.sum(axis=1)
-        trunk = [i for i, name in enumerate(MARKERS) if name[-3:] in ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")]
+        trunk = [
+            i for i, name in enumerate(MARKERS) if name[-3:] in ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")
+        ]
         R, t, _ = _laid_over(rest[trunk], target[trunk])
         pelvis = self.body.joints_template[0]
-        return LivePose(R[None], np.broadcast_to(np.eye(3), (1, 21, 3, 3)), (t + R @ pelvis - pelvis)[None], self._shape)
+        return LivePose(
+            R[None], np.broadcast_to(np.eye(3), (1, 21, 3, 3)), (t + R @ pelvis - pelvis)[None], self._shape
+        )
 
-    def _improved(
-        self, pose: LivePose, fixed: LivePose, target: np.ndarray, sigma: np.ndarray, dt: float
-    ) -> LivePose:
+    def _improved(self, pose: LivePose, fixed: LivePose, target: np.ndarray, sigma: np.ndarray, dt: float) -> LivePose:
         """Return the pose after one Gauss-Newton step, tied to the frame before."""
         learning = not self.known_shape and self._frames < _SHAPE_FRAMES
         posed = pose_landmarks(
@@ -162,9 +164,12 @@ def _laid_over(rest: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.nda
 def _left(fixed: np.ndarray, now: np.ndarray) -> np.ndarray:
     """Return the flat left tangents from now to fixed, small ones: the antisymmetric part of ``fixed nowᵀ``."""
     D = fixed[0] @ np.swapaxes(now[0], -1, -2)
-    return 0.5 * np.stack(
-        [D[..., 2, 1] - D[..., 1, 2], D[..., 0, 2] - D[..., 2, 0], D[..., 1, 0] - D[..., 0, 1]], axis=-1
-    ).ravel()
+    return (
+        0.5
+        * np.stack(
+            [D[..., 2, 1] - D[..., 1, 2], D[..., 0, 2] - D[..., 2, 0], D[..., 1, 0] - D[..., 0, 1]], axis=-1
+        ).ravel()
+    )
 
 
 def _turns(local: np.ndarray) -> np.ndarray:
