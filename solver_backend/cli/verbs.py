@@ -165,6 +165,8 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"Training needs the package {error.name}, which is not installed.",
             hint="pip install manifold-mocap[train]",
         ) from error
+    if args.prior == "landmarks":
+        return _train_landmarks(args, progress)
     names = ("steps", "batch", "learning_rate", "part", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     options = {"seed": args.seed, "hidden": args.hidden, "start": args.start, "work": args.work}
@@ -173,6 +175,21 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
     return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
+
+
+def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Train a row of the landmark networks, by steps or by seconds."""
+    from solver_backend.training.landmarks.loop import LandmarkTraining
+    from solver_backend.training.landmarks.train import train_landmark_rows
+
+    names = ("steps", "seconds", "batch", "learning_rate", "device")
+    chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    settings = LandmarkTraining(seed=args.seed, graph=args.device == "cuda", **chosen)
+    finished = train_landmark_rows(
+        args.data, args.out, settings, row=args.row, width=args.width, work=args.work, progress=progress
+    )
+    figures = {name: round(value, 4) for name, value in finished.metrics.items()}
+    return Outcome(str(finished.weights), {"weights": str(finished.weights), **figures})
 
 
 def _job(args: argparse.Namespace) -> Job:

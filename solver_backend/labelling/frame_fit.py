@@ -22,7 +22,11 @@ REST_RAD = 1.2
 """Pull of every joint towards the rest pose, weak: markers leave twists open."""
 ROBUST_M = 0.05
 """Markers farther off than this lose weight (Geman and McClure 1987)."""
+USUAL_SHAPE = 2.0
+"""Pull towards the mean shape: places that are off by a centimetre must not make another person."""
 START_STEPS, STEPS = 25, 2
+SHORT_S = 0.012
+"""Frames that follow sooner need one step."""
 _ROTATIONS = 22
 _SHAPE_FRAMES = 240
 """Frames over which the shape is learned; then it stays."""
@@ -55,7 +59,7 @@ class FrameFit:
         self.offsets = np.zeros((len(self.landmarks), 3)) if offsets is None else offsets
         self.known_shape = betas is not None
         self._shape = np.zeros(10) if betas is None else np.asarray(betas, dtype=np.float64)
-        self._shape_precision = np.eye(10)
+        self._shape_precision = np.zeros((10, 10))
         self._frames = 0
         self.pose: LivePose | None = None
 
@@ -81,7 +85,7 @@ class FrameFit:
         pose = self._start(target) if starting else self.pose
         assert pose is not None
         fixed = pose
-        steps = START_STEPS if starting else STEPS
+        steps = START_STEPS if starting else 1 if dt < SHORT_S else STEPS
         for _ in range(steps):
             pose = self._improved(pose, fixed, target, sigma, 1.0 if starting else dt)
         posed = pose_landmarks(
@@ -129,8 +133,8 @@ class FrameFit:
         g[: 3 * _ROTATIONS] += turn * np.concatenate([_left(fixed.root, pose.root), _left(fixed.local, pose.local)])
         g[3 * _ROTATIONS : size] += move * (fixed.transl - pose.transl)[0]
         if learning:
-            H[size:, size:] += self._shape_precision
-            g[size:] += self._shape_precision @ (self._shape - pose.betas)
+            H[size:, size:] += self._shape_precision + USUAL_SHAPE * np.eye(10)
+            g[size:] += self._shape_precision @ (self._shape - pose.betas) - USUAL_SHAPE * pose.betas
         step = np.linalg.solve(H, g)
         if learning and fixed is not pose:
             self._learn(H, size, pose.betas + step[size:])

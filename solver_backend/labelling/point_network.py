@@ -60,8 +60,8 @@ class PointNetwork:
 
     def _bias(self, points: np.ndarray, gone: np.ndarray) -> np.ndarray:
         """Return the (B, layers * heads, N, N) biases of all attentions."""
-        square = (points * points).sum(-1)
-        apart = square[:, :, None] + square[:, None] - 2.0 * (points @ np.swapaxes(points, 1, 2))
+        apart = points[:, :, None] - points[:, None]
+        apart = np.einsum("bnmi,bnmi->bnm", apart, apart)
         apart = np.sqrt(np.sqrt(np.maximum(apart, np.float32(1e-8))))
         steps = (apart[..., None] - np.float32(NEARNESS)) * np.float32(1.0 / NEARNESS_WIDTH)
         np.multiply(steps, steps, out=steps)

@@ -1,4 +1,4 @@
-"""How far landmarks are from the truth (thesis 4.28, 4.29), by set of poses and by limbs; and how many labels are right."""
+"""How far landmarks are from the truth (thesis 4.28, 4.29), by poses and by limbs; and how many labels are right."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class LandmarkModel(nn.Module, ABC):
     columns: tuple[int, ...] = ALL_LANDMARKS
     """Which of the 77 landmarks it tells of."""
     half_precision: bool = True
-    """Whether training may round products to bfloat16 on a GPU: millimetres are lost where coordinates are multiplied."""
+    """Whether a GPU may round products to bfloat16 in training: coordinates lose millimetres by it."""
 
     @abstractmethod
     def loss(self, clouds: Clouds) -> torch.Tensor:
@@ -55,13 +55,16 @@ class Ours(LandmarkModel):
 
     half_precision = False
 
-    def __init__(self, widths: PointNetWidths = PointNetWidths()) -> None:
+    def __init__(self, widths: PointNetWidths = PointNetWidths(), asked_share: float = 1.0) -> None:
         super().__init__()
         self.net = PointNet(widths)
+        self.asked_share = asked_share
+        """Part of a batch that learns positions: a third of the time goes there, and labels are the harder half."""
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
         """Labels, positions and covariances."""
-        return point_loss(self.net(clouds.points, clouds.seen), clouds)
+        share = None if self.asked_share == 1.0 else max(1, round(self.asked_share * len(clouds.points)))
+        return point_loss(self.net(clouds.points, clouds.seen, share), clouds)
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return what landmarks point at, with their offsets."""

@@ -29,11 +29,12 @@ def point_loss(reading: Reading, clouds: Clouds) -> torch.Tensor:
     mine = clouds.labels[..., None] == torch.arange(GHOST, device=seen.device)
     which = torch.where(mine.any(1), mine.float().argmax(1), mine.shape[1])
     column = cross_entropy(torch.cat((by_marker, lacking), 1), which, reduction="none").mean(1)
-    error = reading.positions - clouds.targets
+    error = reading.positions - clouds.targets[: len(reading.positions)]
     distance = (error.square().sum(-1) + _SHARP_M**2).sqrt() - _SHARP_M
     likelihood = spread_loss(reading.spread, 10.0 * error.detach())
     positions = POSITION_SHARE * distance.mean(1) + SPREAD_SHARE * likelihood.mean(1)
-    return (weight * (row + MARKER_SHARE * column + positions)).mean()
+    told = weight[: len(positions)]
+    return (weight * (row + MARKER_SHARE * column)).mean() + (told * positions).mean()
 
 
 def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:

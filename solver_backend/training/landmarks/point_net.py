@@ -63,8 +63,8 @@ class PointNet(nn.Module):
         self.register_buffer("frequencies", torch.tensor(FREQUENCIES), persistent=False)
         self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
 
-    def forward(self, points: torch.Tensor, seen: torch.Tensor) -> Reading:
-        """Read (B, N, 3) points of which ``seen`` (B, N) are there."""
+    def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> Reading:
+        """Read (B, N, 3) points of which ``seen`` (B, N) are there; landmarks ask the first ``asked_of`` clouds alone."""
         waves = (points[..., None] * self.frequencies).flatten(-2)
         x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
         apart = (points[:, :, None] - points[:, None]).square().sum(-1).clamp(min=1e-8).pow(0.25)
@@ -74,10 +74,12 @@ class PointNet(nn.Module):
         for layer, part in zip(self.layers, bias.chunk(len(self.layers), dim=1), strict=True):
             x = layer(x, part)
         x = self.norm(x)
+        scores = self.labels(x)
+        x, gone, points = x[:asked_of], gone[:asked_of], points[:asked_of]
         asked = self.asking(self.queries.expand(len(x), -1, -1), x, gone[:, None, None])
         aim = self.point_at(asked) @ self.pointed(x).transpose(1, 2) * x.shape[-1] ** -0.5 + gone[:, None]
         positions = aim.softmax(-1) @ points + self.offset(asked)
-        return Reading(self.labels(x), self.missing, positions, self.spread(asked))
+        return Reading(scores, self.missing, positions, self.spread(asked))
 
 
 class _Layer(nn.Module):

@@ -47,7 +47,7 @@ class PoseTable:
         write_npz(path, dict(self.arrays), overwrite=True)
 
     def poses(self, name: str) -> np.ndarray:
-        """Return (N, 22, 3) float32 rotation vectors of ``training``, ``ordinary``, ``tail``, ``floor`` or a sampler's."""
+        """Return (N, 22, 3) float32 rotation vectors: ``training``, ``ordinary``, ``tail``, ``floor``, a sampler's."""
         return self.arrays[name].astype(np.float32)
 
 

@@ -30,8 +30,13 @@ from solver_backend.training.landmarks.poses import PoseTable
 
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
 """The thesis' clouds: all 53 markers, its augmentations and corruptions alone."""
+UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best: weighed by relevance, and enriched."""
+
+
+OURS_WIDTH = 96
+"""Of the network that ships."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class Row:
     network: str
     """``ours``, ``published``, ``democap`` or ``coordinates``."""
     width: int
-    balance: Balance = Balance()
+    balance: Balance = UNBALANCED
     loss: Loss = "welsch"
     variety: Variety = FIXED
 
@@ -56,8 +61,8 @@ class Row:
         return Published(self.width, loss=self.loss)
 
 
-def named_rows(width: int) -> dict[str, Row]:
-    """Return the rows by name; the UNets' width is a setting, 32 is the paper's."""
+def named_rows(width: int, ours_width: int = 0) -> dict[str, Row]:
+    """Return the rows by name; the UNets' width is a setting, 32 is the paper's, and so is ours."""
     base = Row("published", width)
     rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
     rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
@@ -67,7 +72,7 @@ def named_rows(width: int) -> dict[str, Row]:
     rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
     democap, coordinates = Row("democap", width), Row("coordinates", 256)
     rows |= {"democap": democap, "democap ortho": replace(democap, balance=ORTHO), "coordinates": coordinates}
-    ours = Row("ours", 128, Balance("σ(D)", "squad"), variety=Variety())
+    ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
     rows |= {
         "ours": ours, "ours unbalanced": replace(ours, balance=Balance()),
         "ours one layout": replace(ours, variety=replace(Variety(), layouts=False)),
