@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,9 +66,8 @@ def stripped(
     for marker in range(markers):
         cuts = np.flatnonzero(rng.random(frames - 1) < cuts_per_s / cloud.fps) + 1
         edges = [0, *cuts.tolist(), frames]
-        pieces += [(marker, a, b) for a, b in zip(edges, edges[1:], strict=False)]
+        pieces += [(marker, a, b) for a, b in pairwise(edges)]
     order = rng.permutation(len(pieces))
-    free: list[int] = []
     slots: list[tuple[int, list[tuple[int, int, int]]]] = []
     for marker, a, b in sorted((pieces[i] for i in order), key=lambda p: (p[1], rng.random())):
         open_ = [i for i, (end, _) in enumerate(slots) if end <= a]
@@ -77,7 +77,6 @@ def stripped(
             slots[chosen] = (b, slots[chosen][1])
         else:
             slots.append((b, [(marker, a, b)]))
-    del free
     columns = rng.permutation(len(slots))
     found = np.full((frames, len(slots) + ghosts, 3), np.nan)
     truth = np.full(found.shape[:2], -1)

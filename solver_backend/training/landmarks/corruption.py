@@ -79,22 +79,26 @@ class Corruption:
         return torch.where(moved, cube, 0.0) + 0.001 * torch.randn(points.shape, device=self.device)
 
     def _free(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (B, 4, 3) ghosts and which are there: of the visible points' Gaussian, or beside a marker.
-
-        Sums of the centred points with weights of a standard normal have the sample's covariance.
-        """
+        """Return (B, 4, 3) ghosts and which are there: of the visible points' Gaussian, or beside a marker."""
         count, device = len(points), self.device
-        share = seen[..., None].float()
-        number = share.sum(1, keepdim=True).clamp(min=2.0)
-        mean = (points * share).sum(1, keepdim=True) / number
-        draw = torch.randn(count, FREE, points.shape[1], device=device) @ ((points - mean) * share)
-        gaussian = mean + 1.2 * draw / (number - 1.0).sqrt()
+        gaussian = self.gaussian(points, seen)
         beside = points[:, torch.randint(points.shape[1], (FREE,), device=device)]
         reach = 0.03 + 0.2 * torch.rand(count, FREE, 1, device=device)
         beside = beside + reach * torch.nn.functional.normalize(torch.randn(count, FREE, 3, device=device), dim=-1)
         ghosts = torch.where(torch.rand(count, FREE, 1, device=device) < 0.35, beside, gaussian)
         there = torch.arange(FREE, device=device) < torch.randint(1, FREE + 1, (count, 1), device=device)
         return ghosts, there & (torch.rand(count, 1, device=device) < self.ghost_chance)
+
+    def gaussian(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        """Return (B, 4, 3) draws with the mean of the visible points and 1.2 times their deviations (4.25).
+
+        Sums of the centred points with weights of a standard normal have the sample's covariance.
+        """
+        share = seen[..., None].float()
+        number = share.sum(1, keepdim=True).clamp(min=2.0)
+        mean = (points * share).sum(1, keepdim=True) / number
+        draw = torch.randn(len(points), FREE, points.shape[1], device=self.device) @ ((points - mean) * share)
+        return mean + 1.2 * draw / (number - 1.0).sqrt()
 
     def _prop(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return (B, 6, 3) points of a stick or a box near one of the markers, and which are there."""
