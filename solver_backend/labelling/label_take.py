@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.labelling.body_check import body_evidence
 from solver_backend.labelling.exclusive_labels import labels_of_stretches
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
@@ -21,13 +22,38 @@ READ_FPS = 30.0
 """Frames a second that the network reads: votes nearer to each other say the same."""
 MEMORY_S = 0.15
 """Readings nearer in time than this err alike, and count as one."""
-SURE, SHARE = 0.8, 0.35
-"""A label stands if the whole stretch makes it so probable, and if in a frame it has at least this on average."""
+SURE, SHARE, LEAST = 0.8, 0.5, 0.1
+"""A label stands if the whole stretch makes it so probable, if in a frame it has at least this share of what no other
+stretch has taken, and at least this probability at all, on average."""
+BODY_ROUNDS = 2
+"""Times that a body is laid over what is sure, and all is voted again."""
+BODY_SHARE, BODY_MOST = 0.3, 20.0
+"""Weight of the body's word against one reading, and the most readings it counts as."""
+TRUSTED, CERTAIN = 0.6, 0.9
+"""Mean probability of labels that the body is laid over, and of those that it cannot shake."""
+NEAR_M, FAR_M = 0.05, 0.12
+"""A label within the first of the body's place stands on less; one beyond the second needs to be certain."""
 FEWEST_POINTS = 6
 """Fewer do not make a person."""
 _FLOOR = -8.0
 """Least log probability that one reading may have: no single frame rules a label out."""
 _PART = 64
+_ByBody = tuple[np.ndarray, np.ndarray]
+"""Mean log likelihoods (C, 54), and mean distances in metres."""
+
+
+@dataclass(frozen=True)
+class Votes:
+    """What the network said of C chains in K frames."""
+
+    frames: np.ndarray
+    """(K,) frames read."""
+    evidence: np.ndarray
+    """(C, 54) sums of log probabilities."""
+    mean: np.ndarray
+    """(C, 54) mean probabilities."""
+    count: np.ndarray
+    """(C,) readings."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +123,18 @@ def label_take(
         )
     tracklets = tracklets_of(positions, cloud.fps)
     frames = _frames_to_read(seen, cloud.fps)
-    evidence, mean, count, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
-    labels, sure = _voted(evidence, mean, count, frames, tracklets, cloud.fps, told or {})
+    votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
+    bound = _bound(told or {}, tracklets)
+    labels, sure = _voted(votes, tracklets, cloud.fps, bound, None)
+    for _ in range(BODY_ROUNDS):
+        trusted = (labels >= 0) & (votes.mean[np.arange(len(labels)), labels] >= TRUSTED)
+        trusted[list(bound)] = True
+        spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
+        by_body = body_evidence(
+            positions, frames, landmarks[:, :GHOST], spread, tracklets, labels, trusted, cloud.fps
+        )  # fmt: skip
+        labels, sure = _voted(votes, tracklets, cloud.fps, bound, by_body)
+    labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
     confidence = np.where(stretch >= 0, sure[stretch], np.nan)
@@ -117,8 +153,8 @@ def _frames_to_read(seen: np.ndarray, fps: float) -> np.ndarray:
 def _read(
     positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, tracklets: Tracklets, network: PointNetwork,
     progress: Progress,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return summed log probabilities by chain (C, 54), mean probabilities, readings, and the frames' landmarks."""
+) -> tuple[Votes, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return what the chains were told, and the frames' landmarks with their covariances."""
     chains = tracklets.num_chains
     evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
     landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
@@ -137,30 +173,54 @@ def _read(
         landmarks[start : start + len(part)] = reading.positions
         covariance[start : start + len(part)] = reading.covariance
         progress("Reading the points", start + len(part), len(frames))
-    return evidence, mean / np.maximum(count, 1.0)[:, None], count, landmarks, covariance
+    return Votes(frames, evidence, mean / np.maximum(count, 1.0)[:, None], count), landmarks, covariance
 
 
-def _voted(
-    evidence: np.ndarray, mean: np.ndarray, count: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float,
-    told: Mapping[tuple[int, int], str],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return label and confidence of every stretch."""
-    between = np.median(np.diff(frames)) / fps if len(frames) > 1 else 1.0
-    tempered = evidence * min(1.0, between / MEMORY_S)
-    bound = {}
+def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[int, int]:
+    """Return the label of each chain that a person told."""
+    found = {}
     for (column, frame), name in told.items():
         stretch = tracklets.number[frame, column]
         if stretch >= 0:
-            bound[int(tracklets.chain[stretch])] = MARKERS.index(name) if name in MARKERS else GHOST
-    labels = labels_of_stretches(tempered, _together(tracklets), bound)
-    shifted = np.exp(tempered - tempered.max(1, keepdims=True))
-    probability = shifted / shifted.sum(1, keepdims=True)
+            found[int(tracklets.chain[stretch])] = MARKERS.index(name) if name in MARKERS else GHOST
+    return found
+
+
+def _voted(
+    votes: Votes, tracklets: Tracklets, fps: float, bound: dict[int, int], by_body: _ByBody | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return label and confidence of every chain: what the network says, and a body where one was laid over them."""
+    between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
+    tempered = votes.evidence * min(1.0, between / MEMORY_S)
+    seconds = votes.count * between
+    if by_body is not None:
+        log_likelihood, apart = by_body
+        tempered = tempered + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * log_likelihood
+    together = _together(tracklets)
+    labels = labels_of_stretches(tempered, together, bound)
+    free = _free_of_others(labels, together)
+    open_ = np.where(free, tempered, -np.inf)
+    shifted = np.exp(open_ - open_.max(1, keepdims=True))
     rows = np.arange(len(labels))
-    sure = probability[rows, labels]
-    keep = (sure >= SURE) & (mean[rows, labels] >= SHARE) & (count > 0)
+    sure = shifted[rows, labels] / shifted.sum(1)
+    share = votes.mean[rows, labels] / np.maximum((votes.mean * free).sum(1), 1e-9)
+    enough = (share >= SHARE) & (votes.mean[rows, labels] >= LEAST)
+    if by_body is not None:
+        off = apart[rows, labels]
+        enough = (enough | ((off < NEAR_M) & (share >= LEAST))) & ~((off > FAR_M) & (share < CERTAIN))
+    keep = (sure >= SURE) & enough & (votes.count > 0)
     keep[list(bound)], sure[list(bound)] = True, 1.0
-    labels = np.where(keep, labels, UNKNOWN)
-    return labels[tracklets.chain], sure[tracklets.chain]
+    return np.where(keep, labels, UNKNOWN), sure
+
+
+def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
+    """Return (C, 54) whether each label could be a chain's: no chain that is seen with it has that label."""
+    held = np.zeros((len(labels), GHOST + 1), dtype=np.int64)
+    held[np.arange(len(labels)), labels] = 1
+    free = (together.astype(np.int64) @ held) == 0
+    free[:, GHOST] = True
+    free[np.arange(len(labels)), labels] = True
+    return free
 
 
 def _together(tracklets: Tracklets) -> np.ndarray:

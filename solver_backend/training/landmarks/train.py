@@ -115,9 +115,9 @@ by each place's spread, mirrored, any heading, tilts, sizes, layouts and subsets
 
 ## Validation
 
-`fixed`: all 53 markers under the thesis' corruptions; `any`: layouts, subsets and all else as in training. Ordinary, tail
-(crossed legs, crossed arms, kicks, crouching) and floor poses of held-out subjects: {sizes["ordinary"]}, {sizes["tail"]},
-{sizes["floor"]}.
+`fixed`: all 53 markers under the thesis' corruptions; `any`: layouts, subsets and all else as in training. Poses of
+held-out subjects, evenly from {sizes["ordinary"]} ordinary, {sizes["tail"]} tail (crossed legs, crossed arms, kicks,
+crouching) and {sizes["floor"]} floor poses. Positions in mm, PCK and labels in percent.
 
 | figure | value |
 |---|---|
