@@ -61,7 +61,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
             stream.write(json.dumps(line) + "\n")
             stream.flush()
     data: dict[str, Any] = statistics.summary()
-    if recorder is not None and recorder.count:
+    if recorder is not None and args.record is not None and recorder.count:
         data["recorded"] = str(recorder.write(args.record, fps, session.to_metres, overwrite=overwrite))
     text = ", ".join(f"{name} {value}" for name, value in data.items())
     return Outcome(f"live: {text}", data)

@@ -193,8 +193,8 @@ def _voted(
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
     tempered = votes.evidence * min(1.0, between / MEMORY_S)
     seconds = votes.count * between
-    if by_body is not None:
-        log_likelihood, apart = by_body
+    log_likelihood, apart = by_body or (None, None)
+    if log_likelihood is not None:
         tempered = tempered + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * log_likelihood
     together = _together(tracklets)
     labels = labels_of_stretches(tempered, together, bound)
@@ -205,7 +205,7 @@ def _voted(
     sure = shifted[rows, labels] / shifted.sum(1)
     share = votes.mean[rows, labels] / np.maximum((votes.mean * free).sum(1), 1e-9)
     enough = (share >= SHARE) & (votes.mean[rows, labels] >= LEAST)
-    if by_body is not None:
+    if apart is not None:
         off = apart[rows, labels]
         enough = (enough | ((off < NEAR_M) & (share >= LEAST))) & ~((off > FAR_M) & (share < CERTAIN))
     keep = (sure >= SURE) & enough & (votes.count > 0)

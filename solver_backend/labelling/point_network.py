@@ -17,6 +17,7 @@ from solver_backend.priors.weights import ASSETS, read_weights
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
 _EPSILON = np.float32(1e-5)
+_FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
 _Arrays = dict[str, np.ndarray]
 
 
@@ -55,7 +56,7 @@ class PointNetwork:
         )
 
     def _embedded(self, points: np.ndarray) -> np.ndarray:
-        waves = (points[..., None] * np.float32(FREQUENCIES)).reshape(*points.shape[:2], -1)
+        waves = (points[..., None] * _FREQUENCIES).reshape(*points.shape[:2], -1)
         return self._dense(np.concatenate((points, np.sin(waves), np.cos(waves)), axis=-1), "embed")
 
     def _bias(self, points: np.ndarray, gone: np.ndarray) -> np.ndarray:
@@ -63,7 +64,7 @@ class PointNetwork:
         apart = points[:, :, None] - points[:, None]
         apart = np.einsum("bnmi,bnmi->bnm", apart, apart)
         apart = np.sqrt(np.sqrt(np.maximum(apart, np.float32(1e-8))))
-        steps = (apart[..., None] - np.float32(NEARNESS)) * np.float32(1.0 / NEARNESS_WIDTH)
+        steps = (apart[..., None] - _NEARNESS) * np.float32(1.0 / NEARNESS_WIDTH)
         np.multiply(steps, steps, out=steps)
         np.negative(steps, out=steps)
         np.exp(steps, out=steps)

@@ -141,8 +141,8 @@ class _Run:
         self.optimizer.step()
         self.loss.copy_(loss.detach())
         with torch.no_grad():
-            kept, fresh = list(self.averaged.parameters()), list(self.model.parameters())
-            torch._foreach_add_(kept, torch._foreach_mul(torch._foreach_sub(fresh, kept), self.decay))
+            for kept, fresh in zip(self.averaged.parameters(), self.model.parameters(), strict=True):
+                kept.add_(self.decay * (fresh - kept))
             for a, b in zip(self.averaged.buffers(), self.model.buffers(), strict=True):
                 a.copy_(b)
 

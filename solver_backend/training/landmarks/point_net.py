@@ -64,11 +64,11 @@ class PointNet(nn.Module):
         self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
 
     def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> Reading:
-        """Read (B, N, 3) points of which ``seen`` (B, N) are there; landmarks ask the first ``asked_of`` clouds alone."""
-        waves = (points[..., None] * self.frequencies).flatten(-2)
+        """Read (B, N, 3) points of which ``seen`` (B, N) are there; landmarks ask the first ``asked_of`` clouds."""
+        waves = (points[..., None] * self.get_buffer("frequencies")).flatten(-2)
         x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
         apart = (points[:, :, None] - points[:, None]).square().sum(-1).clamp(min=1e-8).pow(0.25)
-        near = torch.exp(-((apart[..., None] - self.nearness) / NEARNESS_WIDTH).square())
+        near = torch.exp(-((apart[..., None] - self.get_buffer("nearness")) / NEARNESS_WIDTH).square())
         gone = torch.where(seen, 0.0, _HIDDEN)
         bias = self.by_distance(near).permute(0, 3, 1, 2) + gone[:, None, None]
         for layer, part in zip(self.layers, bias.chunk(len(self.layers), dim=1), strict=True):

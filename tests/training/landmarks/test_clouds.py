@@ -24,7 +24,7 @@ def stream() -> CloudStream:
     return CloudStream(load_body(), "cpu")
 
 
-def poses(count: int = 64) -> torch.Tensor:
+def poses(count: int = 64):
     return 0.3 * torch.randn(count, 22, 3, generator=torch.Generator().manual_seed(1))
 
 

@@ -101,7 +101,7 @@ def test_the_likelihood_is_least_at_the_errors_own_spread():
 def test_the_unet_keeps_the_size_and_grows_with_the_width(width):
     net = UNet(1, 3, width)
     assert net(torch.zeros(2, 1, 160, 160)).shape == (2, 3, 160, 160)
-    assert net.encoders[4][0].out_channels == 16 * width
+    assert net.encoders[4].get_submodule("0").out_channels == 16 * width
 
 
 @pytest.mark.parametrize(
