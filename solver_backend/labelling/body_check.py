@@ -59,4 +59,4 @@ def body_evidence(
         np.add.at(count, chain, 1.0)
     distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)
     far = np.concatenate([distance, np.full((chains, 1), GHOST_M)], axis=1)
-    return np.nan_to_num(-0.5 * (far / SIGMA_M) ** 2), far
+    return np.where(count[:, None] > 0, -0.5 * (np.nan_to_num(far) / SIGMA_M) ** 2, 0.0), far

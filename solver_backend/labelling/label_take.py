@@ -122,7 +122,7 @@ def label_take(
             f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
         )
     tracklets = tracklets_of(positions, cloud.fps)
-    frames = _frames_to_read(seen, cloud.fps)
+    frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
     labels, sure = _voted(votes, tracklets, cloud.fps, bound, None)
@@ -141,13 +141,15 @@ def label_take(
     return LabelledTake(by_point, confidence, tracklets, labels, sure, frames, landmarks, covariance)
 
 
-def _frames_to_read(seen: np.ndarray, fps: float) -> np.ndarray:
-    """Return frames at the reading rate, and the middles of stretches too short to have one."""
+def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
+    """Return frames at the reading rate, and the middles of stretches too short to have one, where enough is seen."""
     step = max(1, round(fps / READ_FPS))
     frames = np.arange(0, len(seen), step)
-    return frames[seen[frames].sum(1) >= FEWEST_POINTS] if (seen[frames].sum(1) >= FEWEST_POINTS).any() else (
-        np.flatnonzero(seen.sum(1) >= FEWEST_POINTS)
-    )  # fmt: skip
+    spans = np.searchsorted(frames, np.stack([tracklets.first, tracklets.last + 1]))
+    missed = spans[0] == spans[1]
+    frames = np.union1d(frames, (tracklets.first[missed] + tracklets.last[missed]) // 2)
+    enough = seen.sum(1) >= FEWEST_POINTS
+    return frames[enough[frames]] if enough[frames].any() else np.flatnonzero(enough)
 
 
 def _read(
