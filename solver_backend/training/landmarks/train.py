@@ -74,14 +74,15 @@ def table_of(data: Path, out: Path, progress: Progress = silent) -> PoseTable:
 
 
 def publish(
-    arrays: dict[str, np.ndarray], out: Path, settings: LandmarkTraining, figures: dict[str, float], table: PoseTable
-) -> Path:
-    """Write ``landmarks.npz`` (half precision) and ``landmarks.md``; return the weights' path."""
+    arrays: dict[str, np.ndarray], out: Path, settings: LandmarkTraining, figures: dict[str, float], table: PoseTable,
+    note: str = "",
+) -> Path:  # fmt: skip
+    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note; return the weights' path."""
     path = out / f"{NAME}.npz"
     halved = {name.removeprefix("net."): np.asarray(a).astype(np.float16) for name, a in arrays.items()}
     metadata: dict[str, Any] = {"settings": asdict(settings), "metrics": figures, "held_out": sorted(HELD_OUT)}
     digest = write_weights(path, PriorWeights(NAME, halved, metadata))
-    write_text(path.with_suffix(".md"), _card(settings, figures, table, digest, _count(halved)), overwrite=True)
+    write_text(path.with_suffix(".md"), _card(settings, figures, table, digest, _count(halved), note), overwrite=True)
     return path
 
 
@@ -89,7 +90,9 @@ def _count(arrays: dict[str, np.ndarray]) -> int:
     return sum(array.size for array in arrays.values())
 
 
-def _card(settings: LandmarkTraining, figures: dict[str, float], table: PoseTable, digest: str, parameters: int) -> str:
+def _card(
+    settings: LandmarkTraining, figures: dict[str, float], table: PoseTable, digest: str, parameters: int, note: str
+) -> str:
     rows = "\n".join(f"| {key} | {value:.4g} |" for key, value in figures.items())
     sizes = {name: len(table.arrays[name]) for name in ("training", "ordinary", "tail", "floor")}
     settings_rows = "\n".join(f"| `{key}` | {value} |" for key, value in asdict(settings).items())
@@ -112,7 +115,7 @@ by each place's spread, mirrored, any heading, tilts, sizes, layouts and subsets
 | setting | value |
 |---|---|
 {settings_rows}
-
+{note}
 ## Validation
 
 `fixed`: all 53 markers under the thesis' corruptions; `any`: layouts, subsets and all else as in training. Poses of
