@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
-    add_marker_verbs(verbs, writing, common)
+    add_marker_verbs(verbs, reading, writing, common)
     add_camera_verbs(verbs, reading, writing, common)
     add_studio_verbs(verbs, writing, common)
     return parser
@@ -162,7 +162,10 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
 
 def _add_train(verbs: Any, common: _Parser) -> None:
     train = verbs.add_parser("train", parents=[common], help="train a pose prior, or go on from its last checkpoint")
-    train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ...")
+    train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ..., landmarks")
+    train.add_argument("--row", default="ours", help="of the landmark networks: ours, base, ortho, bmse, democap, ...")
+    train.add_argument("--width", type=int, default=0, help="of a landmark network's layers; its own if left out")
+    train.add_argument("--seconds", type=float, help="of a landmark network's training, instead of steps")
     train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")
     train.add_argument("--out", type=Path, default=Path("trained"), metavar="DIR", help="weights and model card")
     train.add_argument("--work", type=Path, metavar="DIR", help="checkpoint and log; OUT/PRIOR_run if left out")

@@ -1,30 +1,47 @@
-"""The verb that writes a motion's markers for other programs."""
+"""The verbs about points and markers: label a take, run live, write a motion's markers for other programs."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.live_verb import add_live, live
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
-from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 
-MARKER_VERBS = ("export-markers",)
+if TYPE_CHECKING:
+    from solver_backend.labelling.label_take import LabelledTake
+
+__all__ = ["MARKER_VERBS", "add_marker_verbs", "export_markers", "label", "live"]
+
+MARKER_VERBS = ("export-markers", "label", "live")
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
 _SUFFIXES = (".c3d", ".trc")
 
 
-def add_marker_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add export-markers to the parser's verbs.
+def add_marker_verbs(
+    verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
+) -> None:
+    """Add label, live and export-markers to the parser's verbs.
 
     Args:
         verbs: what ``add_subparsers`` returned.
+        reading: options of verbs that read captures.
         writing: options of verbs that write.
         common: options of all verbs.
     """
+    label = verbs.add_parser(
+        "label", parents=[reading, writing, common], help="name the points of a take that nobody named"
+    )
+    label.add_argument("capture", type=Path, metavar="TAKE")
+    label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|LABELLED.trc", help="file to write")
+    label.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
+    label.add_argument("--told", type=Path, metavar="TOLD.json", help="names from a person, which bind; see formats")
+    add_live(verbs, reading, writing, common)
     export = verbs.add_parser(
         "export-markers", parents=[writing, common], help="write a motion's markers as C3D or TRC"
     )
@@ -34,6 +51,61 @@ def add_marker_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
         "--contents", choices=tuple(CONTENTS), default="cleaned",
         help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
     )  # fmt: skip
+
+
+def label(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Name the points of a take and write them as C3D or TRC."""
+    overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise CommandLineInvalid("Markers are written to files that end in .c3d or .trc.", where=str(args.out))
+    for path in (args.out, args.report):
+        if path is not None:
+            check_output(path, overwrite=overwrite)
+    from solver_backend.cli.reading import loaded
+    from solver_backend.exchange.errors import NoDetections
+    from solver_backend.fitters.label_first import labelled_capture, said_of
+    from solver_backend.io.markers.c3d_writer import write_c3d
+    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.native.told_file import read_told
+    from solver_backend.report.labelling import labelling_html
+
+    capture = loaded(args, progress)
+    if capture.markers is None:
+        raise NoDetections("The capture has no markers to label.", where=capture.name, hint="Choose a C3D or TRC.")
+    told = {} if args.told is None else read_told(args.told, capture.markers)
+    labelled, take = labelled_capture(capture, progress, told=told, always=True)
+    assert take is not None and labelled.markers is not None
+    if args.report is not None:
+        write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
+    (write_c3d if suffix == ".c3d" else write_trc)(args.out, labelled.markers, overwrite=overwrite)
+    said = said_of(take)
+    data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
+    problems = [problem for problem in labelled.problems if problem not in capture.problems]
+    return Outcome("\n  ".join([*said, f"written     {args.out}"]), {**data, "problems": problems})
+
+
+def summary(take: LabelledTake) -> dict[str, Any]:
+    """Return plain values about a labelled take: shares in percent, and every stretch's label and confidence."""
+    import numpy as np
+
+    from solver_backend.labelling.outputs import GHOST, MARKERS
+
+    labels = take.labels[np.isfinite(take.confidence)]
+    t = take.tracklets
+    stretches = [
+        {
+            "point": int(t.column[i]), "first": int(t.first[i]), "last": int(t.last[i]),
+            "label": None if k < 0 else "" if k == GHOST else MARKERS[k],
+            "confidence": round(float(take.stretch_confidence[i]), 4),
+        }
+        for i, k in enumerate(take.stretch_label.tolist())
+    ]  # fmt: skip
+    return {
+        "named_percent": round(100.0 * float(((labels >= 0) & (labels < GHOST)).mean()), 2),
+        "none_percent": round(100.0 * float((labels == GHOST).mean()), 2),
+        "unknown_percent": round(100.0 * float((labels < 0).mean()), 2),
+        "stretches": stretches,
+    }
 
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -40,6 +40,11 @@ def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
     return load_capture(path, **options, progress=progress)
 
 
+def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
+    """Return the capture of a command line, read as its options say."""
+    return load(args.capture, reading(args), progress)
+
+
 def trials_of(path: Path) -> list[Path]:
     """Return the recordings of a session's folder; none for any other path."""
     from solver_backend.io.captures.pose2sim import camera_folders, trials_below

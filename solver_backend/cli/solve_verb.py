@@ -87,6 +87,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
 
 
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome:
+    from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion
@@ -94,6 +95,8 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.io.recognition.motion_checks import motion_problems
 
     start = time.monotonic()
+    if not job.settings.layout:
+        capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
         motion = solve_capture(capture, job.settings, progress, person=person, each=each).motion

@@ -24,11 +24,14 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     captures = [load(path, reading(args), progress) for path in args.captures]
+    from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.subject_file import write_subject
 
     chosen = {name: getattr(args, name) for name in ("body", "layout") if getattr(args, name) is not None}
     settings = SolveSettings.from_dict(chosen)
+    if args.layout is None:
+        captures = [labelled_capture(capture, progress)[0] for capture in captures]
     person = calibrate_person(captures, settings, progress)
     write_subject(args.out, person, overwrite=overwrite)
     text, data = describe_person(person)
@@ -175,6 +178,8 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"Training needs the package {error.name}, which is not installed.",
             hint="pip install manifold-mocap[train]",
         ) from error
+    if args.prior == "landmarks":
+        return _train_landmarks(args, progress)
     names = ("steps", "batch", "learning_rate", "part", "device", "workers")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     options = {"seed": args.seed, "hidden": args.hidden, "start": args.start, "work": args.work}
@@ -183,6 +188,21 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
     return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
+
+
+def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Train a row of the landmark networks, by steps or by seconds."""
+    from solver_backend.training.landmarks.loop import LandmarkTraining
+    from solver_backend.training.landmarks.train import train_landmark_rows
+
+    names = ("steps", "seconds", "batch", "learning_rate", "device")
+    chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    settings = LandmarkTraining(seed=args.seed, graph=args.device == "cuda", **chosen)
+    finished = train_landmark_rows(
+        args.data, args.out, settings, row=args.row, width=args.width, work=args.work, progress=progress
+    )
+    figures = {name: round(value, 4) for name, value in finished.metrics.items()}
+    return Outcome(str(finished.weights), {"weights": str(finished.weights), **figures})
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:

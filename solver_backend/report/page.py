@@ -60,15 +60,19 @@ def report_html(capture: Capture, motion: Motion) -> str:
         sections.provenance_section(capture, motion),
     ]
     headline = tiles(headline_tiles(capture, motion, residuals))
-    style, script = _part("page.css"), _part("page.js")
     whose = f", {capture.person}" if capture.person else ""
-    title = f"Solve of {text(capture.name + whose)}"
+    return page_of(f"Solve of {text(capture.name + whose)}", text(_subtitle(capture, motion)), headline + "".join(body))
+
+
+def page_of(title: str, subtitle: str, body: str) -> str:
+    """Return a whole page of HTML parts."""
+    style, script = _part("page.css"), _part("page.js")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">{REPORT_MARK}'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"<title>{title}</title><style>{style}</style></head><body><main><h1>{title}</h1>"
-        f'<p class="sub">{text(_subtitle(capture, motion))}</p>{headline}{"".join(body)}</main>'
+        f'<p class="sub">{subtitle}</p>{body}</main>'
         f"<script>{script}</script></body></html>\n"
     )
 

@@ -51,6 +51,8 @@ class Clip:
     subject: str
     rotations: np.ndarray
     """(F, 21, 3, 3) float32, local, 30 Hz."""
+    root: np.ndarray | None = None
+    """(F, 3, 3) float32, the pelvis since the T-pose, Y up; None where it was not kept."""
 
 
 def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = None) -> list[Clip]:
@@ -74,7 +76,7 @@ def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = 
     clips += _makehuman(data / "poses_makehuman_cc0" / _BVH)
     archive = data / KEYED_ARCHIVE
     keyed = read_archive_clips(archive) if archive.is_file() else []
-    clips += [Clip(f"{KEYED}/{clip.name}", KEYED, _at_corpus_rate(clip).astype(np.float32)) for clip in keyed]
+    clips += [_clip(f"{KEYED}/{clip.name}", KEYED, _at_corpus_rate(clip)) for clip in keyed]
     clips += _marker_takes(data / "markers" / "ui_prmd", cache, progress)
     return [piece for clip in clips for piece in without_faults(clip)]
 
@@ -89,7 +91,10 @@ def without_faults(clip: Clip) -> list[Clip]:
     """Return the frame ranges of a clip in which every joint is near its anatomical range."""
     sound = (excess_deg(clip.rotations.astype(np.float64)) < FAULT_DEG).all(axis=1)
     long = [slice(first, last + 1) for first, last in true_runs(sound) if last - first + 1 >= _MIN_FRAMES]
-    return [Clip(clip.name, clip.subject, clip.rotations[frames]) for frames in long]
+    root = clip.root
+    return [
+        Clip(clip.name, clip.subject, clip.rotations[frames], None if root is None else root[frames]) for frames in long
+    ]
 
 
 def subject_of(path: Path) -> str:
@@ -124,12 +129,20 @@ def _read(path: Path) -> RecordedClip:
 
 def _recorded(clip: RecordedClip, source: str, subject: str) -> Clip:
     """Return a clip of CMU's, whose collars do not move."""
-    rotations = with_shoulder_rhythm(_at_corpus_rate(clip))
-    return Clip(f"{source}/{clip.name}", subject, rotations.astype(np.float32))
+    rotations = _at_corpus_rate(clip)
+    rotations[:, 1:] = with_shoulder_rhythm(rotations[:, 1:])
+    return _clip(f"{source}/{clip.name}", subject, rotations)
+
+
+def _clip(name: str, subject: str, rotations: np.ndarray) -> Clip:
+    """Return a clip of (F, 22, 3, 3) rotations, the pelvis first."""
+    rotations = rotations.astype(np.float32)
+    return Clip(name, subject, rotations[:, 1:], rotations[:, 0])
 
 
 def _at_corpus_rate(clip: RecordedClip) -> np.ndarray:
-    return resample(body_rotations(clip)[:, 1:], clip.fps, FPS)
+    """Return the (F, 22, 3, 3) rotations of the pelvis and the body joints."""
+    return resample(body_rotations(clip), clip.fps, FPS)
 
 
 def _makehuman(path: Path) -> list[Clip]:

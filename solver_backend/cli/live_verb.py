@@ -1,0 +1,97 @@
+"""The verb that runs live: points from a replayed file or from lines, poses as lines."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any, TextIO
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.progress import Progress
+
+
+def add_live(
+    verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
+) -> None:
+    """Add live to the parser's verbs."""
+    live = verbs.add_parser(
+        "live", parents=[reading, writing, common], help="poses from points while they come, one line a frame"
+    )
+    live.add_argument("source", metavar="SOURCE", help="take to replay at its own rate, or - for lines on stdin")
+    live.add_argument("--fast", action="store_true", help="replay as fast as it goes")
+    live.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
+    live.add_argument("--record", type=Path, metavar="TAKE.c3d", help="also record the points, to be solved afterwards")
+    live.add_argument("--person", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    live.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
+
+
+def live(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Run until the source ends; nothing that comes in ends it."""
+    overwrite = bool(args.overwrite)
+    for path in (args.lines, args.record):
+        if path is not None:
+            check_output(path, overwrite=overwrite)
+    if args.parent_pipe and args.source == "-":
+        raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
+    from solver_backend.live.frames import from_lines, replayed
+    from solver_backend.live.recording import Recorder, person_fit
+    from solver_backend.live.session import LiveSession
+    from solver_backend.live.statistics import LiveStatistics
+
+    network, fit = person_fit(args.person)
+    if args.source == "-":
+        session = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis)
+        frames = from_lines(sys.stdin, args.fps or 120.0)
+        fps = args.fps
+    else:
+        cloud = _cloud(args, progress)
+        session = LiveSession(network, fit, unit="m", up_axis="z")
+        frames, fps = replayed(cloud, paced=not args.fast), cloud.fps
+    recorder = Recorder() if args.record is not None else None
+    statistics = LiveStatistics()
+    with _opened(args.lines, overwrite) as stream:
+        for line in session.run(frames if recorder is None else recorder.watched(frames)):
+            statistics.add(line)
+            if args.with_points and session.shown is not None and "frame" in line:
+                line = {**line, "cloud": session.shown.round(4).tolist()}
+            stream.write(json.dumps(line) + "\n")
+            stream.flush()
+    data: dict[str, Any] = statistics.summary()
+    if recorder is not None and args.record is not None and recorder.count:
+        data["recorded"] = str(recorder.write(args.record, fps, session.to_metres, overwrite=overwrite))
+    text = ", ".join(f"{name} {value}" for name, value in data.items())
+    return Outcome(f"live: {text}", data)
+
+
+def _cloud(args: argparse.Namespace, progress: Progress) -> Any:
+    from solver_backend.cli.reading import loaded
+    from solver_backend.exchange.errors import NoDetections
+
+    args.capture = Path(args.source)
+    capture = loaded(args, progress)
+    if capture.markers is None:
+        raise NoDetections("The capture has no markers to replay.", where=capture.name, hint="Choose a C3D or TRC.")
+    return capture.markers
+
+
+class _opened:
+    """The stream that lines go to: a file, or the process's own standard output, which verbs do not print to."""
+
+    def __init__(self, path: Path | None, overwrite: bool) -> None:
+        self.path, self.overwrite = path, overwrite
+        self.stream: TextIO | None = None
+
+    def __enter__(self) -> TextIO:
+        if self.path is None:
+            assert sys.__stdout__ is not None
+            return sys.__stdout__
+        self.stream = self.path.open("w", encoding="utf-8", newline="\n")
+        return self.stream
+
+    def __exit__(self, *_: object) -> None:
+        if self.stream is not None:
+            self.stream.close()

@@ -1,0 +1,48 @@
+"""Names that a person gave to points, as a file: they bind when the take is labelled again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, MarkersUnknown
+from solver_backend.io.files import read_json
+from solver_backend.labelling.outputs import MARKERS
+from solver_backend.types import MarkerCloud
+
+FORMAT, VERSION = "manifold_mocap_told_points", 1
+
+
+def read_told(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
+    """Return the marker's name by (column, frame) of a file's ``points``; the name is empty where it is no marker.
+
+    Each item holds ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
+
+    Raises:
+        FileMissing, FileDamaged: it cannot be read, or is no such file, or names a point that is not there.
+        MarkersUnknown: a marker is none of the superset's.
+    """
+    values: Any = read_json(path)
+    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
+        raise FileDamaged(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+    items = values.get("points")
+    if not isinstance(items, list):
+        raise FileDamaged("'points' is to be a list.", where=str(path))
+    told: dict[tuple[int, int], str] = {}
+    for number, item in enumerate(items):
+        where = f"{path}: points[{number}]"
+        if not isinstance(item, dict) or type(item.get("point")) is not int or type(item.get("frame")) is not int:
+            raise FileDamaged("An item is to hold 'point', 'frame' and 'marker'.", where=where)
+        marker = item.get("marker")
+        if marker != "" and marker not in MARKERS:
+            raise MarkersUnknown(
+                f"There is no marker {marker!r}.", where=where, hint=f"Known: {', '.join(MARKERS)}; empty for none."
+            )
+        column, frame = item["point"], item["frame"]
+        frames, points = cloud.positions.shape[:2]
+        if not (0 <= column < points and 0 <= frame < frames) or not np.isfinite(cloud.positions[frame, column]).all():
+            raise FileDamaged("There is no such point in that frame.", where=where)
+        told[column, frame] = str(marker)
+    return told

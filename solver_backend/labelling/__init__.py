@@ -1,0 +1,1 @@
+"""Which marker each point of an unlabelled cloud is, and where those are that nobody sees."""

@@ -1,0 +1,62 @@
+"""What a body says of labels: laid over the markers that are sure, it tells where the others should be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.labelling.frame_fit import FrameFit
+from solver_backend.labelling.outputs import GHOST, MARKERS
+from solver_backend.labelling.tracklets import Tracklets
+
+CHECK_FPS = 8.0
+"""Frames a second that a body is laid over."""
+SIGMA_M = 0.03
+"""How far a marker is from where an uncalibrated body has it, per axis."""
+GHOST_M = 0.09
+"""A point this far from every place is as likely none of the markers."""
+_FARTHEST_M = 0.2
+_FEWEST = 12
+"""Sure markers that a frame needs."""
+
+
+def body_evidence(
+    positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
+    labels: np.ndarray, trusted: np.ndarray, fps: float, body: Body | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return (C, 54) mean log likelihoods of each chain's labels by the body, and (C, 54) mean distances in metres.
+
+    Args:
+        positions: (F, N, 3) metres, NaN where missing.
+        frames: (K,) frames that the network read.
+        guesses: (K, 53, 3) where it has the markers, and
+        sigmas: (K, 53) how surely, metres.
+        tracklets: T stretches in C chains.
+        labels: (C,) label of each chain.
+        trusted: (C,) bool: those that the body is laid over.
+        fps: of the take.
+        body: to lay over; the one that ships if None.
+    """
+    step = max(1, round(fps / CHECK_FPS / max(1.0, float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0)))
+    fit, chains = FrameFit(body or load_body()), tracklets.num_chains
+    total, count, before = np.zeros((chains, GHOST)), np.zeros(chains), -1
+    for row in range(0, len(frames), step):
+        frame = int(frames[row])
+        columns = np.flatnonzero(tracklets.number[frame] >= 0)
+        chain = tracklets.chain[tracklets.number[frame, columns]]
+        sure = trusted[chain] & (labels[chain] < GHOST)
+        if sure.sum() < _FEWEST:
+            continue
+        markers = np.full((len(MARKERS), 3), np.nan)
+        markers[labels[chain[sure]]] = positions[frame, columns[sure]]
+        dt = 0.2 if before < 0 else min((frame - before) / fps, 0.5)
+        if before < 0 or (frame - before) / fps > 1.0:
+            fit.restart()
+        _, posed, _ = fit.step(markers, guesses[row], sigmas[row], dt)
+        before = frame
+        apart = np.linalg.norm(positions[frame, columns][:, None] - posed.points[0], axis=-1)
+        np.add.at(total, chain, np.minimum(apart, _FARTHEST_M))
+        np.add.at(count, chain, 1.0)
+    distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)
+    far = np.concatenate([distance, np.full((chains, 1), GHOST_M)], axis=1)
+    return np.where(count[:, None] > 0, -0.5 * (np.nan_to_num(far) / SIGMA_M) ** 2, 0.0), far

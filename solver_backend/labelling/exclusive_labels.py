@@ -1,0 +1,101 @@
+"""One marker, one point: labels that exclude one another, for a frame and for stretches of a take."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.labelling.outputs import GHOST
+
+_TAKEN = -1e9
+_ROUNDS = 4
+
+
+def labels_of_frame(log_probability: np.ndarray, missing_cost: float = 0.0) -> np.ndarray:
+    """Return (N,) labels of (N, 54) log probabilities, no marker twice: pairs that are each other's best, and again.
+
+    Args:
+        log_probability: of each label of a point, ghost last; any evidence that adds up will do.
+        missing_cost: taken from the ghost's.
+    """
+    scores = np.array(log_probability)
+    scores[:, GHOST] -= missing_cost
+    labels = np.full(len(scores), GHOST)
+    rows = np.arange(len(scores))
+    for _ in range(GHOST):
+        if not len(rows):
+            break
+        best = scores[rows].argmax(1)
+        value = scores[rows, best]
+        # Of the points that want a marker the surest gets it, measured against being nothing.
+        surplus = value - scores[rows, GHOST]
+        order = np.lexsort((-surplus, best))
+        winners = order[np.unique(best[order], return_index=True)[1]]
+        done = (best == GHOST) | np.isin(np.arange(len(rows)), winners)
+        labels[rows[done]] = best[done]
+        taken = np.unique(best[best != GHOST])
+        scores[:, taken] = _TAKEN
+        rows = rows[~done]
+    return labels
+
+
+def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
+    """Return (T,) labels that maximise the evidence, none twice among stretches that are seen together.
+
+    The clearest stretch chooses first, by how much its best label is better than the next that is still free; then
+    pairs exchange their labels, and stretches move to free ones, as long as the sum grows.
+
+    Args:
+        evidence: (T, 54) log likelihoods, ghost last.
+        together: (T, T) bool: both are seen at one time.
+        bound: labels told by hand, by stretch.
+    """
+    count = len(evidence)
+    labels = np.full(count, -1)
+    free = np.ones((count, GHOST + 1), dtype=bool)
+    for t, label in (bound or {}).items():
+        labels[t] = label
+        if label != GHOST:
+            free[together[t], label] = False
+    open_ = labels < 0
+    while open_.any():
+        rows = np.flatnonzero(open_)
+        scores = np.where(free[rows], evidence[rows], _TAKEN)
+        two = np.partition(scores, -2, axis=1)[:, -2:]
+        t = rows[np.argmax(two[:, 1] - two[:, 0])]
+        labels[t] = int(np.argmax(np.where(free[t], evidence[t], _TAKEN)))
+        if labels[t] != GHOST:
+            free[together[t], labels[t]] = False
+        open_[t] = False
+    fixed = np.zeros(count, dtype=bool)
+    fixed[list(bound or {})] = True
+    for _ in range(_ROUNDS):
+        if not _exchanged(labels, evidence, together, fixed):
+            break
+    return labels
+
+
+def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, fixed: np.ndarray) -> bool:
+    """Exchange the labels of pairs where that is better for both together; return whether any were."""
+    own = evidence[np.arange(len(labels)), labels]
+    other = evidence[:, labels]
+    gain = other + other.T - own[:, None] - own[None]
+    gain[~together | fixed[:, None] | fixed[None]] = 0.0
+    changed = False
+    for flat in np.argsort(-gain, axis=None)[:200]:
+        a, b = np.unravel_index(flat, gain.shape)
+        if gain[a, b] <= 1e-6:
+            break
+        if _may(labels, together, a, labels[b], b) and _may(labels, together, b, labels[a], a):
+            labels[a], labels[b] = labels[b], labels[a]
+            gain[[a, b]] = gain[:, [a, b]] = 0.0
+            changed = True
+    return changed
+
+
+def _may(labels: np.ndarray, together: np.ndarray, t: np.intp, label: int, but: np.intp) -> bool:
+    """Return whether a stretch could have a label that the other one gives up."""
+    if label == GHOST:
+        return True
+    rivals = together[t] & (labels == label)
+    rivals[[t, but]] = False
+    return not rivals.any()

@@ -1,0 +1,236 @@
+"""A cloud without names gets them: the network reads frames, stretches vote, labels exclude one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.labelling.body_check import body_evidence
+from solver_backend.labelling.exclusive_labels import labels_of_stretches
+from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
+from solver_backend.labelling.point_network import PointNetwork
+from solver_backend.labelling.tracklets import Tracklets, tracklets_of
+from solver_backend.types import MarkerCloud
+
+UNKNOWN = -1
+"""Label of a point that nobody dares to name."""
+READ_FPS = 30.0
+"""Frames a second that the network reads: votes nearer to each other say the same."""
+MEMORY_S = 0.15
+"""Readings nearer in time than this err alike, and count as one."""
+SURE, SHARE, LEAST = 0.8, 0.5, 0.1
+"""A label stands if the whole stretch makes it so probable, if in a frame it has at least this share of what no other
+stretch has taken, and at least this probability at all, on average."""
+BODY_ROUNDS = 2
+"""Times that a body is laid over what is sure, and all is voted again."""
+BODY_SHARE, BODY_MOST = 0.3, 20.0
+"""Weight of the body's word against one reading, and the most readings it counts as."""
+TRUSTED, CERTAIN = 0.6, 0.9
+"""Mean probability of labels that the body is laid over, and of those that it cannot shake."""
+NEAR_M, FAR_M = 0.05, 0.12
+"""A label within the first of the body's place stands on less; one beyond the second needs to be certain."""
+FEWEST_POINTS = 6
+"""Fewer do not make a person."""
+_FLOOR = -8.0
+"""Least log probability that one reading may have: no single frame rules a label out."""
+_PART = 64
+_ByBody = tuple[np.ndarray, np.ndarray]
+"""Mean log likelihoods (C, 54), and mean distances in metres."""
+
+
+@dataclass(frozen=True)
+class Votes:
+    """What the network said of C chains in K frames."""
+
+    frames: np.ndarray
+    """(K,) frames read."""
+    evidence: np.ndarray
+    """(C, 54) sums of log probabilities."""
+    mean: np.ndarray
+    """(C, 54) mean probabilities."""
+    count: np.ndarray
+    """(C,) readings."""
+
+
+@dataclass(frozen=True)
+class LabelledTake:
+    """F frames of N points and what each of them is."""
+
+    labels: np.ndarray
+    """(F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or not there."""
+    confidence: np.ndarray
+    """(F, N) probability of the label, NaN where there is no point."""
+    tracklets: Tracklets
+    stretch_label: np.ndarray
+    """(T,) label of each stretch, as above."""
+    stretch_confidence: np.ndarray
+    """(T,)"""
+    frames: np.ndarray
+    """(K,) frames that the network read."""
+    landmarks: np.ndarray
+    """(K, 77, 3) metres: where the network has markers and joints."""
+    covariance: np.ndarray
+    """(K, 77, 3, 3) m²."""
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(K, 24, 3) metres."""
+        return self.landmarks[:, -len(JOINTS) :]
+
+    def cloud(self, source: MarkerCloud) -> MarkerCloud:
+        """Return the take with one column a marker, by the superset's order, and the points without a name after them.
+
+        Where two stretches of one marker share a frame, the surer one counts.
+        """
+        frames = len(self.labels)
+        named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
+        positions = np.full((frames, len(named), 3), np.nan)
+        for column, label in enumerate(named):
+            mine = np.where(self.labels == label, self.confidence, -1.0)
+            best = mine.argmax(1)
+            there = mine[np.arange(frames), best] >= 0
+            positions[there, column] = source.positions[there, best[there]]
+        rest = np.where(((self.labels < 0) | (self.labels == GHOST))[..., None], source.positions, np.nan)
+        rest = rest[:, np.isfinite(rest).all(-1).any(0)]
+        names = tuple(MARKERS[label] for label in named) + tuple(f"*{i}" for i in range(1, rest.shape[1] + 1))
+        return replace(source, positions=np.concatenate([positions, rest], axis=1), labels=names, residual=None)
+
+
+def label_take(
+    cloud: MarkerCloud, network: PointNetwork, progress: Progress = silent,
+    told: Mapping[tuple[int, int], str] | None = None,
+) -> LabelledTake:  # fmt: skip
+    """Label the points of a take.
+
+    Args:
+        cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
+        network: that reads frames.
+        progress: called as frames are read.
+        told: marker's name by (column, frame), from a person: it binds the whole stretch. Empty text: none of them.
+
+    Raises:
+        NoDetections: in no frame are there enough points.
+    """
+    positions = np.asarray(cloud.positions, dtype=np.float64)
+    seen = np.isfinite(positions).all(-1)
+    if not (seen.sum(1) >= FEWEST_POINTS).any():
+        raise NoDetections(
+            f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
+        )
+    tracklets = tracklets_of(positions, cloud.fps)
+    frames = _frames_to_read(seen, tracklets, cloud.fps)
+    votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
+    bound = _bound(told or {}, tracklets)
+    labels, sure = _voted(votes, tracklets, cloud.fps, bound, None)
+    for _ in range(BODY_ROUNDS):
+        trusted = (labels >= 0) & (votes.mean[np.arange(len(labels)), labels] >= TRUSTED)
+        trusted[list(bound)] = True
+        spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
+        by_body = body_evidence(
+            positions, frames, landmarks[:, :GHOST], spread, tracklets, labels, trusted, cloud.fps
+        )  # fmt: skip
+        labels, sure = _voted(votes, tracklets, cloud.fps, bound, by_body)
+    labels, sure = labels[tracklets.chain], sure[tracklets.chain]
+    stretch = tracklets.number
+    by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
+    confidence = np.where(stretch >= 0, sure[stretch], np.nan)
+    return LabelledTake(by_point, confidence, tracklets, labels, sure, frames, landmarks, covariance)
+
+
+def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
+    """Return frames at the reading rate, and the middles of stretches too short to have one, where enough is seen."""
+    step = max(1, round(fps / READ_FPS))
+    frames = np.arange(0, len(seen), step)
+    spans = np.searchsorted(frames, np.stack([tracklets.first, tracklets.last + 1]))
+    missed = spans[0] == spans[1]
+    frames = np.union1d(frames, (tracklets.first[missed] + tracklets.last[missed]) // 2)
+    enough = seen.sum(1) >= FEWEST_POINTS
+    return frames[enough[frames]] if enough[frames].any() else np.flatnonzero(enough)
+
+
+def _read(
+    positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, tracklets: Tracklets, network: PointNetwork,
+    progress: Progress,
+) -> tuple[Votes, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return what the chains were told, and the frames' landmarks with their covariances."""
+    chains = tracklets.num_chains
+    evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
+    landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
+    covariance = np.zeros((len(frames), len(LANDMARKS), 3, 3))
+    for start in range(0, len(frames), _PART):
+        part = frames[start : start + _PART]
+        columns = np.argsort(~seen[part], axis=1, kind="stable")[:, : int(seen[part].sum(1).max())]
+        there = np.take_along_axis(seen[part], columns, axis=1)
+        points = np.take_along_axis(positions[part], columns[..., None], axis=1)
+        reading = network(np.where(there[..., None], points, 0.0), there)
+        which = tracklets.chain[np.take_along_axis(tracklets.number[part], columns, axis=1)[there]]
+        log = reading.log_probability[there]
+        np.add.at(evidence, which, np.maximum(log, _FLOOR))
+        np.add.at(mean, which, np.exp(log))
+        np.add.at(count, which, 1.0)
+        landmarks[start : start + len(part)] = reading.positions
+        covariance[start : start + len(part)] = reading.covariance
+        progress("Reading the points", start + len(part), len(frames))
+    return Votes(frames, evidence, mean / np.maximum(count, 1.0)[:, None], count), landmarks, covariance
+
+
+def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[int, int]:
+    """Return the label of each chain that a person told."""
+    found = {}
+    for (column, frame), name in told.items():
+        stretch = tracklets.number[frame, column]
+        if stretch >= 0:
+            found[int(tracklets.chain[stretch])] = MARKERS.index(name) if name in MARKERS else GHOST
+    return found
+
+
+def _voted(
+    votes: Votes, tracklets: Tracklets, fps: float, bound: dict[int, int], by_body: _ByBody | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return label and confidence of every chain: what the network says, and a body where one was laid over them."""
+    between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
+    tempered = votes.evidence * min(1.0, between / MEMORY_S)
+    seconds = votes.count * between
+    log_likelihood, apart = by_body or (None, None)
+    if log_likelihood is not None:
+        tempered = tempered + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * log_likelihood
+    together = _together(tracklets)
+    labels = labels_of_stretches(tempered, together, bound)
+    free = _free_of_others(labels, together)
+    open_ = np.where(free, tempered, -np.inf)
+    shifted = np.exp(open_ - open_.max(1, keepdims=True))
+    rows = np.arange(len(labels))
+    sure = shifted[rows, labels] / shifted.sum(1)
+    share = votes.mean[rows, labels] / np.maximum((votes.mean * free).sum(1), 1e-9)
+    enough = (share >= SHARE) & (votes.mean[rows, labels] >= LEAST)
+    if apart is not None:
+        off = apart[rows, labels]
+        enough = (enough | ((off < NEAR_M) & (share >= LEAST))) & ~((off > FAR_M) & (share < CERTAIN))
+    keep = (sure >= SURE) & enough & (votes.count > 0)
+    keep[list(bound)], sure[list(bound)] = True, 1.0
+    return np.where(keep, labels, UNKNOWN), sure
+
+
+def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
+    """Return (C, 54) whether each label could be a chain's: no chain that is seen with it has that label."""
+    held = np.zeros((len(labels), GHOST + 1), dtype=np.int64)
+    held[np.arange(len(labels)), labels] = 1
+    free = (together.astype(np.int64) @ held) == 0
+    free[:, GHOST] = True
+    free[np.arange(len(labels)), labels] = True
+    return free
+
+
+def _together(tracklets: Tracklets) -> np.ndarray:
+    """Return (C, C) whether two chains have stretches that are seen at one time."""
+    first, last, chain = tracklets.first, tracklets.last, tracklets.chain
+    both = (first[:, None] <= last[None]) & (first[None] <= last[:, None])
+    a, b = np.nonzero(both)
+    together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
+    together[chain[a], chain[b]] = True
+    np.fill_diagonal(together, False)
+    return together

@@ -1,0 +1,34 @@
+"""What the landmark network tells of: the markers of the superset, and the joints."""
+
+from __future__ import annotations
+
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.markers import marker_layout
+from solver_backend.exchange.joint_sets import SMPL_JOINTS
+
+MARKERS: tuple[str, ...] = marker_layout("MANIFOLD_53")
+"""Places that a point can be, by column of the network's labels; layouts are subsets of them."""
+GHOST = len(MARKERS)
+"""Label of a point that is none of the markers."""
+JOINTS: tuple[str, ...] = SMPL_JOINTS
+LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)
+"""Markers, then joints: what positions are told of."""
+OTHER_PLACES: tuple[str, ...] = tuple(
+    place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
+)
+"""Places of other layouts: points there are none of the markers."""
+PUBLISHED_JOINTS: tuple[str, ...] = (
+    "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
+    "right_foot", "spine3", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
+    "left_wrist", "right_wrist",
+)  # fmt: skip
+"""The 18 joints of the published network, one of many choices: the paper names none."""
+
+
+def other_side(name: str) -> str:
+    """Return the marker or joint of the other side of the body; itself where there is none."""
+    if name in JOINTS:
+        swapped = name.replace("left_", "right_") if "left_" in name else name.replace("right_", "left_")
+        return swapped if swapped in JOINTS else name
+    swapped = {"L": "R", "R": "L"}.get(name[0], "") + name[1:]
+    return swapped if swapped in (*MARKERS, *OTHER_PLACES) else name

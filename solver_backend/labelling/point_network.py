@@ -1,0 +1,162 @@
+"""Our network read in NumPy: what each point is, and where every marker and joint is (see ``train landmarks``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.labelling.features import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
+from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
+from solver_backend.labelling.reading import CloudReading
+from solver_backend.priors.weights import ASSETS, read_weights
+
+NAME = "landmarks"
+_HIDDEN = np.float32(-30000.0)
+_EPSILON = np.float32(1e-5)
+_FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
+_Arrays = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class PointNetwork:
+    """Weights of the network, float32, by the names of the trained module's parameters."""
+
+    arrays: _Arrays
+    layers: int
+    heads: int
+    sha256: str = ""
+
+    def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
+        """Read clouds.
+
+        Args:
+            points: (B, N, 3) metres, Z up; each cloud anywhere.
+            seen: (B, N) bool, which points there are; all if None.
+        """
+        points = np.asarray(points)
+        seen = np.ones(points.shape[:2], bool) if seen is None else seen
+        centre = lower_median(points, seen)
+        local = np.where(seen[..., None], points - centre, 0.0).astype(np.float32)
+        gone = np.where(seen, np.float32(0.0), _HIDDEN)[:, None, None]
+        x, bias = self._embedded(local), self._bias(local, gone)
+        for number in range(self.layers):
+            x = self._layer(x, f"layers.{number}.", bias[:, number * self.heads : (number + 1) * self.heads])
+        x = self._norm(x, "norm")
+        asked = self._asked(x, gone)
+        aim = self._dense(asked, "point_at") @ np.swapaxes(self._dense(x, "pointed"), 1, 2)
+        aim *= np.float32(x.shape[-1] ** -0.5)
+        aim += gone[:, 0]
+        positions = softmax(aim) @ local + self._dense(asked, "offset")
+        return CloudReading(
+            self._dense(x, "labels"), self.arrays["missing"], positions + centre, self._dense(asked, "spread")
+        )
+
+    def _embedded(self, points: np.ndarray) -> np.ndarray:
+        waves = (points[..., None] * _FREQUENCIES).reshape(*points.shape[:2], -1)
+        return self._dense(np.concatenate((points, np.sin(waves), np.cos(waves)), axis=-1), "embed")
+
+    def _bias(self, points: np.ndarray, gone: np.ndarray) -> np.ndarray:
+        """Return the (B, layers * heads, N, N) biases of all attentions."""
+        apart = points[:, :, None] - points[:, None]
+        apart = np.einsum("bnmi,bnmi->bnm", apart, apart)
+        apart = np.sqrt(np.sqrt(np.maximum(apart, np.float32(1e-8))))
+        steps = (apart[..., None] - _NEARNESS) * np.float32(1.0 / NEARNESS_WIDTH)
+        np.multiply(steps, steps, out=steps)
+        np.negative(steps, out=steps)
+        np.exp(steps, out=steps)
+        bias = steps @ self.arrays["by_distance.weight"].T
+        return np.moveaxis(bias, -1, 1) + gone
+
+    def _layer(self, x: np.ndarray, name: str, bias: np.ndarray | None) -> np.ndarray:
+        qkv = self._dense(self._norm(x, name + "first"), name + "qkv")
+        q, k, v = (self._split(part) for part in np.split(qkv, 3, axis=-1))
+        x = x + self._dense(_attention(q, k, v, bias), name + "out")
+        inner = self._dense(self._norm(x, name + "second"), name + "up")
+        np.maximum(inner, 0.0, out=inner)
+        return x + self._dense(inner, name + "down")
+
+    def _asked(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
+        """Return the features of the landmarks (B, 77, d)."""
+        asking = self.arrays["queries"][None]
+        k, v = (self._split(part) for part in np.split(self._dense(x, "asking.kv"), 2, axis=-1))
+        q = self._split(self._dense(asking, "asking.q"))
+        asking = asking + self._dense(_attention(q, k, v, gone), "asking.out")
+        return self._layer(asking, "asking.among.", None)
+
+    def _dense(self, x: np.ndarray, name: str) -> np.ndarray:
+        product = x.reshape(-1, x.shape[-1]) @ self.arrays[name + ".weight"].T
+        bias = self.arrays.get(name + ".bias")
+        if bias is not None:
+            product += bias
+        return product.reshape(*x.shape[:-1], -1)
+
+    def _norm(self, x: np.ndarray, name: str) -> np.ndarray:
+        x = x - x.mean(-1, keepdims=True)
+        scale = np.sqrt(np.einsum("...d,...d->...", x, x)[..., None] / x.shape[-1] + _EPSILON)
+        x /= scale
+        x *= self.arrays[name + ".weight"]
+        x += self.arrays[name + ".bias"]
+        return x
+
+    def _split(self, x: np.ndarray) -> np.ndarray:
+        return np.swapaxes(x.reshape(*x.shape[:2], self.heads, -1), 1, 2)
+
+
+def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the (B, 1, 3) lower medians of the points that are there; 0 where there are none."""
+    ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
+    middle = np.maximum((seen.sum(1) - 1) // 2, 0)
+    found = ordered[np.arange(len(points)), middle]
+    return np.where(np.isfinite(found), found, 0.0)[:, None]
+
+
+def softmax(x: np.ndarray) -> np.ndarray:
+    """Return the softmax of the last axis; overwrites what it is given."""
+    x -= x.max(-1, keepdims=True)
+    np.exp(x, out=x)
+    x /= x.sum(-1, keepdims=True)
+    return x
+
+
+def network_of(arrays: _Arrays, sha256: str = "") -> PointNetwork:
+    """Return the network of the trained module's arrays.
+
+    Raises:
+        WeightsInvalid: they are another network's.
+    """
+    arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
+    try:
+        layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))
+        heads = len(arrays["by_distance.weight"]) // layers
+        fits = arrays["labels.bias"].shape == (GHOST + 1,) and arrays["missing"].shape == (len(MARKERS),)
+        fits = fits and len(arrays["queries"]) == len(LANDMARKS)
+        fits = fits and arrays["embed.weight"].shape[1] == 3 + 6 * len(FREQUENCIES)
+    except (KeyError, ValueError) as error:
+        raise WeightsInvalid("The weights are of no landmark network.") from error
+    if not fits or not all(np.isfinite(a).all() for a in arrays.values()):
+        raise WeightsInvalid("The weights are of another landmark network, or damaged.")
+    return PointNetwork(arrays, layers, heads, sha256)
+
+
+@lru_cache(maxsize=2)
+def load_network(path: Path | None = None) -> PointNetwork:
+    """Return the network that ships, or that of a file.
+
+    Raises:
+        FileMissing, WeightsInvalid: there is no such file, or it is none of this network's.
+    """
+    weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
+    return network_of(weights.arrays, weights.sha256)
+
+
+def _attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | None) -> np.ndarray:
+    scores = q @ np.swapaxes(k, -1, -2)
+    scores *= np.float32(q.shape[-1] ** -0.5)
+    if bias is not None:
+        scores += bias
+    out = softmax(scores) @ v
+    return np.swapaxes(out, 1, 2).reshape(len(out), out.shape[2], -1)

@@ -1,0 +1,132 @@
+"""Stretches of points that are one marker: tracks cut where they jump, joined where one goes on from another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from solver_backend.geometry.runs import true_runs
+
+SPLIT_GAP_S = 0.1
+"""A point that is away longer may come back as another."""
+JUMP_M = 0.03
+"""A step differs from the one before by no more than this, and by no more than the next figure."""
+JUMP_M_S2 = 300.0
+"""Acceleration that no marker on a person exceeds."""
+JOIN_S = 0.1
+"""Longest time between a stretch and the one that goes on from it."""
+JOIN_M = 0.02
+"""Farthest that the second begins from where the first was going to."""
+CLEAR = 0.5
+"""No other beginning or end is nearer than the chosen one's distance by this factor."""
+
+
+@dataclass(frozen=True)
+class Tracklets:
+    """T stretches of a cloud of F frames and N points, and the chains they make."""
+
+    number: np.ndarray
+    """(F, N) int: stretch of each point, -1 where there is none."""
+    column: np.ndarray
+    """(T,) point's column in the cloud."""
+    first: np.ndarray
+    """(T,) first frame."""
+    last: np.ndarray
+    """(T,) last frame."""
+    chain: np.ndarray
+    """(T,) number of the chain: stretches that go on from one another."""
+
+    def __len__(self) -> int:
+        return len(self.column)
+
+    @property
+    def num_chains(self) -> int:
+        """Number of chains."""
+        return int(self.chain.max(initial=-1)) + 1
+
+
+def tracklets_of(positions: np.ndarray, fps: float) -> Tracklets:
+    """Return the stretches of (F, N, 3) points, NaN where missing."""
+    seen = np.isfinite(positions).all(-1)
+    number = np.full(seen.shape, -1)
+    rows: list[tuple[int, int, int]] = []
+    for column in np.flatnonzero(seen.any(0)):
+        for first, last in _stretches(positions[:, column], seen[:, column], fps):
+            number[first : last + 1, column] = np.where(seen[first : last + 1, column], len(rows), -1)
+            rows.append((int(column), first, last))
+    table = np.array(rows, dtype=int).reshape(-1, 3)
+    column, first, last = table.T
+    return Tracklets(number, column, first, last, _chains(positions, column, first, last, fps))
+
+
+def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
+    """Return first and last frames of one column's stretches."""
+    found: list[tuple[int, int]] = []
+    for first, last in true_runs(seen):
+        run = points[first : last + 1]
+        steps = np.diff(run, axis=0)
+        sudden = np.linalg.norm(np.diff(steps, axis=0, prepend=steps[:1]), axis=-1) > JUMP_M + JUMP_M_S2 / fps**2
+        # A jump makes two sudden steps: there, and on going on. The first of both is where it is cut.
+        cuts = np.flatnonzero(sudden & ~np.roll(sudden, 1)) if sudden.any() else []
+        edges = [first, *(first + int(c) + 1 for c in cuts), last + 1]
+        found += [(a, b - 1) for a, b in pairwise(edges) if b > a]
+    return _without_short_gaps(points, found, fps)
+
+
+def _without_short_gaps(points: np.ndarray, runs: list[tuple[int, int]], fps: float) -> list[tuple[int, int]]:
+    """Return runs of one column joined where a point came back soon, and where it was to be expected."""
+    joined: list[tuple[int, int]] = []
+    for first, last in runs:
+        if joined:
+            before = joined[-1][1]
+            gap = first - before
+            if 1 < gap <= SPLIT_GAP_S * fps and _off(points, joined[-1], first) < JUMP_M:
+                joined[-1] = (joined[-1][0], last)
+                continue
+        joined.append((first, last))
+    return joined
+
+
+def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
+    """Return how far a point is from where an earlier run was going to."""
+    a, b = run
+    velocity = points[b] - points[b - 1] if b > a and np.isfinite(points[b - 1]).all() else np.zeros(3)
+    return float(np.linalg.norm(points[frame] - points[b] - (frame - b) * velocity))
+
+
+def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
+    """Return the chain of each stretch: ends meet beginnings that are near, soon and nobody else's."""
+    count = len(column)
+    chain = np.arange(count)
+    if count < 2:
+        return chain
+    start, end = positions[first, column], positions[last, column]
+    before = np.maximum(last - 1, first)
+    velocity = np.nan_to_num(end - positions[before, column])
+    soon = max(1, round(JOIN_S * fps))
+    by_first = np.argsort(first, kind="stable")
+    follower, cost = np.full(count, -1), np.full(count, np.inf)
+    for t in range(count):
+        low, high = np.searchsorted(first[by_first], (last[t] + 1, last[t] + soon + 1))
+        rivals = by_first[low:high]
+        if not len(rivals):
+            continue
+        ahead = (first[rivals] - last[t])[:, None]
+        distance = np.linalg.norm(start[rivals] - end[t] - ahead * velocity[t], axis=-1)
+        distance = np.minimum(distance, np.linalg.norm(start[rivals] - end[t], axis=-1))
+        order = np.argsort(distance)
+        best = order[0]
+        clear = len(order) == 1 or distance[best] < CLEAR * distance[order[1]]
+        if distance[best] < JOIN_M and clear:
+            follower[t], cost[t] = rivals[best], distance[best]
+    for t in np.argsort(cost):
+        if follower[t] < 0:
+            break
+        if (follower == follower[t]).sum() == 1 or cost[t] == cost[follower == follower[t]].min():
+            follower[(follower == follower[t]) & (np.arange(count) != t)] = -1
+    for t in np.argsort(first, kind="stable"):
+        if follower[t] >= 0:
+            chain[follower[t]] = chain[t]
+    return np.unique(chain, return_inverse=True)[1]

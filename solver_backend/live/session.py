@@ -1,0 +1,193 @@
+"""The live loop: points in, poses out, whatever comes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.labelling.exclusive_labels import labels_of_frame
+from solver_backend.labelling.frame_fit import FrameFit
+from solver_backend.labelling.outputs import GHOST, MARKERS
+from solver_backend.labelling.point_network import PointNetwork
+from solver_backend.live.frames import PointFrame
+from solver_backend.live.point_tracks import PointTracks
+from solver_backend.live.world import UNITS, unit_of, up_axis_of
+
+FEWEST = 8
+"""Points, and labelled ones, without which a frame has no pose of its own."""
+MOST_READ = 90
+"""Points that the network reads; of more, those nearest to the body, or to their middle."""
+FROZEN_S = 0.5
+LOST_S = 0.4
+"""Time without a good pose after which the next one starts anew."""
+BAD_M = 0.08
+"""Markers this far from the body in the median are no good pose."""
+SURE = 0.6
+_WORLD_FRAMES = 5
+
+
+@dataclass
+class LiveSession:
+    """One person, live."""
+
+    network: PointNetwork
+    fit: FrameFit
+    unit: str | None = None
+    """Unit of the points; told from the first frames if None."""
+    up_axis: str | None = None
+    """Axis that points up; told from the first frames if None."""
+    tracks: PointTracks = field(default_factory=PointTracks)
+
+    def __post_init__(self) -> None:
+        self._first: list[np.ndarray] = []
+        self._before: float | None = None
+        self._good: float | None = None
+        self._last_points: np.ndarray | None = None
+        self._still_s = 0.0
+        self._number = 0
+        self._turn: np.ndarray | None = None
+        self.shown: np.ndarray | None = None
+        """Points of the last frame that was fitted, metres, Z up."""
+
+    def run(self, frames: Iterable[PointFrame]) -> Iterator[dict[str, Any]]:
+        """Yield a line a frame, and events; nothing that comes as a frame ends it."""
+        for frame in frames:
+            try:
+                yield from self.step(frame)
+            except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
+                self._reset()
+                yield self._event("restarted", f"The frame could not be fitted ({error}); starting anew.", frame)
+
+    @property
+    def to_metres(self) -> np.ndarray | None:
+        """(3, 3) what turns the source's points into metres, Z up; None while it is not known."""
+        return self._turn
+
+    def step(self, frame: PointFrame) -> Iterator[dict[str, Any]]:
+        """Yield what one frame makes: perhaps events, then a pose or what keeps it from having one."""
+        if frame.fault:
+            yield self._event("line_ignored", frame.fault, frame)
+            return
+        dt = self._elapsed(frame)
+        if dt is None:
+            yield self._event("time_ran_back", "Time ran backwards: tracks and pose start anew.", frame)
+            dt = 1.0 / 120.0
+        points = frame.points
+        if len(points) < FEWEST:
+            yield self._nothing(frame, f"{len(points)} points: too few for a person", "waiting")
+            return
+        if self._turn is None:
+            if (said := self._found_world(points)) is not None:
+                yield self._event("world", said, frame)
+            if self._turn is None:
+                yield self._nothing(frame, "looking for unit and up-axis", "waiting")
+                return
+        if self._stands_still(points, dt):
+            yield self._nothing(frame, "the stream is frozen: the same points again and again", "frozen")
+            return
+        yield self._fitted(frame, points @ self._turn.T, dt)
+
+    def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> dict[str, Any]:
+        """Return the pose of a frame."""
+        self.shown = points
+        points = self._nearest(points)
+        reading = self.network(points[None])
+        evidence = self.tracks.update(points, reading.log_probability[0], dt)
+        labels = labels_of_frame(evidence)
+        labels[~_sure(evidence, labels)] = GHOST
+        named = np.flatnonzero(labels < GHOST)
+        if len(named) < FEWEST:
+            return self._nothing(frame, f"only {len(named)} points look like a person's markers", "no_person")
+        markers = np.full((len(MARKERS), 3), np.nan)
+        markers[labels[named]] = points[named]
+        sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)
+        pose, _, off = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
+        state = "tracking"
+        if not off < BAD_M:
+            state = "unsure"
+            if self._good is None or frame.time - self._good > LOST_S:
+                self.fit.restart()
+        else:
+            self._good = frame.time
+        self._number += 1
+        return {
+            "frame": self._number - 1, "t": round(frame.time, 6), "state": state,
+            "root": _rounded(log_so3(pose.root)[0]), "pose": _rounded(log_so3(pose.local)[0].ravel()),
+            "trans": _rounded(pose.transl[0]), "markers": len(named), "points": len(frame.points),
+            "off_mm": round(1e3 * off, 2), "latency_ms": self._latency(frame),
+        }  # fmt: skip
+
+    def _nearest(self, points: np.ndarray) -> np.ndarray:
+        """Return the points that may be the person's: all, or of very many those about the body or their middle."""
+        if len(points) <= MOST_READ:
+            return points
+        centre = self.fit.pose.transl[0] if self.fit.pose is not None else np.median(points, axis=0)
+        return points[np.argsort(((points - centre) ** 2).sum(1), kind="stable")[:MOST_READ]]
+
+    def _elapsed(self, frame: PointFrame) -> float | None:
+        """Return seconds since the last frame, None where time ran backwards."""
+        before, self._before = self._before, frame.time
+        if before is None:
+            return 1.0 / 120.0
+        if frame.time < before - 1e-6:
+            self._reset()
+            return None
+        if frame.time - before > LOST_S:
+            self._reset()
+        return min(max(frame.time - before, 1e-3), 0.1)
+
+    def _reset(self) -> None:
+        self.tracks.clear()
+        self.fit.restart()
+        self._good = None
+
+    def _found_world(self, points: np.ndarray) -> str | None:
+        """Gather first frames, and then tell unit and axis of them; return what was found."""
+        unit = self.unit or unit_of(points)
+        if unit is None:
+            return None
+        self._first.append(points)
+        if self.up_axis is None and len(self._first) < _WORLD_FRAMES:
+            return None
+        metres = UNITS[unit]
+        axis = self.up_axis or up_axis_of([metres * p for p in self._first], self.network)
+        self._turn = metres * rotation_to_z_up(axis)
+        return f"Points are in {unit}, {axis} is up" + (
+            "." if self.unit and self.up_axis else ", as far as can be seen."
+        )
+
+    def _stands_still(self, points: np.ndarray, dt: float) -> bool:
+        same = self._last_points is not None and np.array_equal(points, self._last_points)
+        self._last_points = points
+        self._still_s = self._still_s + dt if same else 0.0
+        return self._still_s > FROZEN_S
+
+    def _nothing(self, frame: PointFrame, why: str, state: str) -> dict[str, Any]:
+        self._number += 1
+        return {
+            "frame": self._number - 1, "t": round(frame.time, 6), "state": state, "why": why,
+            "points": len(frame.points), "latency_ms": self._latency(frame),
+        }  # fmt: skip
+
+    def _event(self, kind: str, said: str, frame: PointFrame) -> dict[str, Any]:
+        return {"event": kind, "t": None if np.isnan(frame.time) else round(frame.time, 6), "message": said}
+
+    @staticmethod
+    def _latency(frame: PointFrame) -> float:
+        return round(1e3 * (time.perf_counter() - frame.arrived), 3)
+
+
+def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Return (N,) whether each label has most of what its track has gathered."""
+    shifted = np.exp(evidence - evidence.max(1, keepdims=True))
+    return shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1)
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return np.round(values, 5).tolist()

@@ -1,0 +1,1 @@
+"""Training the networks that read clouds of markers (thesis chapter 4)."""

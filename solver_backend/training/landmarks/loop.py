@@ -1,0 +1,211 @@
+"""Training on the stream: for so many steps or seconds, the whole step as one CUDA graph where there is a GPU."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+
+from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
+from solver_backend.exchange.outputs import atomic_output
+from solver_backend.training.landmarks.cloud_stream import Clouds
+from solver_backend.training.landmarks.models import LandmarkModel
+
+_WARM_UP = 3
+"""Steps before a graph is captured, so that libraries have chosen their kernels."""
+_SYNCHRONISED = 10
+"""Steps between looks at the clock."""
+
+
+@dataclass(frozen=True)
+class LandmarkTraining:
+    """How long and how fast a landmark network is trained."""
+
+    steps: int = 0
+    """Gradient steps in all; as many as there is time for if 0."""
+    seconds: float = 60.0
+    """Time in all, where steps are 0: the rate of learning falls with what is left of it."""
+    batch: int = 256
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-2
+    averaging: float = 0.999
+    """Decay of the average of the weights, which is what is kept."""
+    seed: int = 0
+    device: str = "cpu"
+    graph: bool = False
+    """Capture the step as a CUDA graph."""
+    checkpoint_s: float = 60.0
+
+
+Judge = Callable[[LandmarkModel, float, int], None]
+"""Called with the averaged model, the seconds and the steps."""
+
+
+def train_landmarks(
+    model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path, judge: Judge,
+    judge_every_s: float = 60.0,
+) -> LandmarkModel:  # fmt: skip
+    """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
+
+    Raises:
+        TrainingMismatch, FileDamaged: the checkpoint there is another training's, or cannot be read.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    run = _Run(model, draw, settings, folder)
+    run.resume()
+    run.advance()
+    run.started = saved = judged = time.monotonic()
+    while not run.finished:
+        run.advance()
+        if run.steps % _SYNCHRONISED:
+            continue
+        run.synchronise()
+        now = time.monotonic()
+        if now - judged > judge_every_s and not run.finished:
+            before = time.monotonic()
+            judge(run.averaged, run.seconds, run.steps)
+            judged = time.monotonic()
+            run.paused += judged - before
+        if now - saved > settings.checkpoint_s:
+            run.save()
+            saved = time.monotonic()
+    run.save()
+    judge(run.averaged, run.seconds, run.steps)
+    return run.averaged
+
+
+class _Run:
+    """The state of a training."""
+
+    def __init__(
+        self, model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path
+    ) -> None:
+        self.settings, self.draw = settings, draw
+        self.checkpoint = folder / "checkpoint.pt"
+        self.model = model.to(settings.device)
+        self.averaged = copy.deepcopy(model).requires_grad_(False)
+        self.steps, self.before_s, self.paused = 0, 0.0, 0.0
+        self.started = time.monotonic()
+        cuda = settings.device == "cuda"
+        self.rate = torch.tensor(0.0, device=settings.device) if cuda else 0.0
+        self.optimizer = torch.optim.AdamW(
+            self.model.parameters(), lr=self.rate, weight_decay=settings.weight_decay, capturable=cuda, fused=cuda
+        )
+        self.decay = torch.tensor(0.0, device=settings.device)
+        self.loss = torch.tensor(0.0, device=settings.device)
+        self.graph: torch.cuda.CUDAGraph | None = None
+        self.half = cuda and model.half_precision
+
+    @property
+    def seconds(self) -> float:
+        """Time trained so far, over all runs."""
+        return self.before_s + time.monotonic() - self.started - self.paused
+
+    @property
+    def share(self) -> float:
+        """Share of the training that is done."""
+        return self.steps / self.settings.steps if self.settings.steps else self.seconds / self.settings.seconds
+
+    @property
+    def finished(self) -> bool:
+        return self.share >= 1.0
+
+    def advance(self) -> None:
+        """Take one step."""
+        rate = self.settings.learning_rate * _schedule(self.share, self.steps)
+        if isinstance(self.rate, torch.Tensor):
+            self.rate.fill_(rate)
+        else:
+            self.optimizer.param_groups[0]["lr"] = rate
+        self.decay.fill_(1.0 - min(self.settings.averaging, (1 + self.steps) / (10 + self.steps)))
+        if self.settings.graph and self.steps >= _WARM_UP:
+            if self.graph is None:
+                self.graph = self._captured()
+            self.graph.replay()
+        else:
+            self._step()
+        self.steps += 1
+
+    def _step(self) -> None:
+        clouds = self.draw()
+        with torch.autocast(self.settings.device, torch.bfloat16, enabled=self.half):
+            loss = self.model.loss(clouds)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0, foreach=True)
+        self.optimizer.step()
+        self.loss.copy_(loss.detach())
+        with torch.no_grad():
+            for kept, fresh in zip(self.averaged.parameters(), self.model.parameters(), strict=True):
+                kept.add_(self.decay * (fresh - kept))
+            for a, b in zip(self.averaged.buffers(), self.model.buffers(), strict=True):
+                a.copy_(b)
+
+    def _captured(self) -> torch.cuda.CUDAGraph:
+        """Return the step as a graph, warmed up on a stream beside."""
+        side = torch.cuda.Stream()
+        side.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(side):
+            for _ in range(_WARM_UP):
+                self._step()
+        torch.cuda.current_stream().wait_stream(side)
+        torch.cuda.synchronize()
+        graph = torch.cuda.CUDAGraph()
+        self.optimizer.zero_grad(set_to_none=True)
+        with torch.cuda.graph(graph):
+            self._step()
+        return graph
+
+    def synchronise(self) -> None:
+        """Wait for the device."""
+        if self.settings.device == "cuda":
+            torch.cuda.synchronize()
+
+    def save(self) -> None:
+        """Write the checkpoint, whole or not at all."""
+        state = {
+            "settings": asdict(self.settings), "steps": self.steps, "seconds": self.seconds,
+            "model": self.model.state_dict(), "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }  # fmt: skip
+        with atomic_output(self.checkpoint, overwrite=True) as temporary:
+            torch.save(state, temporary)
+
+    def resume(self) -> None:
+        """Take over the last checkpoint, if there is one; more steps or seconds may be asked for than before."""
+        if not self.checkpoint.is_file():
+            return
+        try:
+            state = torch.load(self.checkpoint, map_location=self.settings.device, weights_only=True)
+            free = {"steps", "seconds", "checkpoint_s", "graph", "device"}
+            mine = {k: v for k, v in asdict(self.settings).items() if k not in free}
+            changed = [key for key, value in mine.items() if state["settings"].get(key) != value]
+        except Exception as error:
+            raise FileDamaged("The checkpoint cannot be read.", where=self.checkpoint.name) from error
+        if changed:
+            raise TrainingMismatch(
+                f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
+                hint="Go on with the same settings, or train into another folder.",
+            )  # fmt: skip
+        try:
+            self.model.load_state_dict(state["model"])
+        except RuntimeError as error:
+            raise TrainingMismatch(
+                "The checkpoint holds another network.", where=self.checkpoint.name, hint="Train into another folder."
+            ) from error
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.optimizer.param_groups[0]["lr"] = self.rate
+        self.steps, self.before_s = state["steps"], state["seconds"]
+        torch.manual_seed(self.settings.seed + self.steps)
+        self.started = time.monotonic()
+
+
+def _schedule(share: float, steps: int) -> float:
+    """Return the share of the learning rate: a warm-up of 200 steps, then a cosine down to 1 %."""
+    return min(1.0, (steps + 1) / 200) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))

@@ -1,0 +1,152 @@
+"""The rows of the tables: which network, of which width, balanced how, on which clouds."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from solver_backend.body.body import Body
+from solver_backend.exchange.outputs import write_text
+from solver_backend.training.landmarks.cloud_stream import Clouds, CloudStream, Variety
+from solver_backend.training.landmarks.evaluation import SETS, judge, judged_clouds
+from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks
+from solver_backend.training.landmarks.models import (
+    DemocapLike,
+    FromCoordinates,
+    LandmarkModel,
+    Loss,
+    Ours,
+    Published,
+)
+from solver_backend.training.landmarks.point_net import PointNetWidths
+from solver_backend.training.landmarks.pose_draws import Balance, drawer
+from solver_backend.training.landmarks.poses import PoseTable
+
+FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
+"""The thesis' clouds: all 53 markers, its augmentations and corruptions alone."""
+UNBALANCED = Balance()
+ORTHO = Balance(relevance="σ(D)", sampler="squad")
+"""The thesis' best: weighed by relevance, and enriched."""
+
+
+OURS_WIDTH = 96
+"""Of the network that ships."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One network to train and judge."""
+
+    network: str
+    """``ours``, ``published``, ``democap`` or ``coordinates``."""
+    width: int
+    balance: Balance = UNBALANCED
+    loss: Loss = "welsch"
+    variety: Variety = FIXED
+
+    def model(self) -> LandmarkModel:
+        """Return the untrained network."""
+        if self.network == "ours":
+            return Ours(PointNetWidths(self.width))
+        if self.network == "democap":
+            return DemocapLike(self.width)
+        if self.network == "coordinates":
+            return FromCoordinates(self.width)
+        return Published(self.width, loss=self.loss)
+
+
+def named_rows(width: int, ours_width: int = 0) -> dict[str, Row]:
+    """Return the rows by name; the UNets' width is a setting, 32 is the paper's, and so is ours."""
+    base = Row("published", width)
+    rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
+    rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
+        "random", "lerp", "slerp", "squad", "bezier", "bspline",
+    )}  # fmt: skip
+    rows |= {kind: replace(base, balance=Balance(relevance=kind)) for kind in ("e(R)", "σ(R)", "e(D)", "σ(D)")}
+    rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
+    democap, coordinates = Row("democap", width), Row("coordinates", 256)
+    rows |= {"democap": democap, "democap ortho": replace(democap, balance=ORTHO), "coordinates": coordinates}
+    ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
+    rows |= {
+        "ours": ours, "ours unbalanced": replace(ours, balance=Balance()),
+        "ours one layout": replace(ours, variety=replace(Variety(), layouts=False)),
+        "ours no ghosts": replace(ours, variety=replace(Variety(), ghosts=False)),
+        "ours no noise": replace(ours, variety=replace(Variety(), noise=False)),
+        "ours 53 fixed": replace(ours, variety=FIXED),
+    }  # fmt: skip
+    return rows
+
+
+def train_row(row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path) -> dict[str, Any]:
+    """Train a row, judge it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
+
+    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, which no figure is of.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    device = settings.device
+    kinds = {"fixed": CloudStream(body, device, FIXED)}
+    if row.network == "ours":
+        kinds["any"] = CloudStream(body, device)
+    poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
+    poses = {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
+    judged = {f"{kind} {name}": c for kind, s in kinds.items() for name, c in judged_clouds(s, poses).items()}
+    torch.manual_seed(settings.seed)
+    model = row.model()
+    draw = drawer(CloudStream(body, device, row.variety), table, settings.batch, row.balance)
+    history: list[dict[str, Any]] = []
+
+    def look(averaged: LandmarkModel, seconds: float, steps: int) -> None:
+        at = {name: judge(averaged, clouds) for name, clouds in judged.items()}
+        history.append({"seconds": seconds, "steps": steps, **at})
+        chosen = min(history, key=lambda h: h["fixed selection"]["rmse3"])
+        if chosen is history[-1]:
+            arrays = {name: _half(value) for name, value in averaged.state_dict().items()}
+            np.savez_compressed(out / "weights.npz", **arrays)  # pyright: ignore[reportArgumentType]
+        record = {
+            "row": asdict(row), "settings": asdict(settings), "parameters": sum(p.numel() for p in model.parameters()),
+            "history": history, "chosen": chosen,
+        }  # fmt: skip
+        write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
+
+    train_landmarks(model, draw, settings, out, look, judge_every_s=max(20.0, settings.seconds / 3))
+    return min(history, key=lambda h: h["fixed selection"]["rmse3"])
+
+
+def stream_rate(body: Body, table: PoseTable, batch: int, device: str, graph: bool, repeats: int = 50) -> float:
+    """Return how many clouds a second the stream makes by itself."""
+    draw = drawer(CloudStream(body, device), table, batch)
+    replay, kept = _replayed(draw) if graph else (draw, None)
+    for timed in (3, repeats):
+        _wait(device)
+        start = time.perf_counter()
+        for _ in range(timed):
+            replay()
+        _wait(device)
+        rate = timed * batch / (time.perf_counter() - start)
+    del kept
+    return rate  # pyright: ignore[reportPossiblyUnboundVariable]
+
+
+def _replayed(draw: Any) -> tuple[Any, Clouds]:
+    draw()
+    torch.cuda.synchronize()
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        kept = draw()
+    return graph.replay, kept
+
+
+def _wait(device: str) -> None:
+    if device == "cuda":
+        torch.cuda.synchronize()
+
+
+def _half(value: torch.Tensor) -> np.ndarray:
+    array = value.detach().cpu().numpy()
+    return array.astype(np.float16) if array.dtype == np.float32 else array

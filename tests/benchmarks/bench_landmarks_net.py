@@ -1,0 +1,117 @@
+"""Real takes with their labels stripped, tracks cut 0.3 times a second and shuffled over columns: how many points get
+their name, wrong ones (the rest is said to be unknown), the same with 5 markers missing and 3 ghosts; how far joints
+move when the take is solved from found labels instead of its own; time of the network in NumPy and of the live loop.
+
+Takes: CMU 02_01 and 135_02 (its first 20 s, every second frame), clips of UI-PRMD's held-out subjects 7 and 8, the
+nimble takes' markers that the superset has, and what is named of the unlabelled prone and kneeling take. The squat
+take's own MT1 and MT5 are exchanged (MT5 lies inside the foot), which is put right first. One process, one thread.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.fitters import solve
+from solver_backend.io.markers.read import read_markers
+from solver_backend.labelling.frame_fit import FrameFit
+from solver_backend.labelling.label_take import LabelledTake, label_take
+from solver_backend.labelling.outputs import GHOST
+from solver_backend.labelling.point_network import load_network
+from solver_backend.live.frames import replayed
+from solver_backend.live.session import LiveSession
+from solver_backend.live.statistics import LiveStatistics
+from solver_backend.synthetic.marker_demo import record_markers
+from solver_backend.types import Capture, MarkerCloud
+from tests.benchmarks.marker_takes.takes import cmu, folder, part, ui_prmd
+from tests.benchmarks.metric import Metric
+from tests.support.unlabelled_takes import UnlabelledTake, in_the_superset, score, stripped
+
+_UI_PRMD = ("m01_s07_e02", "m06_s07_e05", "m03_s08_e05", "m08_s08_e02")
+_SOLVED = ("cmu_02_01",)
+
+
+def takes() -> dict[str, MarkerCloud]:
+    """Return the takes by name."""
+    found = {"cmu_02_01": cmu("02_01"), "cmu_135_02": _every_second(cmu("135_02", slice(0, 2400)))}
+    found |= {clip: ui_prmd(folder() / "ui_prmd" / f"{clip}.npz") for clip in _UI_PRMD}
+    nimble = folder() / "nimble"
+    for name, path in (("run0350cms", nimble / "Sprinter" / "run0350cms.trc"), ("squat", nimble / "c3d" / "squat.c3d")):
+        found[name] = part(read_markers(path).cloud, slice(0, 800))
+    squat = found["squat"]
+    swapped = {"MT1": "MT5", "MT5": "MT1"}
+    labels = tuple(label[:-3] + swapped.get(label[-3:], label[-3:]) for label in squat.labels or ())
+    found["squat"] = replace(squat, labels=labels)
+    return found
+
+
+def _every_second(cloud: MarkerCloud) -> MarkerCloud:
+    return MarkerCloud(cloud.positions[::2], cloud.fps / 2, cloud.labels)
+
+
+def run() -> list[Metric]:
+    """Label, compare, solve and time."""
+    network, metrics = load_network(), []
+    totals: dict[str, list[tuple[float, float]]] = {"plain": [], "spoiled": []}
+    for name, cloud in takes().items():
+        for kind, options in (("plain", {}), ("spoiled", {"missing": 5, "ghosts": 3})):
+            bare = stripped(cloud, 1, **options)
+            labelled = label_take(bare.cloud, network)
+            found = score(labelled, bare.truth)
+            metrics.append(Metric(f"{name}_{kind}_right", found.right, "%", "higher", abs_tol=0.5))
+            metrics.append(Metric(f"{name}_{kind}_wrong", found.wrong, "%", abs_tol=0.5))
+            if name not in ("run0350cms", "squat"):
+                totals[kind].append((found.right, found.wrong))
+            if kind == "plain" and name in _SOLVED:
+                metrics.append(Metric(f"{name}_joints", _joints_mm(cloud, bare, labelled), "mm", abs_tol=1.0))
+    for kind, rows in totals.items():
+        right, wrong = np.mean(rows, axis=0)
+        metrics += [
+            Metric(f"mean_{kind}_right", float(right), "%", "higher", abs_tol=0.3),
+            Metric(f"mean_{kind}_wrong", float(wrong), "%", abs_tol=0.3),
+        ]
+    return [*metrics, *_prone(), *_speed()]
+
+
+def _joints_mm(cloud: MarkerCloud, bare: UnlabelledTake, labelled: LabelledTake) -> float:
+    """Return how far joints of the solve from found labels are from those with the take's own."""
+    own, _ = in_the_superset(cloud)
+    motions = [solve(Capture("take", markers=c)).motion for c in (own, labelled.cloud(bare.cloud))]
+    return 1e3 * float(np.linalg.norm(motions[0].joints - motions[1].joints, axis=-1).mean())
+
+
+def _prone() -> list[Metric]:
+    """The prone and kneeling take, which nobody labelled: what is named of it."""
+    path = Path(folder()) / "automarkerlabel" / "S01_Pronetokneel01_mksrem.c3d"
+    cloud = read_markers(path).cloud
+    labels = label_take(MarkerCloud(cloud.positions[::4], cloud.fps / 4), load_network())
+    there = labels.labels[np.isfinite(labels.confidence)]
+    return [Metric("prone_named", 100 * float(((there >= 0) & (there < GHOST)).mean()), "%", "higher", rel_tol=0.2)]
+
+
+def _speed() -> list[Metric]:
+    """One frame of 53 points through the network, and the live loop as fast as it goes."""
+    network, body = load_network(), load_body()
+    cloud = record_markers(360, seed=5).cloud
+    points = np.random.default_rng(0).normal(size=(1, 53, 3)) * (0.3, 0.2, 0.5)
+    times = []
+    for _ in range(300):
+        start = time.perf_counter()
+        network(points)
+        times.append(time.perf_counter() - start)
+    session, statistics = LiveSession(network, FrameFit(body), unit="m", up_axis="z"), LiveStatistics()
+    start, used = time.perf_counter(), time.process_time()
+    for line in session.run(replayed(cloud, paced=False)):
+        statistics.add(line)
+    frames = len(cloud.positions)
+    rate, used = frames / (time.perf_counter() - start), (time.process_time() - used) / frames
+    return [
+        Metric("network_ms", 1e3 * float(np.median(times)), "ms", rel_tol=0.5),
+        Metric("live_cpu_ms", 1e3 * used, "ms", rel_tol=0.5),
+        Metric("live_fps", rate, "1/s", "higher", rel_tol=0.4),
+        Metric("live_p99_ms", float(statistics.summary().get("latency_p99_ms", np.nan)), "ms", rel_tol=0.5),
+    ]

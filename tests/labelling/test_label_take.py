@@ -1,0 +1,126 @@
+"""Takes without names: real ones, spoiled ones, half-labelled ones; and names from a person."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import FileDamaged, MarkersUnknown, NoDetections
+from solver_backend.fitters.label_first import labelled_capture, needs_labels, told_by
+from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.read import read_markers
+from solver_backend.io.native.told_file import read_told
+from solver_backend.labelling.label_take import label_take
+from solver_backend.labelling.outputs import GHOST, MARKERS
+from solver_backend.labelling.point_network import load_network
+from solver_backend.synthetic.marker_demo import record_markers
+from solver_backend.types import Capture, MarkerCloud
+from tests.support.unlabelled_takes import score, stripped
+
+
+@pytest.fixture(scope="module")
+def demo() -> MarkerCloud:
+    return record_markers(90, seed=5).cloud
+
+
+def test_a_real_walk_gets_its_labels_back(shared_data):
+    cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
+    bare = stripped(cloud, 3)
+    found = score(label_take(bare.cloud, load_network()), bare.truth)
+    assert found.right >= 98.5 and found.wrong <= 0.5
+
+
+def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
+    cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
+    bare = stripped(cloud, 4, missing=5, ghosts=3)
+    found = score(label_take(bare.cloud, load_network()), bare.truth)
+    assert found.right >= 92.0 and found.wrong <= 3.0
+
+
+def test_the_order_of_columns_does_not_matter(demo):
+    bare = MarkerCloud(demo.positions, demo.fps)
+    order = np.random.default_rng(0).permutation(demo.positions.shape[1])
+    network = load_network()
+    here = label_take(bare, network)
+    there = label_take(MarkerCloud(demo.positions[:, order], demo.fps), network)
+    same = here.labels[:, order] == there.labels
+    assert same.mean() > 0.99
+
+
+def test_no_marker_is_at_two_places_of_a_frame(demo):
+    take = label_take(MarkerCloud(demo.positions, demo.fps), load_network())
+    for frame in take.labels[::30]:
+        markers = frame[(frame >= 0) & (frame < GHOST)]
+        assert len(set(markers.tolist())) == len(markers)
+
+
+def test_what_a_person_tells_binds_the_whole_stretch(demo):
+    bare = MarkerCloud(demo.positions, demo.fps)
+    network = load_network()
+    before = label_take(bare, network)
+    column = int(np.flatnonzero((before.labels[0] >= 0) & (before.labels[0] < GHOST))[0])
+    other = next(name for i, name in enumerate(MARKERS) if not (before.labels == i).any())
+    after = label_take(bare, network, told={(column, 0): other})
+    mine = after.tracklets.number[:, column] == after.tracklets.number[0, column]
+    assert (after.labels[mine, column] == MARKERS.index(other)).all()
+    assert (after.confidence[mine, column] == 1.0).all()
+    assert (label_take(bare, network, told={(column, 0): ""}).labels[0, column]) == GHOST
+
+
+def test_too_few_points_are_named():
+    with pytest.raises(NoDetections, match="too few"):
+        label_take(MarkerCloud(np.zeros((5, 3, 3)), 100.0), load_network())
+
+
+def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(demo):
+    assert not needs_labels(demo)
+    capture = Capture("take", markers=demo)
+    assert labelled_capture(capture)[0] is capture
+    nameless = tuple(f"*{i}" if i % 3 else label for i, label in enumerate(demo.labels or ()))
+    half = MarkerCloud(demo.positions, demo.fps, nameless)
+    assert needs_labels(half)
+    told = told_by(half)
+    labelled, take = labelled_capture(Capture("take", markers=half))
+    assert take is not None and labelled.markers is not None and "network named" in labelled.notes[-1]
+    for (column, frame), name in told.items():
+        assert take.labels[frame, column] == MARKERS.index(name)
+
+
+def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):
+    source, out, page = tmp_path / "bare.c3d", tmp_path / "out" / "labelled.c3d", tmp_path / "page.html"
+    write_c3d(source, MarkerCloud(demo.positions, demo.fps))
+    told = tmp_path / "told.json"
+    told.write_text(json.dumps({
+        "format": "manifold_mocap_told_points", "version": 1, "points": [{"point": 0, "frame": 0, "marker": "ARIEL"}],
+    }))  # fmt: skip
+    command = ["label", str(source), "--out", str(out), "--report", str(page), "--told", str(told), "--json"]
+    assert main(command) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["named_percent"] + result["none_percent"] + result["unknown_percent"] == pytest.approx(100, abs=0.05)
+    assert next(s for s in result["stretches"] if s["point"] == 0)["label"] == "ARIEL"
+    cloud = read_markers(out).cloud
+    assert cloud.labels is not None and "ARIEL" in cloud.labels
+    text = page.read_text(encoding="utf-8")
+    assert "Stretches to look at" in text and "http://" not in text
+    assert main(command) == 3
+
+
+@pytest.mark.parametrize(
+    ("item", "error"),
+    [
+        ({"point": 0, "frame": 0, "marker": "NOSE"}, MarkersUnknown),
+        ({"point": 999, "frame": 0, "marker": "C7"}, FileDamaged),
+        ({"point": 0, "frame": -1, "marker": "C7"}, FileDamaged),
+        ({"point": "0", "frame": 0, "marker": "C7"}, FileDamaged),
+        ("C7", FileDamaged),
+    ],
+)
+def test_a_told_file_that_makes_no_sense_is_refused(tmp_path, demo, item, error):
+    path = tmp_path / "told.json"
+    path.write_text(json.dumps({"format": "manifold_mocap_told_points", "version": 1, "points": [item]}))
+    with pytest.raises(error):
+        read_told(path, demo)

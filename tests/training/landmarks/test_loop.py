@@ -1,0 +1,102 @@
+"""A training that was broken off goes on; tables of poses keep what they hold; tail poses are what they are called."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from solver_backend.body.body import load_body  # noqa: E402
+from solver_backend.exchange.errors import TrainingMismatch  # noqa: E402
+from solver_backend.geometry.rotations import exp_so3  # noqa: E402
+from solver_backend.training.data.sources.clips import Clip  # noqa: E402
+from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
+from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks  # noqa: E402
+from solver_backend.training.landmarks.models import Ours  # noqa: E402
+from solver_backend.training.landmarks.point_net import PointNetWidths  # noqa: E402
+from solver_backend.training.landmarks.pose_draws import Balance, drawer, relevance_of  # noqa: E402
+from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
+from solver_backend.training.landmarks.rows import Row, named_rows, train_row  # noqa: E402
+from solver_backend.training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def table() -> PoseTable:
+    rng = np.random.default_rng(0)
+    arrays = {name: 0.3 * rng.normal(size=(12, 22, 3)) for name in ("training", "ordinary", "tail", "floor", "squad")}
+    return PoseTable({
+        **{name: value.astype(np.float16) for name, value in arrays.items()},
+        "mahalanobis": np.linspace(2, 9, 12, dtype=np.float32),
+        "reconstruction": np.linspace(0, 1, 12, dtype=np.float32),
+    })  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def draw(table):
+    return drawer(CloudStream(load_body(), "cpu"), table, 8, Balance("σ(D)", "squad"))
+
+
+def settings(steps: int, **more) -> LandmarkTraining:
+    return LandmarkTraining(steps=steps, batch=8, checkpoint_s=0.0, **more)
+
+
+def test_a_training_goes_on_from_its_checkpoint(tmp_path, draw):
+    torch.manual_seed(0)
+    seen: list[int] = []
+    model = Ours(PointNetWidths(16, 1, 2))
+    train_landmarks(model, draw, settings(3), tmp_path, lambda m, s, n: seen.append(n))
+    before = {k: v.clone() for k, v in model.state_dict().items()}
+    again = Ours(PointNetWidths(16, 1, 2))
+    averaged = train_landmarks(again, draw, settings(5), tmp_path, lambda m, s, n: seen.append(n))
+    assert seen == [3, 5]
+    assert any(not torch.equal(before[k], v) for k, v in again.state_dict().items())
+    assert averaged is not again
+    with pytest.raises(TrainingMismatch, match="seed"):
+        train_landmarks(Ours(PointNetWidths(16, 1, 2)), draw, settings(6, seed=1), tmp_path, lambda *_: None)
+    with pytest.raises(TrainingMismatch, match="another network"):
+        train_landmarks(Ours(PointNetWidths(32, 1, 2)), draw, settings(6), tmp_path, lambda *_: None)
+
+
+def test_a_row_writes_weights_and_figures(tmp_path, table):
+    row = named_rows(2)["ours"]
+    assert isinstance(row, Row) and row.balance == Balance("σ(D)", "squad")
+    best = train_row(Row("coordinates", 8), table, load_body(), settings(2), tmp_path)
+    assert best["steps"] == 2 and {"fixed ordinary", "fixed tail", "fixed floor"} <= set(best)
+    assert (tmp_path / "weights.npz").is_file() and (tmp_path / "figures.json").is_file()
+
+
+def test_rarer_poses_weigh_more_and_relevance_is_clamped_as_published(table):
+    for kind, least, most in (("σ(D)", 1, 2), ("e(D)", 1, 3), ("σ(R)", 1, 2), ("e(R)", 1, 3)):
+        weight = relevance_of(table, kind)
+        assert (np.diff(weight) >= 0).all() and weight.min() >= least and weight.max() <= most
+
+
+def test_a_table_keeps_its_poses(tmp_path, table):
+    table.write(tmp_path / "poses.npz")
+    assert np.array_equal(PoseTable.read(tmp_path / "poses.npz").poses("tail"), table.poses("tail"))
+
+
+def posed(**joints: tuple[float, float, float]) -> np.ndarray:
+    from solver_backend.exchange.joint_sets import SMPL_JOINTS
+
+    rotvec = np.zeros((1, 22, 3))
+    for name, value in joints.items():
+        rotvec[0, SMPL_JOINTS.index(name)] = value
+    return exp_so3(rotvec)
+
+
+def test_poses_are_of_their_groups():
+    stand = posed()
+    assert not groups_of(stand).any() and not on_the_floor(stand).any()
+    kick = posed(left_hip=(-1.6, 0, 0))
+    assert groups_of(kick)[0].tolist() == [name == "kicks" for name in GROUPS]
+    crouch = posed(left_hip=(-2.0, 0, 0), right_hip=(-2.0, 0, 0), left_knee=(2.3, 0, 0), right_knee=(2.3, 0, 0))
+    assert groups_of(crouch)[0, GROUPS.index("crouching")]
+    legs = posed(left_hip=(0, 0, -0.35), right_hip=(0, 0, 0.35))
+    assert groups_of(legs)[0, GROUPS.index("crossed legs")]
+    assert on_the_floor(posed(pelvis=(1.5, 0, 0))).all()
+
+
+def test_clips_keep_the_pelvis_only_where_it_was_recorded():
+    assert Clip("ui_prmd/x", "s", np.zeros((3, 21, 3, 3), np.float32)).root is None

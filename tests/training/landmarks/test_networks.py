@@ -1,0 +1,129 @@
+"""The networks beside each other: what they draw, read and cost."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from solver_backend.body.body import load_body  # noqa: E402
+from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
+from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
+from solver_backend.training.landmarks.evaluation import judge  # noqa: E402
+from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
+    expectations,
+    fused,
+    gaussian_heatmaps,
+    jensen_shannon,
+    welsch,
+)
+from solver_backend.training.landmarks.models import (  # noqa: E402
+    PUBLISHED,
+    DemocapLike,
+    FromCoordinates,
+    Ours,
+    Published,
+    balanced_mse,
+)
+from solver_backend.training.landmarks.point_loss import spread_loss  # noqa: E402
+from solver_backend.training.landmarks.point_net import PointNetWidths  # noqa: E402
+from solver_backend.training.landmarks.rows import FIXED  # noqa: E402
+from solver_backend.training.landmarks.unet import UNet  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def clouds():
+    torch.manual_seed(0)
+    return CloudStream(load_body(), "cpu", FIXED).draw(0.3 * torch.randn(2, 22, 3))
+
+
+def test_a_marker_is_drawn_where_it_is_and_as_near_as_it_is():
+    points = torch.tensor([[[0.5, -0.25, 0.8], [0.5, -0.25, -0.8]]])
+    maps = depth_maps(points, torch.ones(1, 2, dtype=torch.bool), 81)
+    row, column = round(0.375 * 80), round(0.75 * 80)
+    assert maps[0, 0, row, column] == pytest.approx(0.55 + 0.45 * 0.8)  # the nearer of the two
+    assert (maps[0, 0] > 0).sum() == 9 and (maps[0, 1] > 0).sum() == 18
+    assert maps[0, 1, row, round(0.9 * 80)] == pytest.approx(0.55 + 0.45 * 0.5)
+    back = front_and_back(points, torch.ones(1, 2, dtype=torch.bool), 81)[0, 1]
+    assert back[row, column] == pytest.approx(0.55 + 0.45 * 0.8)
+    assert (depth_maps(points, torch.zeros(1, 2, dtype=torch.bool), 81) == 0).all()
+
+
+def test_gravity_lies_along_y(clouds):
+    assert torch.equal(y_up(clouds.targets)[..., 1], clouds.targets[..., 2])
+    points, seen, frame, targets = drawn(clouds)
+    assert points[seen].abs().max() <= 1.0 and torch.allclose(frame.metres(targets), y_up(clouds.targets), atol=1e-6)
+
+
+def test_heatmaps_are_read_where_they_were_drawn():
+    where = 0.8 * (2.0 * torch.rand(3, 5, 3, generator=torch.Generator().manual_seed(0)) - 1.0)
+    views = torch.stack((where[..., 0], where[..., 2]), 1), torch.stack((where[..., 1],) * 2, 1)
+    maps = gaussian_heatmaps(*views, 160)
+    assert torch.allclose(maps.sum((-2, -1)), torch.ones(3, 2, 5), atol=1e-5)
+    assert (fused(maps) - where).abs().max() < 1e-3
+    assert (expectations(maps)[0] - views[0]).abs().max() < 1e-3
+
+
+def test_divergence_is_zero_for_equal_maps_and_log_2_for_those_apart():
+    a = gaussian_heatmaps(torch.tensor([-0.5]), torch.tensor([0.0]), 160)
+    b = gaussian_heatmaps(torch.tensor([0.5]), torch.tensor([0.0]), 160)
+    assert jensen_shannon(a, a).abs().max() < 1e-5
+    assert jensen_shannon(a, b)[0] == pytest.approx(math.log(2.0), abs=1e-3)
+
+
+def test_welsch_is_4_15():
+    e = torch.tensor([[0.03, 0.0, 0.04]])
+    assert welsch(torch.zeros(1, 3), e)[0] == pytest.approx(1 - math.exp(-0.0025 / (2 * 0.05**2)))
+
+
+def test_balanced_mse_prefers_the_own_truth():
+    truth = torch.randn(6, 4, 3, generator=torch.Generator().manual_seed(0))
+    assert balanced_mse(truth, truth, 0.1) < balanced_mse(truth.roll(1, 0), truth, 0.1)
+
+
+def test_the_likelihood_is_least_at_the_errors_own_spread():
+    errors = 0.5 * torch.randn(4000, 3, generator=torch.Generator().manual_seed(0))
+
+    def mean(log_diagonal: float) -> float:
+        spread = torch.zeros(4000, 6)
+        spread[:, :3] = log_diagonal
+        return float(spread_loss(spread, errors).mean())
+
+    costs = [mean(x) for x in np.linspace(-1.0, 3.0, 41)]
+    best = float(np.linspace(-1.0, 3.0, 41)[int(np.argmin(costs))])
+    assert 0.6 < math.exp(-best) / 0.5 < 1.1  # Student's scale is below a normal's deviation
+
+
+@pytest.mark.parametrize("width", [2, 4])
+def test_the_unet_keeps_the_size_and_grows_with_the_width(width):
+    net = UNet(1, 3, width)
+    assert net(torch.zeros(2, 1, 160, 160)).shape == (2, 3, 160, 160)
+    assert net.encoders[4].get_submodule("0").out_channels == 16 * width
+
+
+@pytest.mark.parametrize(
+    "model",
+    [Ours(PointNetWidths(16, 1, 2)), Published(2), DemocapLike(2), FromCoordinates(8)],
+    ids=lambda m: type(m).__name__,
+)
+def test_every_network_learns_one_batch_a_little_and_is_judged(model, clouds):
+    torch.manual_seed(0)
+    optimizer = torch.optim.AdamW(model.parameters(), 3e-3)
+    losses = []
+    for _ in range(4):
+        loss = model.loss(clouds)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < losses[0]
+    figures = judge(model, [clouds])
+    assert figures["rmse3"] == pytest.approx((1 - figures["pck3_all"] / 100) * figures["rmse_mm"])
+    assert model.positions(clouds).shape == (2, len(model.columns), 3)
+
+
+def test_the_published_network_tells_of_53_markers_and_18_joints():
+    assert len(PUBLISHED) == 71 and len(set(PUBLISHED)) == 71
