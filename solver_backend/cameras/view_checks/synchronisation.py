@@ -77,7 +77,7 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, triangulation: Tri
     tracks = smoothed_tracks(keypoints.xy[:, :, limbs])
     usual = LAG_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
     sigma_px = np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual)
-    moving = moving_views(tracks, frames, sigma_px)
+    moving = _moving(tracks, frames, sigma_px)
     if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
         return Delays(*np.full((3, len(cameras)), np.nan))
     lags = np.zeros(len(cameras))
@@ -171,7 +171,7 @@ def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) ->
     return lags - _median(lags)
 
 
-def moving_views(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """Return (C,) whether the person moves so that a view can tell when."""
     way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
     way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
