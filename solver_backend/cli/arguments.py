@@ -10,6 +10,7 @@ from solver_backend import __version__
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
+from solver_backend.cli.video_arguments import add_video_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
 
 
@@ -60,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
     add_marker_verbs(verbs, writing, common)
+    add_video_verbs(verbs, writing, common)
     return parser
 
 

@@ -17,6 +17,7 @@ from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.marker_verbs import MARKER_VERBS
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.pose_arguments import POSE_VERBS
+from solver_backend.cli.video_arguments import VIDEO_VERBS
 from solver_backend.exchange.errors import MocapError, SolverFailed
 from solver_backend.exchange.progress import Progress
 
@@ -73,7 +74,8 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
 
 def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    module = "pose_verbs" if name in POSE_VERBS else "marker_verbs" if name in MARKER_VERBS else "verbs"
+    groups = {"pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "video_verbs": VIDEO_VERBS}
+    module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")
     return getattr(verbs, name.replace("-", "_"))
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, TooFewViews
+from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.units import resized
@@ -19,6 +20,8 @@ from solver_backend.rig.sync.clocks import Clocks
 from solver_backend.rig.sync.resample import at_times, common_times
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
+CROPPED_SHARE = 0.02
+"""Pictures that differ by less from the calibration's were cut to whole blocks by a coder."""
 SHORT_SHARE = 0.5
 """Videos whose common time is less than this share of the longest are worth a word."""
 
@@ -158,10 +161,22 @@ def _in_video_pixels(calibration: Calibration, found: Sequence[VideoDetections])
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])
         if size != item.size:
-            words = f"{cameras.names[c]}: calibrated at {size[0]} x {size[1]}, filmed at {item.size[0]} x {item.size[1]}"
-            if calibration.size_known[c] and abs(item.size[0] * size[1] / (item.size[1] * size[0]) - 1) < 0.02:
+            scale = item.size[0] / size[0]
+            words = f"{cameras.names[c]}: made at {size[0]} x {size[1]}, filmed at {item.size[0]} x {item.size[1]}"
+            if not calibration.size_known[c]:
+                sizes = cameras.image_size.copy()
+                sizes[c] = item.size
+                cameras = replace(cameras, image_size=sizes)
+            elif abs(scale - 1) < CROPPED_SHARE:
+                notes.append(f"{words} px; taken to be cut, not scaled.")
+            elif abs(item.size[0] * size[1] / (item.size[1] * size[0]) - 1) < CROPPED_SHARE:
                 cameras = resized(cameras, c, item.size)
                 notes.append(f"{words} px; the calibration was scaled.")
+            else:
+                raise CalibrationMismatch(
+                    f"The calibration of {words} px: another shape of picture.", where=str(item.video),
+                    hint="Calibrate in the mode that is filmed in; a portrait video needs a portrait calibration.",
+                )  # fmt: skip
     return cameras, tuple(notes)
 
 

@@ -54,7 +54,9 @@ def detect_videos(
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
     run = _Run(choice, sum(info.num_frames for info in infos))
-    wanted = [_Wanted(info, hashes[info.path], _kept_at(folder, info.path, hashes[info.path], choice)) for info in infos]
+    wanted = [
+        _Wanted(info, hashes[info.path], _kept_at(folder, info.path, hashes[info.path], choice)) for info in infos
+    ]
     workers = min(jobs or os.cpu_count() or 1, len(infos))
     with ThreadPoolExecutor(workers, thread_name_prefix="detector") as pool:
         futures = [pool.submit(run.of_video, item) for item in wanted]

@@ -159,5 +159,3 @@ def _folders(folder: Path) -> list[Path]:
         return sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name))
     except OSError:
         return []
-
-

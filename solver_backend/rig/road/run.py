@@ -24,8 +24,8 @@ from solver_backend.rig.detect.choice import DetectorChoice
 from solver_backend.rig.detect.detect_videos import detect_videos
 from solver_backend.rig.detect.noise_map import NoiseMap
 from solver_backend.rig.detect.video_detections import VideoDetections
-from solver_backend.rig.road.plan import STEPS, TakePlan
 from solver_backend.rig.road.layout import FoundFolder
+from solver_backend.rig.road.plan import STEPS, TakePlan
 from solver_backend.rig.road.records import Records
 from solver_backend.rig.road.seam import CalibrationRequest, Calibrator, no_calibrator
 from solver_backend.rig.sync.clocks import Clocks
@@ -142,7 +142,9 @@ def _kept(records: Records, output: Path, made_of: object, step: str, settings: 
         return True
     if output.exists() and not records.is_ours(output) and not settings.overwrite:
         raise OutputExists(
-            "There is a file that this road did not make.", where=str(output), hint="Choose another --out, or --overwrite."
+            "There is a file that this road did not make.",
+            where=str(output),
+            hint="Choose another --out, or --overwrite.",
         )
     return False
 

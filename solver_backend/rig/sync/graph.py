@@ -44,9 +44,7 @@ def _at(pair: PairLag, middle_s: float) -> float:
     return pair.lag_s + pair.rate * (middle_s - pair.middle_s)
 
 
-def _solved(
-    count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return offsets and rates (C, 2) and covariances (C, 2, 2), the first camera's zero."""
     normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
     for (i, j), pair in pairs.items():

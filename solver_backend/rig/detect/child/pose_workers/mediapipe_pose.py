@@ -7,7 +7,7 @@ finds 21 points of each beside the body.
 from __future__ import annotations
 
 import sys
-from typing import Any, Dict, List, Optional
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ MARGIN = 0.15
 class MediaPipePose:
     """Detects by ``mediapipe.solutions``; its own smoothing stays off, for it would delay fast movement."""
 
-    def __init__(self, options: Dict[str, Any]) -> None:
+    def __init__(self, options: dict[str, Any]) -> None:
         try:
             import mediapipe
         except ImportError as error:
@@ -48,10 +48,10 @@ class MediaPipePose:
             "people": self._people,
         }
 
-    def detect(self, rgb: np.ndarray, time_s: float) -> Dict[str, np.ndarray]:
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return keypoints and hands, see ``PoseDetector``."""
-        bodies: List[np.ndarray] = []
-        hands: List[np.ndarray] = []
+        bodies: list[np.ndarray] = []
+        hands: list[np.ndarray] = []
         picture = rgb
         for number, model in enumerate(self._models):
             result = model.process(picture)
@@ -70,7 +70,7 @@ class MediaPipePose:
         return found
 
 
-def _pixels(landmarks: Optional[Any], shape: Any, count: int) -> np.ndarray:
+def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
     """Return (K, 3); points outside the picture, which the model makes up, have confidence 0."""
     if landmarks is None:
         return np.full((count, 3), np.nan)

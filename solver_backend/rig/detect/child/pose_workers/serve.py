@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from typing import Any, BinaryIO, Callable, Dict, Protocol
+from collections.abc import Callable
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
@@ -26,10 +27,10 @@ class Refused(Exception):
 class PoseDetector(Protocol):
     """What a module of this package makes."""
 
-    about: Dict[str, Any]
+    about: dict[str, Any]
     """``name`` with its version, ``joint_set`` or ``num_keypoints``, ``people`` at most."""
 
-    def detect(self, rgb: np.ndarray, time_s: float) -> Dict[str, np.ndarray]:
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return ``keypoints`` (P, K, 3): x, y in pixels, (0, 0) the centre of the first, and confidence 0 to 1.
 
         ``hands`` (P, 2, 21, 3), left hand first, where the detector finds them; NaN for a hand that is not seen.
@@ -37,7 +38,7 @@ class PoseDetector(Protocol):
         ...
 
 
-def serve(make: Callable[[Dict[str, Any]], PoseDetector]) -> int:
+def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
     """Answer until the input ends; what libraries print goes to standard error."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -56,7 +57,7 @@ def serve(make: Callable[[Dict[str, Any]], PoseDetector]) -> int:
     return 0
 
 
-def _say(stream: BinaryIO, head: Dict[str, Any], *arrays: np.ndarray) -> None:
+def _say(stream: BinaryIO, head: dict[str, Any], *arrays: np.ndarray) -> None:
     stream.write(json.dumps(head).encode() + b"\n")
     for array in arrays:
         stream.write(array.tobytes())
