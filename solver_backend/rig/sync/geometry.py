@@ -31,6 +31,13 @@ OUTLIER_SIGMAS = 8.0
 ROUNDS, REFINED_ROUNDS, SETTLED_FRAMES = 12, (1, 3), 0.002
 """Rounds of steps, those before which the cameras' poses are refined, and how small a last step is."""
 LEAST_FRAMES = 24
+NEAR_S = 0.5
+"""How far off a start may be."""
+IN_STEP_BONUS = 0.97
+"""Cameras are in step unless other clocks explain the detections better by more than this factor."""
+LEAST_COMMON_S, LEAST_COMMON_SHARE = 3.0, 0.7
+"""Time that all videos must have in common, or the share of the shortest one where it is shorter."""
+_HINT = "Are these the cameras of the calibration? Else use sound: --sync sound."
 MOTION_FRAMES, MOTION_SIGMAS, LEAST_MOVES = 4, 3.0, 100
 """A keypoint moves where it goes further than so many deviations in twice so many frames."""
 
@@ -54,7 +61,8 @@ class FilmedTracks:
 def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: float) -> Clocks:
     """Return the clocks of calibrated cameras.
 
-    Whole frames by epipolar lines (``whole_lags``), from a start or over the whole reach; then Gauss-Newton steps on
+    Whole frames by epipolar lines (``whole_lags``), from a start and over the whole reach; of these, and of clocks that
+    agree, those under which the views agree best; then Gauss-Newton steps on
     delay and drift of all cameras with the points eliminated (``delay_step``), the drift held by the crystal's prior;
     cameras' poses are refined by the person in between, so that a calibration a little off counts less.
 
@@ -67,22 +75,53 @@ def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: floa
         SyncUnknown: too little moves, or no moment is in all views.
     """
     names = filmed.cameras.names
-    clocks = start or Clocks.alike(names)
-    xy = _whole_grid(filmed, clocks, reach_s if start is None else 0.0)
     usual = LAG_SIGMA_SHARE * float(filmed.cameras.image_size.max(axis=1).mean())
-    sigma = np.full(xy.shape[2], usual)
+    alike = Clocks.alike(names)
+    xy = _whole_grid(filmed, alike)
     if xy.shape[1] < LEAST_FRAMES or not _moving(xy, usual).all():
         raise SyncUnknown(
             "The person moves too little, or is seen too little, to tell the cameras' clocks by.",
             where=", ".join(names), hint="Wave both arms in sight of all cameras, or use sound: --sync sound.",
         )  # fmt: skip
-    reach = round((reach_s if start is None else 0.5) * filmed.fps)
-    lags = whole_lags(filmed.cameras, xy, _lively(xy, LAG_FRAMES), sigma, max(reach, 2))
-    clocks = replace(clocks, offset_s=clocks.offset_s + (lags - lags[0]) / filmed.fps)
-    return _refined(filmed, clocks, usual)
+    candidates = [alike, _by_whole_lags(filmed, alike, reach_s, usual)]
+    if start is not None:
+        candidates.append(_by_whole_lags(filmed, start, NEAR_S, usual))
+    scores = [_disagreement_px(filmed, clocks) for clocks in candidates]
+    scores[0] *= IN_STEP_BONUS
+    best = int(np.argmin(scores))
+    if not np.isfinite(scores[best]):
+        raise SyncUnknown("At no offset do the views agree on the person.", where=", ".join(names), hint=_HINT)
+    return _refined(filmed, candidates[best], usual)
 
 
-def _whole_grid(filmed: FilmedTracks, clocks: Clocks, margin_s: float) -> np.ndarray:
+def _by_whole_lags(filmed: FilmedTracks, clocks: Clocks, reach_s: float, usual: float) -> Clocks:
+    """Return clocks moved by the whole frames at which the views' epipolar lines are met best."""
+    xy = _whole_grid(filmed, clocks)
+    reach = max(round(reach_s * filmed.fps), 2)
+    lags = whole_lags(filmed.cameras, xy, _lively(xy, LAG_FRAMES), np.full(xy.shape[2], usual), reach)
+    return replace(clocks, offset_s=clocks.offset_s + (lags - lags[0]) / filmed.fps)
+
+
+def _disagreement_px(filmed: FilmedTracks, clocks: Clocks) -> float:
+    """Return how far the views' detections are from the points they make, px; inf where too little time is common."""
+    wanted = common_times([(float(w[0]), float(w[-1])) for w in filmed.times_s], clocks, filmed.fps)
+    shortest = min(float(when[-1] - when[0]) for when in filmed.times_s)
+    if len(wanted) < max(LEAST_FRAMES, filmed.fps * min(LEAST_COMMON_S, LEAST_COMMON_SHARE * shortest)):
+        return float("inf")
+    xy = _limbs_at(filmed, clocks, wanted, feet=False)
+    xy = xy[:, _lively(xy, 2 * LAG_FRAMES)]
+    located = triangulate(filmed.cameras, xy, np.isfinite(xy[..., 0]).astype(float))
+    px = project(
+        filmed.cameras.K, filmed.cameras.distortion, filmed.cameras.R, filmed.cameras.t, np.asarray(located.points),
+        filmed.cameras.distortion_model,
+    )  # fmt: skip
+    error = np.linalg.norm(xy - px, axis=-1)
+    known = np.isfinite(xy[..., 0])
+    # What no point explains counts as far off: agreeing on little is no agreement.
+    return float(np.quantile(np.where(np.isfinite(error), error, np.inf)[known], 0.6)) if known.any() else float("inf")
+
+
+def _whole_grid(filmed: FilmedTracks, clocks: Clocks) -> np.ndarray:
     """Return (C, F, K, 2) limbs at moments that any view shows, on the clocks as they are known."""
     ends = [clocks.from_video(c, when[[0, -1]]) for c, when in enumerate(filmed.times_s)]
     low, high = min(e[0] for e in ends), max(e[1] for e in ends)

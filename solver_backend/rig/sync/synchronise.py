@@ -30,8 +30,9 @@ WAYS = ("auto", "keypoints", "sound", "flash", "none")
 """How clocks may be told; ``auto`` is by keypoints, or by sound where those tell nothing."""
 REACH_S = 6.5
 """Largest offset that is looked for."""
-IN_STEP_FRAMES, IN_STEP_SIGMAS = 0.3, 3.0
-"""Cameras none of which is off by more than this, or by more than so many deviations, are in step."""
+IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
+"""Cameras none of which is off by more than this, or by more than so many deviations, are in step: nobody starts four
+by hand within a frame; what is left is the solve's own check to tell."""
 ROLLING_SHUTTER = "Rolling shutters are not allowed for: rows of a picture may differ by up to a frame."
 
 
@@ -145,7 +146,7 @@ def in_step(clocks: Clocks, fps: float) -> Clocks:
     Detections of cameras in step are then not resampled at all.
     """
     sigma = np.sqrt(clocks.covariance[:, 0, 0])
-    allowed = np.minimum(np.maximum(IN_STEP_SIGMAS * sigma, IN_STEP_FRAMES / fps), 1.0 / fps)
+    allowed = np.minimum(np.maximum(IN_STEP_SIGMAS * sigma, IN_STEP_FRAMES / fps), 2.0 * IN_STEP_FRAMES / fps)
     # A rate that cannot be told from none within the take counts as none.
     sure = np.abs(clocks.rate) > IN_STEP_SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
