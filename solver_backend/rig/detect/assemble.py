@@ -45,7 +45,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
         )  # fmt: skip
     rates = [item.fps for item in found if item.fps > 0]
     fps = float(np.median(rates)) if rates else 0.0
-    fps = round(fps) if fps and abs(fps - round(fps)) < 1e-3 * fps else fps
+    fps = round(fps) if fps and abs(fps - round(fps)) < 2e-3 * fps else fps
     relative = [item.times_s - item.times_s[0] for item in found]
     wanted = common_times([(0.0, float(t[-1])) for t in relative], clocks, fps or 1.0)
     if not len(wanted):

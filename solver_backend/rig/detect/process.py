@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -33,7 +34,7 @@ class DetectorProcess:
 
     def __init__(self, choice: DetectorChoice) -> None:
         self._choice = choice
-        self._log = tempfile.TemporaryFile()
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONSTARTUP")}
         environment |= {"PYTHONPATH": str(CHILD), "PYTHONDONTWRITEBYTECODE": "1"}
         command = [str(choice.python), "-m", f"pose_workers.{choice.module}", json.dumps(choice.options)]
@@ -42,6 +43,7 @@ class DetectorProcess:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, env=environment
             )
         except OSError as error:
+            self._log.close()
             raise DetectorMissing(
                 f"The detector's Python does not start: {error.strerror}.", where=str(choice.python),
                 hint="Check the path of --python.",
@@ -59,7 +61,7 @@ class DetectorProcess:
                 where = str(self._choice.options.get("model", self._choice.python))
                 raise kind(told["message"], where=where, hint=told["hint"])
         except BaseException:
-            self.end()
+            self._close()
             raise
         self.about: dict[str, Any] = hello["ready"]
         return self
@@ -67,13 +69,20 @@ class DetectorProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.end()
+        self._close()
 
     def end(self) -> None:
         """End the process, whatever it is doing; may be called from another thread and several times."""
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
+
+    def _close(self) -> None:
+        """End the process and close what led to it; for the thread that talks to it alone."""
+        self.end()
+        for stream in (self._pictures, self._answers, self._log):
+            with suppress(OSError):
+                stream.close()
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return what the detector finds in a picture, see ``PoseDetector.detect``.

@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import read_fields
+from solver_backend.rig.video.probe import rate_of
 from solver_backend.types import JointSet
 
 FORMAT, VERSION = "manifold_mocap_detections", 1
@@ -51,8 +52,8 @@ class VideoDetections:
 
     @property
     def fps(self) -> float:
-        """Pictures a second by the median interval."""
-        return float(1.0 / np.median(np.diff(self.times_s))) if self.num_frames > 1 else 0.0
+        """Pictures a second."""
+        return rate_of(self.times_s)
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return xy (F, K, 2) and confidence (F, K) of one person."""

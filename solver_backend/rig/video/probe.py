@@ -1,4 +1,4 @@
-"""What a video is, found without decoding it: its pictures' times, rate, size and rotation, and whether it has sound."""
+"""What a video is, found without decoding it: its pictures' times, rate, size and rotation, and its sound."""
 
 from __future__ import annotations
 
@@ -40,11 +40,8 @@ class VideoInfo:
 
     @property
     def fps(self) -> float:
-        """Pictures a second: ``1 / median interval`` of a variable rate, the mean of a constant one."""
-        if self.num_frames < 2:
-            return 0.0
-        gaps = np.diff(self.times_s)
-        return float(1.0 / (np.median(gaps) if self.variable else gaps.mean()))
+        """Pictures a second, see ``rate_of``."""
+        return rate_of(self.times_s)
 
     @property
     def variable(self) -> bool:
@@ -83,6 +80,19 @@ def probe(path: Path | str) -> VideoInfo:
     size = (first.height, first.width) if rotation % 180 else (first.width, first.height)
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     return VideoInfo(path, size, rotation, times, sound, codec)
+
+
+def rate_of(times_s: np.ndarray) -> float:
+    """Return pictures a second: one over the mean of the usual intervals (times may be rounded, pictures dropped).
+
+    Args:
+        times_s: (F,) ascending; 0 comes back of fewer than two.
+    """
+    if len(times_s) < 2:
+        return 0.0
+    gaps = np.diff(times_s)
+    usual = float(np.median(gaps))
+    return float(1.0 / gaps[np.abs(gaps - usual) <= OFF_SHARE * usual].mean())
 
 
 def quarter_turn(degrees: float) -> int:
