@@ -12,7 +12,7 @@ from typing import Any
 from solver_backend.cli.describe import describe_capture, describe_motion
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown
+from solver_backend.exchange.errors import BackendMissing, CaptureNotRecognised, CommandLineInvalid, MarkersUnknown
 from solver_backend.exchange.outputs import atomic_output, check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import FrameRange
@@ -106,10 +106,18 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture as one of our own files."""
+    """Write any capture as one of our own files; a folder of videos becomes one by the default detector."""
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
-    return _write(args.out, _read(args, progress), overwrite)
+    try:
+        capture = _read(args, progress)
+    except CaptureNotRecognised:
+        from solver_backend.cli.video_verbs import capture_of_folder
+
+        capture = capture_of_folder(args.capture, args.out.parent, progress)
+        if capture is None:
+            raise
+    return _write(args.out, capture, overwrite)
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:

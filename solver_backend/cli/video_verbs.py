@@ -13,6 +13,7 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.types import Capture
 
 
 def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -95,6 +96,37 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     lines += [f"  failed {name}: {error}" for name, error in failed.items()]
     data["failed"] = {name: error.as_event() for name, error in failed.items()}
     return Outcome("\n".join(lines), data)
+
+
+def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
+    """Return the capture of the one take of a folder of videos, by the default detector; None where there is no video.
+
+    Args:
+        folder: the folder.
+        out: where detections and clocks are kept.
+        progress: called as stages advance.
+
+    Raises:
+        CommandLineInvalid: the folder holds several takes.
+        MocapError: whatever the road raises.
+    """
+    from solver_backend.io.native.capture_file import read_capture
+    from solver_backend.rig.detect.choice import chosen_detector
+    from solver_backend.rig.road.errors import NoVideos
+    from solver_backend.rig.road.layout import look_through
+    from solver_backend.rig.road.plan import planned
+    from solver_backend.rig.road.run import RoadSettings, go
+
+    try:
+        found = look_through(folder)
+    except NoVideos:
+        return None
+    if len(found.takes) > 1:
+        names = ", ".join(take.name for take in found.takes)
+        raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=f"Choose one: {names}.")
+    [plan] = planned(found, out / "from_videos")
+    go(found, plan, RoadSettings(chosen_detector(), until="capture"), progress)
+    return read_capture(plan.capture)
 
 
 def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -1,1 +1,1 @@
-"""From cameras on tripods to a capture: calibrate, synchronise, detect. Needs the extra ``capture``; no solve uses it."""
+"""From cameras on tripods to a capture: calibrate, synchronise, detect. Needs the extra ``capture``."""

@@ -43,7 +43,7 @@ class NoiseMap:
     """How many keypoints it was measured on."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the confidence that says what it means: ``(σ_least / σ(c))²``, between ``LEAST_WEIGHT`` and 1; 0 stays.
+        """Return the confidence that says what it means: ``(σ_least / σ(c))²``, at least ``LEAST_WEIGHT``; 0 stays.
 
         The solver weighs a squared error by its confidence, so this is the inverse variance.
         """

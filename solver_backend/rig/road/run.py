@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from solver_backend.exchange.errors import OutputExists
@@ -50,7 +50,7 @@ class RoadSettings:
     """Steps that are done again even if nothing has changed."""
     overwrite: bool = False
     """Replace files that this road did not make."""
-    solve: SolveSettings = SolveSettings()
+    solve: SolveSettings = field(default_factory=SolveSettings)
     """How the capture is solved."""
 
 

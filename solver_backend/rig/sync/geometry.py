@@ -230,7 +230,7 @@ def _smooth_path(points: np.ndarray) -> np.ndarray:
 
 
 def _local_spread(error: np.ndarray, usual: float) -> np.ndarray:
-    """Return (C, F, K) px, how far (C, F, K, 2) errors scatter around each frame: a keypoint out of sight scatters more.
+    """Return (C, F, K) px, how far (C, F, K, 2) errors scatter around each frame, more where a keypoint is hidden.
 
     Half the window's own mean square of clipped errors, half the view's and keypoint's.
     """

@@ -150,5 +150,6 @@ def in_step(clocks: Clocks, fps: float) -> Clocks:
     # A rate that cannot be told from none within the take counts as none.
     sure = np.abs(clocks.rate) > IN_STEP_SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
-        return replace(Clocks.alike(clocks.names), method=f"{clocks.method}, which find them in step")
+        method = f"{clocks.method}, in step" if clocks.method != "as filmed" else clocks.method
+        return replace(Clocks.alike(clocks.names), method=method, findings=clocks.findings)
     return replace(clocks, findings=(*clocks.findings, ROLLING_SHUTTER))

@@ -117,7 +117,7 @@ def test_the_verb_writes_a_capture_and_previews(
     assert "not calibrated" in " ".join(capture.problems)
 
 
-def detections(**changes) -> VideoDetections:  # noqa: ANN003
+def detections(**changes) -> VideoDetections:
     times = np.arange(30) / 30.0
     line = np.stack([100.0 + 60.0 * times, 50.0 + 30.0 * times], axis=-1)
     xy = np.broadcast_to(line[:, None, None], (30, 1, 17, 2)) + np.arange(17)[:, None] * 5.0

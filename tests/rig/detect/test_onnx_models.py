@@ -89,8 +89,12 @@ def test_rtmo_reads_boxes_and_points(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "outputs",
-    [{"logits": np.zeros((1, 1000))}, {"heat": np.zeros((1, 17, 32, 24))}, {"a": np.zeros((1, 17, 96)), "b": np.zeros((1, 18, 128))}],
-)  # fmt: skip
+    [
+        {"logits": np.zeros((1, 1000))},
+        {"heat": np.zeros((1, 17, 32, 24))},
+        {"a": np.zeros((1, 17, 96)), "b": np.zeros((1, 18, 128))},
+    ],
+)
 def test_other_models_are_refused_with_their_outputs(tmp_path: Path, outputs: dict[str, np.ndarray]) -> None:
     model = write_constant(tmp_path / "other.onnx", outputs)
     with pytest.raises(DetectorOutputsUnknown, match=str(next(iter(outputs)))) as caught, running(model):

@@ -27,14 +27,14 @@ class MediaPipePose:
         except ImportError as error:
             raise Refused(
                 "detector_missing",
-                "This Python has no MediaPipe: %s (%s)" % (error, sys.executable),
+                f"This Python has no MediaPipe: {error} ({sys.executable})",
                 "python3 dev.py detectors makes an environment for it; or name another Python with --python.",
             ) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
             raise Refused(
                 "detector_missing",
-                "MediaPipe %s carries no pose model any more." % mediapipe.__version__,
+                f"MediaPipe {mediapipe.__version__} carries no pose model any more.",
                 "Install mediapipe 0.10.21, whose wheel does: python3 dev.py detectors.",
             )
         self._hands = bool(options.get("hands"))
@@ -43,7 +43,7 @@ class MediaPipePose:
         settings = {"model_complexity": 1, "smooth_landmarks": False, "min_detection_confidence": 0.5}
         self._models = [kind(**settings) for _ in range(self._people)]
         self.about = {
-            "name": "mediapipe %s pose full%s" % (mediapipe.__version__, " hands" * self._hands),
+            "name": f"mediapipe {mediapipe.__version__} pose full{' hands' * self._hands}",
             "joint_set": "MEDIAPIPE_33",
             "people": self._people,
         }

@@ -6,14 +6,15 @@ layout of outputs; MoveNet: Google's model cards.
 
 from __future__ import annotations
 
-from typing import Any, Callable, List, Optional, Tuple
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from .pictures import crop, letterbox
 
-Outputs = List[Tuple[str, List[Any]]]
-Run = Callable[[np.ndarray], List[np.ndarray]]
+Outputs = list[tuple[str, list[Any]]]
+Run = Callable[[np.ndarray], list[np.ndarray]]
 LEAST_SCORE = 0.3
 """People less sure than this are nobody."""
 LARGEST_OVERLAP = 0.65
@@ -27,12 +28,12 @@ class Model:
 
     label = ""
 
-    def __init__(self, given: List[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
+    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
         self.given, self.type, self.outputs, self.run, self.most = given, kind, outputs, run, most
         self.num_keypoints = 0
 
     @classmethod
-    def fits(cls, given: List[Any], outputs: Outputs) -> bool:
+    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
         """Return whether inputs and outputs are this kind's."""
         raise NotImplementedError
 
@@ -54,14 +55,14 @@ class RtmPose(Model):
     padding = 1.25
     """A person's box grows by this factor."""
 
-    def __init__(self, given: List[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
+    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
         super().__init__(given, kind, outputs, run, most)
         self.size = (int(given[3]), int(given[2]))
-        self.boxes: List[np.ndarray] = []
+        self.boxes: list[np.ndarray] = []
         self.num_keypoints = int(outputs[0][1][1])
 
     @classmethod
-    def fits(cls, given: List[Any], outputs: Outputs) -> bool:
+    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
         """Two outputs (N, K, W ratio) and (N, K, H ratio) of a picture (N, 3, H, W)."""
         if len(outputs) != 2 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
             return False
@@ -101,13 +102,13 @@ class Rtmo(Model):
 
     label = "RTMO"
 
-    def __init__(self, given: List[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
+    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
         super().__init__(given, kind, outputs, run, most)
         self.points = next(i for i, (_, shape) in enumerate(outputs) if len(shape) == 4)
         self.num_keypoints = int(outputs[self.points][1][2])
 
     @classmethod
-    def fits(cls, given: List[Any], outputs: Outputs) -> bool:
+    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
         """See the class."""
         by_rank = {len(shape): shape for _, shape in outputs}
         if len(outputs) != 2 or set(by_rank) != {3, 4} or given[1] != 3 or not _numbers(given[2:]):
@@ -130,14 +131,14 @@ class YoloPose(Model):
 
     label = "YOLO-pose"
 
-    def __init__(self, given: List[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
+    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
         super().__init__(given, kind, outputs, run, most)
         shape = outputs[0][1]
         self.finished = _is_whole(shape[2], 6)
         self.num_keypoints = (shape[2] - 6) // 3 if self.finished else (shape[1] - 5) // 3
 
     @classmethod
-    def fits(cls, given: List[Any], outputs: Outputs) -> bool:
+    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
         """See the class."""
         if len(outputs) != 1 or len(given) != 4 or given[1] != 3 or not _numbers(given[2:]):
             return False
@@ -165,7 +166,7 @@ class MoveNet(Model):
 
     label = "MoveNet"
 
-    def __init__(self, given: List[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
+    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
         super().__init__(given, kind, outputs, run, most)
         self.num_keypoints = 17
         self.several = len(outputs[0][1]) == 3
@@ -173,7 +174,7 @@ class MoveNet(Model):
         self.side = sides[0] if sides else 256
 
     @classmethod
-    def fits(cls, given: List[Any], outputs: Outputs) -> bool:
+    def fits(cls, given: list[Any], outputs: Outputs) -> bool:
         """See the class."""
         if len(outputs) != 1 or len(given) != 4 or given[3] != 3:
             return False
@@ -195,9 +196,9 @@ KINDS = (MoveNet, RtmPose, Rtmo, YoloPose)
 """Asked in this order."""
 
 
-def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> List[int]:
+def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
     """Return which boxes (N, 4) stay, the surest first: each less sure one that overlaps a kept one goes."""
-    kept: List[int] = []
+    kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
             break
@@ -230,11 +231,11 @@ def _box(person: np.ndarray) -> np.ndarray:
     return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
 
-def _is_somebody(person: Optional[np.ndarray]) -> bool:
+def _is_somebody(person: np.ndarray | None) -> bool:
     return person is not None and float(np.median(person[:, 2])) >= LEAST_SCORE
 
 
-def _numbers(shape: List[Any]) -> bool:
+def _numbers(shape: list[Any]) -> bool:
     return all(isinstance(n, int) and n > 0 for n in shape)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import numpy as np
 
@@ -19,14 +19,14 @@ from .serve import Refused, serve
 class OnnxPose:
     """Runs a model by onnxruntime."""
 
-    def __init__(self, options: Dict[str, Any]) -> None:
+    def __init__(self, options: dict[str, Any]) -> None:
         path = options["model"]
         try:
             import onnxruntime
         except ImportError as error:
             raise Refused(
                 "detector_missing",
-                "This Python has no onnxruntime: %s (%s)" % (error, sys.executable),
+                f"This Python has no onnxruntime: {error} ({sys.executable})",
                 "pip install manifold-mocap[capture], or name another Python with --python.",
             ) from error
         settings = onnxruntime.SessionOptions()
@@ -36,31 +36,31 @@ class OnnxPose:
             session = onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own kinds differ between its releases
             raise Refused(
-                "detector_missing", "The model cannot be loaded: %s" % str(error).splitlines()[0], "Download it again."
+                "detector_missing", f"The model cannot be loaded: {str(error).splitlines()[0]}", "Download it again."
             ) from error
         [given, *more] = session.get_inputs()
         outputs = session.get_outputs()
-        shapes: List[Tuple[str, List[Any]]] = [(o.name, list(o.shape)) for o in outputs]
+        shapes: list[tuple[str, list[Any]]] = [(o.name, list(o.shape)) for o in outputs]
         kind = None if more else next((k for k in KINDS if k.fits(list(given.shape), shapes)), None)
         if kind is None:
             raise Refused(
                 "detector_outputs_unknown",
-                "The model's input %s and outputs %s are of no kind we read."
-                % ([list(i.shape) for i in session.get_inputs()], ["%s %s" % pair for pair in shapes]),
+                f"The model's input {[list(i.shape) for i in session.get_inputs()]} and outputs {shapes} are of no kind "
+                "we read.",
                 "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps.",
             )
 
-        def run(tensor: np.ndarray) -> List[np.ndarray]:
+        def run(tensor: np.ndarray) -> list[np.ndarray]:
             return session.run(None, {given.name: tensor})
 
         self._model: Model = kind(list(given.shape), given.type, shapes, run, int(options.get("people", 1)))
         self.about = {
-            "name": "%s %s" % (kind.label, os.path.splitext(os.path.basename(path))[0]),
+            "name": f"{kind.label} {os.path.splitext(os.path.basename(path))[0]}",
             "num_keypoints": self._model.num_keypoints,
             "people": int(options.get("people", 1)),
         }
 
-    def detect(self, rgb: np.ndarray, time_s: float) -> Dict[str, np.ndarray]:
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return keypoints, see ``PoseDetector``."""
         return {"keypoints": self._model.people(rgb)}
 

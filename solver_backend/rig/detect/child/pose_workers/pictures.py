@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Tuple
-
 import numpy as np
 
 PADDING = 114.0
 """Grey of what lies outside a picture."""
 
 
-def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: Tuple[int, int]) -> np.ndarray:
+def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y; beyond the picture is black), bilinear.
 
     Column j of the result is ``x = low + (high - low) j / w``, as models are trained that map a box's corner to the
@@ -22,14 +20,14 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: Tuple[int, in
     return sampled(rgb, x, y, 0.0)
 
 
-def letterbox(rgb: np.ndarray, size: Tuple[int, int], *, corner: bool) -> Tuple[np.ndarray, float]:
+def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
     """Return the whole picture scaled into (h, w, 3), grey beside it, and the scale.
 
     It stands in the upper left corner, or in the middle. Pixel centres keep their place: ``x' + 1/2 = s (x + 1/2)``.
     """
     width, height = size
     scale = min(width / rgb.shape[1], height / rgb.shape[0])
-    used = [int(round(n * scale)) for n in (rgb.shape[1], rgb.shape[0])]
+    used = [round(n * scale) for n in (rgb.shape[1], rgb.shape[0])]
     start = (0.0, 0.0) if corner else (0.5 * (width - used[0]), 0.5 * (height - used[1]))
     x = (np.arange(width) - start[0] + 0.5) / scale - 0.5
     y = (np.arange(height) - start[1] + 0.5) / scale - 0.5
@@ -48,7 +46,7 @@ def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np
     return picture
 
 
-def _neighbours(at: np.ndarray, count: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _neighbours(at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     outside = (at < -0.5) | (at > count - 0.5)
     inside = np.clip(at, 0.0, count - 1.0)
     low = np.minimum(np.floor(inside).astype(int), count - 1)
