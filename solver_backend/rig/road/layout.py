@@ -123,7 +123,7 @@ def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
         kind = _kind(path)
         if kind is None and not is_calibration_folder(path):
             continue
-        inner = [(k, sub) for sub in _folders(path) if (k := _kind(sub)) and not _cameras(path)]
+        inner = [(k, sub) for sub in _folders(path) if (k := _kind(sub))]
         for what, place in inner or [(kind or "both", path)]:
             if cameras := _cameras(place):
                 yield CalibrationFootage(what, place, cameras)

@@ -25,7 +25,7 @@ MOST_FRAMES = 4000
 """Frames on which delays are refined, at most."""
 PATH_FRAMES = 2
 """Standard deviation of the smoothing of the points whose movement tells the time."""
-WHITENED_FRAMES, LOCAL_FRAMES, BLOCK_FRAMES = 4, 45, 45
+WHITENED_FRAMES, LOCAL_FRAMES, BLOCK_FRAMES = 4, 45, 150
 """Frames after which errors are taken as new, over which their spread is told, and of a block that errs alone."""
 OUTLIER_SIGMAS = 8.0
 ROUNDS, REFINED_ROUNDS, SETTLED_FRAMES = 12, (1, 3), 0.002
@@ -204,8 +204,8 @@ def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
     velocity = np.full_like(xy, np.nan)
     velocity[:, 1:-1] = 0.5 * (path[:, 2:] - path[:, :-2])
     error, m = xy - px, WHITENED_FRAMES
-    square = (error**2).sum(-1)
-    error = np.where((square < (OUTLIER_SIGMAS * usual) ** 2)[..., None], error, np.nan)
+    far = np.linalg.norm(error, axis=-1, keepdims=True) > OUTLIER_SIGMAS * usual
+    error = np.where(far, np.nan, error)
     memory = _correlation(error[:, :-m], error[:, m:])
     error, velocity = (a[:, m:] - memory * a[:, :-m] for a in (error, velocity))
     spread = _local_spread(error, usual)

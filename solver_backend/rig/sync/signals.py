@@ -10,8 +10,8 @@ LEAST_CORRELATION = 0.25
 """Pieces, and wholes, that agree less tell nothing."""
 LEAST_OVERLAP = 0.3
 """Lags at which less than this share of the shorter signal overlaps are not looked at."""
-RATE_SIGMA = 50e-6
-"""Standard deviation of what a camera's rate is off, before anything is measured: quartz keeps within 100 ppm."""
+RATE_SIGMA = 25e-6
+"""Standard deviation of what a camera's rate is off, before anything is measured: quartz keeps within 50 ppm."""
 ROUNDS = 5
 HUBER_SIGMAS = 2.0
 

@@ -45,8 +45,7 @@ class OnnxPose:
         if kind is None:
             raise Refused(
                 "detector_outputs_unknown",
-                f"The model's input {[list(i.shape) for i in session.get_inputs()]} and outputs {shapes} are of no kind "
-                "we read.",
+                f"The model's inputs {[i.shape for i in session.get_inputs()]} and outputs {shapes} are of no kind we read.",
                 "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps.",
             )
 
