@@ -139,8 +139,9 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     captures = [load_capture(path, progress=progress) for path in args.captures]
-    named = (re.match(r"Detector: (.+?);", note) for capture in captures for note in capture.notes)
-    name = args.detector_name or next((found[1] for found in named if found), "unnamed detector")
+    notes = [note for capture in captures for note in capture.notes]
+    named = [found.group(1) for note in notes if (found := re.match(r"Detector: (.+?);", note))]
+    name = args.detector_name or (named[0] if named else "unnamed detector")
     noise = measure_noise_map(captures, name)
     write_text(args.out, json.dumps(noise.as_dict(), indent=2) + "\n", overwrite=overwrite)
     steps = zip(noise.confidence, noise.sigma_mm, strict=True)
@@ -173,4 +174,4 @@ def _videos(given: list[Path]) -> list[Path]:
     if len(takes) > 1:
         names = ", ".join(take.name for take in takes)
         raise CommandLineInvalid("The folder holds several takes.", where=str(given[0]), hint=f"Choose one: {names}.")
-    return list(takes[0].videos)
+    return list(next(iter(takes)).videos)

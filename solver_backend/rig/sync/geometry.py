@@ -13,6 +13,7 @@ from solver_backend.cameras.view_checks.epipolar_lags import whole_lags
 from solver_backend.cameras.view_checks.joint_delays import BLOCKS, DelayStep, delay_step
 from solver_backend.cameras.view_checks.synchronisation import place_in_take, smoothed_tracks
 from solver_backend.rig.sync.clocks import Clocks
+from solver_backend.rig.sync.convolution import convolved
 from solver_backend.rig.sync.errors import SyncUnknown
 from solver_backend.rig.sync.resample import at_times, common_times
 from solver_backend.rig.sync.signals import RATE_SIGMA
@@ -222,10 +223,7 @@ def _smooth_path(points: np.ndarray) -> np.ndarray:
     reach = 3 * PATH_FRAMES
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / PATH_FRAMES) ** 2)
     known = np.isfinite(points).all(-1)
-    total, share = (
-        np.apply_along_axis(np.convolve, 0, a, kernel, "same")
-        for a in (np.where(known[..., None], points, 0.0), known.astype(float))
-    )
+    total, share = (convolved(a, kernel) for a in (np.where(known[..., None], points, 0.0), known.astype(float)))
     return np.where((share > 0.5 * kernel.sum())[..., None], total / np.maximum(share, 1e-9)[..., None], np.nan)
 
 
@@ -240,7 +238,7 @@ def _local_spread(error: np.ndarray, usual: float) -> np.ndarray:
     known = np.isfinite(square)
     square = np.where(known, square, 0.0)
     kernel = np.ones(LOCAL_FRAMES)
-    near, count = (np.apply_along_axis(np.convolve, 1, a, kernel, "same") for a in (square, known.astype(float)))
+    near, count = (convolved(a, kernel, axis=1) for a in (square, known.astype(float)))
     whole = square.sum(axis=1, keepdims=True) + overall**2
     whole = whole / (known.sum(axis=1, keepdims=True) + 1.0)
     return np.sqrt(0.5 * whole + 0.5 * (near + 10.0 * whole) / (count + 10.0))

@@ -82,7 +82,8 @@ def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, f
     middle_s = first.start_s + 0.5 * len(first.values) / rate_hz
     if not rows:
         return PairLag(coarse_s, 0.0, np.diag([max(floor_s, 1 / rate_hz) ** 2, RATE_SIGMA**2]), middle_s, correlation)
-    (lag, rate), covariance = line_fit(*np.array(rows).T, middle_s, floor_s)
+    at_s, lag_s, agreement = np.array(rows).T
+    (lag, rate), covariance = line_fit(at_s, lag_s, agreement, middle_s, floor_s)
     return PairLag(float(lag), float(rate), covariance, middle_s, correlation)
 
 
@@ -125,7 +126,7 @@ def _correlation(
     energy_a, energy_b = (np.r_[0.0, np.cumsum((v**2).sum(-1))] for v in (a, b))
     low, high = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
     overlap = high - low
-    lags, low, high, usable = lags, low, high, overlap >= LEAST_OVERLAP * min(len(a), len(b))
+    usable = overlap >= LEAST_OVERLAP * min(len(a), len(b))
     if reach_s is not None:
         usable &= np.abs(lags / rate_hz + shift_s) <= reach_s
     if not usable.any():

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.rig.sync.clocks import Clocks
+from solver_backend.rig.sync.convolution import convolved
 from solver_backend.rig.sync.graph import clocks_of_pairs
 from solver_backend.rig.sync.resample import at_times
 from solver_backend.rig.sync.signals import Signal, pair_lag
@@ -58,7 +59,7 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTHING_S * RATE_HZ)) ** 2)
     # The derivative of normalised smoothing over what is known.
     filled = np.where(known, points[..., 1], 0.0)
-    smooth, share = (_convolved(a, kernel) for a in (filled, known.astype(float)))
+    smooth, share = (convolved(a, kernel) for a in (filled, known.astype(float)))
     height = np.where(share > 0.5 * kernel.sum(), smooth / np.maximum(share, 1e-9), np.nan)
     speed = -np.gradient(height, axis=0) * RATE_HZ / size
     speed = np.where(np.isfinite(speed), speed, 0.0)
@@ -73,7 +74,3 @@ def _size(points: np.ndarray) -> float:
     span = high.max(axis=1) - low.min(axis=1)
     span = span[np.isfinite(span) & (span > 0)]
     return float(np.median(span)) if len(span) else 1.0
-
-
-def _convolved(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    return np.apply_along_axis(np.convolve, 0, values, kernel, "same")

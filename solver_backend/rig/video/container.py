@@ -61,6 +61,7 @@ def library() -> Any:
     try:
         import av
         import av.error
+        import av.logging
     except ModuleNotFoundError as error:
         raise BackendMissing(
             "Videos are read with PyAV, which is not installed.", hint="pip install manifold-mocap[capture]"

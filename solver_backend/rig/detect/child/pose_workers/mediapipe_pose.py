@@ -23,7 +23,7 @@ class MediaPipePose:
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
-            import mediapipe
+            import mediapipe  # pyright: ignore[reportMissingImports] - it is in an environment of its own
         except ImportError as error:
             raise Refused(
                 "detector_missing",

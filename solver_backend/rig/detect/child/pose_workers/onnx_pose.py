@@ -45,12 +45,12 @@ class OnnxPose:
         if kind is None:
             raise Refused(
                 "detector_outputs_unknown",
-                f"The model's inputs {[i.shape for i in session.get_inputs()]} and outputs {shapes} are of no kind we read.",
+                f"Inputs {[i.shape for i in session.get_inputs()]} and outputs {shapes} are of no kind we read.",
                 "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps.",
             )
 
         def run(tensor: np.ndarray) -> list[np.ndarray]:
-            return session.run(None, {given.name: tensor})
+            return [np.asarray(value) for value in session.run(None, {given.name: tensor})]
 
         self._model: Model = kind(list(given.shape), given.type, shapes, run, int(options.get("people", 1)))
         self.about = {
