@@ -134,3 +134,16 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     assert result["takes"]["session"]["detect"] == "30 pictures by RTMPose m"
     assert main([*command, "--take", "other"]) == 2
     assert "There are: session" in capsys.readouterr().out
+
+
+def test_convert_takes_a_folder_of_videos_down_the_road(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen = settings(tmp_path).detector
+    monkeypatch.setattr("solver_backend.rig.detect.choice.chosen_detector", lambda: chosen)
+    out = tmp_path / "demo" / "capture.npz"
+    assert main(["convert", str(session), "--out", str(out)]) == 3
+    assert "has no camera calibration" in capsys.readouterr().err and not out.exists()
+    touched(tmp_path / "empty" / "notes.txt")
+    assert main(["convert", str(tmp_path / "empty"), "--out", str(out)]) == 3
+    assert "no folders of detections" in capsys.readouterr().err
