@@ -109,7 +109,7 @@ def assembled(
             notes=(*detections.notes, "The person is whoever is seen most in each view: no calibration yet."),
             problems=(*detections.problems, "The cameras are not calibrated."),
         )  # fmt: skip
-    cameras, size_notes = _in_video_pixels(calibration, found)
+    cameras, size_notes = in_video_pixels(calibration, found)
     person = select_person(cameras, detections, fps, progress)
     cameras, world, turned = placed(cameras, person.keypoints, up_axis)
     return Capture(
@@ -155,8 +155,12 @@ def _sizes(xy: np.ndarray) -> np.ndarray:
     return np.where(known.any(-1), np.hypot(span[..., 0], span[..., 1]), 0.0)
 
 
-def _in_video_pixels(calibration: Calibration, found: Sequence[VideoDetections]) -> tuple[Cameras, tuple[str, ...]]:
-    """Return the cameras in the pixels of the videos, and what was scaled."""
+def in_video_pixels(calibration: Calibration, found: Sequence[VideoDetections]) -> tuple[Cameras, tuple[str, ...]]:
+    """Return the cameras in the pixels of the videos, and what was scaled.
+
+    Raises:
+        CalibrationMismatch: a video has another shape of picture than its calibration.
+    """
     cameras, notes = calibration.cameras, []
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])

@@ -9,15 +9,17 @@ import pytest
 
 import solver_backend.rig.detect.detect_videos as detecting
 from solver_backend.cli.main import main
-from solver_backend.exchange.errors import Cancelled, NoDetections
+from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, NoDetections
+from solver_backend.io.calibration import Calibration
 from solver_backend.io.native.capture_file import read_capture
-from solver_backend.rig.detect.assemble import assembled
+from solver_backend.rig.detect.assemble import assembled, in_video_pixels
 from solver_backend.rig.detect.choice import chosen_detector
 from solver_backend.rig.detect.detect_videos import detect_videos, joint_set_of
 from solver_backend.rig.detect.errors import DetectorOutputsUnknown
 from solver_backend.rig.detect.video_detections import VideoDetections
 from solver_backend.rig.sync.clocks import Clocks
 from solver_backend.rig.video.errors import SameVideoTwice, VideoUnreadable
+from solver_backend.simulation.filming import around
 from solver_backend.types import JointSet
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
@@ -156,3 +158,22 @@ def test_nobody_and_no_common_time_have_a_name() -> None:
     late = replace(Clocks.alike(("a", "b")), offset_s=np.array([0.0, 5.0]))
     with pytest.raises(NoDetections, match="No moment"):
         assembled("t", [detections(), detections()], late, None)
+
+
+def calibrated(width: int, height: int) -> Calibration:
+    cameras = around(np.array([[0.0, 0.0, 1.0]] * 2), 2)
+    sizes = np.array([[width, height]] * 2)
+    return Calibration(replace(cameras, image_size=sizes), Path("calib.toml"), (True, True))
+
+
+def test_a_calibration_of_another_shape_of_picture_is_refused_and_a_larger_one_scaled() -> None:
+    both = [detections(), detections(video=Path("cam2.mp4"))]  # 640 x 480
+    with pytest.raises(CalibrationMismatch, match="made at 480 x 640, filmed at 640 x 480") as caught:
+        assembled("t", both, Clocks.alike(("a", "b")), calibrated(480, 640))
+    assert "portrait" in caught.value.hint
+    large, (note, _) = in_video_pixels(calibrated(1280, 960), both)
+    np.testing.assert_allclose(large.K[0, 0, 0], 0.5 * calibrated(1280, 960).cameras.K[0, 0, 0])
+    assert tuple(large.image_size[1]) == (640, 480) and "scaled" in note
+    cut, (note, _) = in_video_pixels(calibrated(648, 480), both)
+    np.testing.assert_array_equal(cut.K, calibrated(648, 480).cameras.K)
+    assert "cut" in note
