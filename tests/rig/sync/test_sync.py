@@ -63,6 +63,7 @@ def errors_frames(told: Clocks, true: Clocks, seconds: float) -> np.ndarray:
     return FPS * np.stack([told.in_video(c, times) - true.in_video(c, times) for c in range(len(told.names))])
 
 
+@pytest.mark.slow
 def test_calibrated_cameras_tell_offset_and_drift_below_a_tenth_of_a_frame() -> None:
     take, true = filmed([0.0, 1.234, -2.9, 0.507], [0.0, 50e-6, -50e-6, 20e-6], seconds=12.0)
     told = clocks_by_geometry(take, None, 4.5)
