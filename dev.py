@@ -36,6 +36,7 @@ VERBS = {
     "build": "the extension's zip",
     "vendor": "the exchange library copied into the add-on",
     "setup": "the environment alone",
+    "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
 }
 READING = {
     "fps": (float, "frame rate, where the capture does not say it"),
@@ -63,7 +64,7 @@ def main(argv: list[str] | None = None) -> int:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     demo_parser = verbs.add_parser("demo", help="solve a capture, or the embedded one, and bake it in Blender")
     chosen = demo_parser.add_mutually_exclusive_group()
-    chosen.add_argument("capture", nargs="?", type=Path, help="folder or file; the embedded capture if left out")
+    chosen.add_argument("capture", nargs="?", type=Path, help="folder, also of videos, or file; embedded if left out")
     chosen.add_argument("--markers", action="store_true", help="the embedded take of optical markers")
     demo_parser.add_argument("--out", type=Path, help="new or empty folder for the results")
     demo_parser.add_argument("--method", choices=("global", "sliding", "frame"), default="global")
@@ -91,17 +92,16 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     """Make the environment where it is missing, then do what was asked for."""
     if args.verb == "demo":
         return demo(args)
-    if args.verb == "vendor":
-        return call([sys.executable, "build_addon.py", "--vendor"])
+    plain = {"vendor": ["build_addon.py", "--vendor"], "detectors": ["-m", "supply.detectors"]}
+    if args.verb in plain:
+        return call([sys.executable, *plain[args.verb]])
     set_up()
-    if args.verb == "test":
-        return checks([[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]])
-    if args.verb == "lint":
-        return checks([], fix=args.fix)
-    if args.verb == "bench":
-        return call([str(PYTHON), "-m", "tests.benchmarks", *rest])
-    if args.verb == "build":
-        return call([str(PYTHON), "build_addon.py"])
+    if args.verb in ("test", "lint"):
+        tests = [[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]] if args.verb == "test" else []
+        return checks(tests, fix=getattr(args, "fix", False))
+    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"]}
+    if args.verb in made:
+        return call([str(PYTHON), *made[args.verb]])
     print(f"The environment is ready: {PYTHON}")
     return 0
 

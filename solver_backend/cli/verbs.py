@@ -12,7 +12,13 @@ from solver_backend.cli.describe import describe_capture, describe_people, peopl
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import load, reading, trials_of
-from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MarkersUnknown, RefinementUseless
+from solver_backend.exchange.errors import (
+    BackendMissing,
+    CaptureNotRecognised,
+    CommandLineInvalid,
+    MarkersUnknown,
+    RefinementUseless,
+)
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.settings import SolveSettings
@@ -68,12 +74,15 @@ def people(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write any capture as one of our own files, or each trial of a session as one of its own."""
+    """Write any capture as one of our own files, or each trial of a session as one of its own.
+
+    A folder of videos becomes a capture by the default detector.
+    """
     overwrite = bool(args.overwrite)
     trials = trials_of(args.capture)
     if not trials:
         check_output(args.out, overwrite=overwrite)
-        return _write(args.out, load(args.capture, reading(args), progress), overwrite)
+        return _write(args.out, _from_files_or_videos(args, progress), overwrite)
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
             "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
@@ -86,6 +95,18 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
         part = _write(path, load(trial, reading(args), progress), overwrite)
         parts.append(Outcome(part.text, {**part.data, "source": str(trial)}))
     return Outcome("\n".join(part.text for part in parts), {"captures": [part.data for part in parts]})
+
+
+def _from_files_or_videos(args: argparse.Namespace, progress: Progress) -> Capture:
+    try:
+        return load(args.capture, reading(args), progress)
+    except CaptureNotRecognised:
+        from solver_backend.cli.video_verbs import capture_of_folder
+
+        capture = capture_of_folder(args.capture, args.out.parent, progress)
+        if capture is None:
+            raise
+        return capture
 
 
 def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:

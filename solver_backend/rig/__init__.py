@@ -1,5 +1,6 @@
-"""From cameras on tripods to a capture: boards, intrinsics, extrinsics, calibration files and what is wrong with them.
+"""From cameras on tripods to a capture: boards, lenses, places, calibration files, clocks, detections, one road.
 
-It writes calibrations that the solver reads; a solve imports nothing of it. Pictures and videos need the extra
-``capture`` (OpenCV), which is imported where it is used; bundle adjustment and person-only calibration need NumPy.
+It writes calibrations and captures that the solver reads; a solve imports nothing of it. Pictures, videos and
+detectors need the extra ``capture``, imported where it is used; bundle adjustment and person-only calibration need
+NumPy.
 """

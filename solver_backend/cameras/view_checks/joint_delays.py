@@ -43,6 +43,7 @@ def delay_step(
     sigma_px: np.ndarray,
     *,
     drifting: bool,
+    blocks: int = BLOCKS,
 ) -> DelayStep:
     """Return one step on the delays of all cameras.
 
@@ -57,8 +58,9 @@ def delay_step(
         velocity: (C, N, K, 2) px a frame.
         points: (N, K, 3) metres, NaN where unknown.
         at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
-        sigma_px: (K,) standard deviation of the detections, px.
+        sigma_px: (K,) or (C, N, K) standard deviation of the detections, px.
         drifting: look for drifts; else they are zero.
+        blocks: stretches of the take that err independently; several times as many as cameras tell the deviations.
 
     Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
     Liang and Zeger 1986 (the covariance).
@@ -82,7 +84,7 @@ def delay_step(
     shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
     columns = [_centred(basis, weight)] + ([_centred(basis * at[:, None, None], weight)] if drifting else [])
-    step, sigma = _solved(np.stack(columns), error, weight)
+    step, sigma = _solved(np.stack(columns), error, weight, blocks)
     late = step.T @ np.stack([np.ones_like(at), at])[: len(columns)]
     points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
     none = np.zeros(len(cameras))
@@ -90,12 +92,14 @@ def delay_step(
     return DelayStep(delay, drift, sigma[0], sigma[-1] if drifting else none, points)
 
 
-def _solved(columns: np.ndarray, error: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _solved(
+    columns: np.ndarray, error: np.ndarray, weight: np.ndarray, count_of_blocks: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return least-squares steps (B, C) by columns (B, C, C, N, K, 2) and their deviations; each row has mean zero."""
     kinds, count = columns.shape[:2]
     root = np.sqrt(weight)[..., None]
     rows, residual = columns.reshape(kinds * count, *error.shape) * root, error * root
-    blocks = np.array_split(np.arange(error.shape[1]), min(BLOCKS, error.shape[1]))
+    blocks = np.array_split(np.arange(error.shape[1]), min(count_of_blocks, error.shape[1]))
     parts = [(rows[:, :, b].reshape(len(rows), -1), residual[:, b].reshape(-1)) for b in blocks]
     normal, gradient = np.stack([a @ a.T for a, _ in parts]), np.stack([a @ r for a, r in parts])
     total = normal.sum(axis=0)

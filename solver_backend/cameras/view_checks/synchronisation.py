@@ -74,7 +74,7 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, triangulation: Tri
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
     names = keypoints.joint_set.keypoints
     limbs = np.array([k for k, name in enumerate(names) if name.endswith(compared)])
-    tracks = _smooth(keypoints.xy[:, :, limbs])
+    tracks = smoothed_tracks(keypoints.xy[:, :, limbs])
     usual = LAG_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
     sigma_px = np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual)
     moving = _moving(tracks, frames, sigma_px)
@@ -85,7 +85,7 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, triangulation: Tri
     seen = cameras.subset(np.flatnonzero(moving).tolist())
     lags[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual)
     if lags.any():
-        xy = _at(tracks, frames + lags[:, None])
+        xy = tracks_at(tracks, frames + lags[:, None])
         points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
     else:
         points = triangulation.of_keypoints(limbs).points[frames]
@@ -132,8 +132,8 @@ class _Search:
     def _step(self, delay: np.ndarray, drift: np.ndarray, points: np.ndarray, *, drifting: bool) -> DelayStep:
         place = place_in_take(self.frames, self.tracks.shape[1])
         times = self.frames + delay[:, None] + drift[:, None] * place
-        velocity = 0.5 * (_at(self.tracks, times + 1.0) - _at(self.tracks, times - 1.0))
-        xy = _at(self.tracks, times)
+        velocity = 0.5 * (tracks_at(self.tracks, times + 1.0) - tracks_at(self.tracks, times - 1.0))
+        xy = tracks_at(self.tracks, times)
         return delay_step(self.cameras, xy, velocity, points, place, self.sigma_px, drifting=drifting)
 
 
@@ -173,15 +173,15 @@ def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) ->
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """Return (C,) whether the person moves so that a view can tell when."""
-    way = _at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
-    way = way - _at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
+    way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
+    way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
     square = ((way / sigma_px[:, None]) ** 2).sum(-1)
     known = np.isfinite(square)
     mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     return (mean >= LEAST_MOTION).sum(axis=1) >= LEAST_MOVING
 
 
-def _smooth(xy: np.ndarray) -> np.ndarray:
+def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
     """Return (C, F, K, 2) tracks after a running median and a low-pass; missing where fewer than three are near."""
     around = _windows(xy, MEDIAN_FRAMES)
     count = np.isfinite(around[..., 0, :]).sum(-1)
@@ -202,7 +202,7 @@ def _sampled(num_frames: int, count: int) -> np.ndarray:
     return np.unique(np.linspace(0, num_frames - 1, min(count, num_frames)).round().astype(int))
 
 
-def _at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
+def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return (C, N, K, 2) tracks at (C, N) times in frames."""
     return np.stack([_view_at(track, when) for track, when in zip(tracks, times, strict=True)])
 

@@ -60,7 +60,7 @@ def find_calibration(
         for calibration in found:
             order = match_names(recorded, calibration.cameras.names)
             if order is not None:
-                return _ordered(calibration, order)
+                return ordered(calibration, order)
         others += found
         # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
@@ -98,7 +98,8 @@ def _subfolders(folder: Path) -> list[Path]:
         return []
 
 
-def _ordered(found: Calibration, order: list[int]) -> Calibration:
+def ordered(found: Calibration, order: list[int]) -> Calibration:
+    """Return a calibration with its cameras in this order; those that are left out are named in its notes."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (f"Calibrated but not recorded: {listing(left_out)}.",) if left_out else ()
     return replace(

@@ -1,0 +1,71 @@
+"""What may stand on the command line of the verbs that begin with videos."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+VIDEO_VERBS = ("detect", "from-videos", "detector-noise")
+
+
+def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add the verbs from videos to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    detector = _detector()
+    detect = verbs.add_parser(
+        "detect", parents=[detector, writing, common], help="find keypoints in videos and write a capture"
+    )
+    detect.add_argument("videos", nargs="+", type=Path, metavar="VIDEO", help="one a camera, or a folder of them")
+    detect.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+    detect.add_argument("--calibration", type=Path, metavar="FILE", help="cameras; without, the capture has none yet")
+    detect.add_argument("--work", type=Path, metavar="DIR", help="where each video's detections are kept; beside --out")
+    detect.add_argument("--preview", type=Path, metavar="DIR", help="also draw what was found over the videos")
+
+    road = verbs.add_parser(
+        "from-videos", parents=[detector, writing, common], help="from a folder of videos to a solved motion"
+    )
+    road.add_argument("folder", type=Path, metavar="FOLDER", help="takes in 'videos', boards in 'calibration'")
+    road.add_argument("--out", type=Path, metavar="DIR", help="results; FOLDER/mocap if left out")
+    road.add_argument("--take", metavar="NAME", help="only this take")
+    road.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
+    road.add_argument(
+        "--until", choices=("detect", "sync", "calibrate", "capture", "solve"), default="solve", help="last step"
+    )
+    road.add_argument(
+        "--redo", action="append", default=[], choices=("sync", "capture", "solve"), help="do this step again"
+    )
+    road.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
+    road.add_argument("--method", help="global (default), sliding, frame or noise-aware")
+
+    noise = verbs.add_parser(
+        "detector-noise", parents=[writing, common], help="measure what a detector's confidence means"
+    )
+    noise.add_argument("captures", nargs="+", type=Path, metavar="CAPTURE", help="captures of known cameras")
+    noise.add_argument("--detector-name", metavar="NAME", help="what it is for; read from the captures if left out")
+    noise.add_argument("--out", type=Path, required=True, metavar="NOISE.json")
+
+
+def _detector() -> argparse.ArgumentParser:
+    options = argparse.ArgumentParser(add_help=False)
+    options.add_argument(
+        "--detector", default="mediapipe", metavar="NAME|MODEL.onnx",
+        help="mediapipe (default), or an ONNX file of RTMPose, RTMO, YOLO-pose or MoveNet",
+    )  # fmt: skip
+    options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
+    options.add_argument("--people", type=int, default=1, metavar="N", help="people looked for in each view")
+    options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
+    options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
+    options.add_argument(
+        "--noise", type=Path, metavar="NOISE.json", help="what the confidence means, see detector-noise"
+    )
+    options.add_argument(
+        "--sync", choices=("auto", "keypoints", "sound", "flash", "none"), default="auto",
+        help="how the cameras' clocks are told (default: by whatever tells them)",
+    )  # fmt: skip
+    return options

@@ -1,0 +1,177 @@
+"""The verbs that begin with videos."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.describe import describe_capture
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import CommandLineInvalid, MocapError
+from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.progress import Progress
+from solver_backend.types import Capture
+
+
+def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find keypoints in videos and write them as a capture."""
+    from solver_backend.io.calibration.read import read_calibration
+    from solver_backend.io.calibration.search import ordered
+    from solver_backend.io.native.capture_file import write_capture
+    from solver_backend.io.recognition.camera_names import listing, match_names
+    from solver_backend.io.recognition.range_checks import checked
+    from solver_backend.rig.detect.assemble import assembled
+    from solver_backend.rig.detect.detect_videos import detect_videos
+    from solver_backend.rig.detect.preview import write_previews
+    from solver_backend.rig.sync.synchronise import synchronise
+
+    overwrite, choice, noise = bool(args.overwrite), _choice(args), _noise(args)
+    check_output(args.out, overwrite=overwrite)
+    videos = _videos(args.videos)
+    calibration = None
+    if args.calibration is not None:
+        calibration = read_calibration(args.calibration)
+        names = [path.stem for path in videos]
+        order = match_names(names, calibration.cameras.names)
+        if order is None:
+            raise CommandLineInvalid(
+                f"The videos are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}.",
+                where=str(args.calibration), hint="Name the videos like the cameras (cam01 and cam_1 are alike).",
+            )  # fmt: skip
+        calibration = ordered(calibration, order)
+    folder = args.work or args.out.parent / "detections"
+    found = detect_videos(videos, choice, folder, progress, jobs=args.jobs)
+    clocks = synchronise(found, calibration and calibration.cameras, args.sync, progress)
+    capture = assembled(args.out.stem, found, clocks, calibration, progress)
+    if noise is not None and capture.keypoints is not None:
+        weighted, note = noise.applied(capture.keypoints, found[0].detector)
+        capture = replace(capture, keypoints=weighted, notes=(*capture.notes, note))
+    write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=overwrite)
+    previews = write_previews(found, args.preview, progress, overwrite=overwrite) if args.preview else []
+    text, data = describe_capture(capture)
+    text += f"\n  written     {args.out}" + "".join(f"\n  preview     {path}" for path in previews)
+    return Outcome(text, {"capture": str(args.out), "detections": str(folder), "clocks": clocks.as_dict(), **data})
+
+
+def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Go the road from a folder of videos to solved motions."""
+    from solver_backend.fitters.settings import SolveSettings
+    from solver_backend.rig.road.layout import look_through
+    from solver_backend.rig.road.plan import described, planned
+    from solver_backend.rig.road.run import RoadSettings, go
+
+    found = look_through(args.folder)
+    takes = tuple(take for take in found.takes if args.take in (None, take.name))
+    if not takes:
+        names = ", ".join(take.name for take in found.takes)
+        raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=f"There are: {names}.")
+    plans = planned(replace(found, takes=takes), args.out or args.folder / "mocap")
+    lines = described(found, plans, args.detector, args.sync, args.until)
+    data: dict[str, Any] = {"plan": lines, "takes": {}}
+    if args.dry_run:
+        return Outcome("\n".join(lines), data)
+    chosen = {name: getattr(args, name) for name in ("body", "method") if getattr(args, name) is not None}
+    settings = RoadSettings(
+        detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs, noise=_noise(args),
+        redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(chosen),
+    )  # fmt: skip
+    failed: dict[str, MocapError] = {}
+    for plan in plans:
+        try:
+            said = go(found, plan, settings, progress)
+        except MocapError as error:
+            if len(plans) == 1 or error.code == "cancelled":
+                raise
+            failed[plan.take.name] = error
+            continue
+        data["takes"][plan.take.name] = {
+            **said, "capture_file": str(plan.capture), "motion_file": str(plan.motion), "folder": str(plan.folder)
+        }  # fmt: skip
+        lines += [f"  done {plan.take.name}", *(f"    {step:<10} {words}" for step, words in said.items())]
+    if failed and not data["takes"]:
+        raise next(iter(failed.values()))
+    lines += [f"  failed {name}: {error}" for name, error in failed.items()]
+    data["failed"] = {name: error.as_event() for name, error in failed.items()}
+    return Outcome("\n".join(lines), data)
+
+
+def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
+    """Return the capture of the one take of a folder of videos, by the default detector; None where there is no video.
+
+    Args:
+        folder: the folder.
+        out: where detections and clocks are kept.
+        progress: called as stages advance.
+
+    Raises:
+        CommandLineInvalid: the folder holds several takes.
+        MocapError: whatever the road raises.
+    """
+    from solver_backend.io.native.capture_file import read_capture
+    from solver_backend.rig.detect.choice import chosen_detector
+    from solver_backend.rig.road.errors import NoVideos
+    from solver_backend.rig.road.layout import look_through
+    from solver_backend.rig.road.plan import planned
+    from solver_backend.rig.road.run import RoadSettings, go
+
+    try:
+        found = look_through(folder)
+    except NoVideos:
+        return None
+    if len(found.takes) > 1:
+        names = ", ".join(take.name for take in found.takes)
+        raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=f"Choose one: {names}.")
+    [plan] = planned(found, out / "from_videos")
+    go(found, plan, RoadSettings(chosen_detector(), until="capture"), progress)
+    return read_capture(plan.capture)
+
+
+def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Measure what a detector's confidence means on captures of known cameras."""
+    import json
+
+    from solver_backend.io.load import load_capture
+    from solver_backend.rig.detect.noise_map import measure_noise_map
+
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    captures = [load_capture(path, progress=progress) for path in args.captures]
+    notes = [note for capture in captures for note in capture.notes]
+    named = [found.group(1) for note in notes if (found := re.match(r"Detector: (.+?);", note))]
+    name = args.detector_name or (named[0] if named else "unnamed detector")
+    noise = measure_noise_map(captures, name)
+    write_text(args.out, json.dumps(noise.as_dict(), indent=2) + "\n", overwrite=overwrite)
+    steps = zip(noise.confidence, noise.sigma_mm, strict=True)
+    rows = [f"  confidence {c:.2f}: {s:.1f} mm" for c, s in steps]
+    text = "\n".join([f"{noise.detector}: {noise.detections} keypoints", *rows, f"  written     {args.out}"])
+    return Outcome(text, {"noise": str(args.out), **noise.as_dict()})
+
+
+def _choice(args: argparse.Namespace) -> Any:
+    from solver_backend.rig.detect.choice import chosen_detector
+
+    return chosen_detector(args.detector, python=args.python, people=args.people, hands=args.hands)
+
+
+def _noise(args: argparse.Namespace) -> Any:
+    if args.noise is None:
+        return None
+    from solver_backend.rig.detect.noise_map import read_noise_map
+
+    return read_noise_map(args.noise)
+
+
+def _videos(given: list[Path]) -> list[Path]:
+    """Return the videos that were named, or those of the one folder that was."""
+    if len(given) > 1 or not given[0].is_dir():
+        return given
+    from solver_backend.rig.road.layout import look_through
+
+    takes = look_through(given[0]).takes
+    if len(takes) > 1:
+        names = ", ".join(take.name for take in takes)
+        raise CommandLineInvalid("The folder holds several takes.", where=str(given[0]), hint=f"Choose one: {names}.")
+    return list(next(iter(takes)).videos)

@@ -1,0 +1,1 @@
+"""Keypoints of everybody in every picture of a video, by whichever detector the user has."""

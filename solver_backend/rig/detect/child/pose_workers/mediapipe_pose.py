@@ -1,0 +1,95 @@
+"""MediaPipe's pose model, which its wheel carries: 33 keypoints of one person, followed from picture to picture.
+
+More people are looked for in the same picture with those found before painted grey. With hands, its holistic model
+finds 21 points of each beside the body.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from .serve import Refused, serve
+
+GREY = 127
+MARGIN = 0.15
+"""A person's box grows by this share on every side before it is painted over."""
+
+
+class MediaPipePose:
+    """Detects by ``mediapipe.solutions``; its own smoothing stays off, for it would delay fast movement."""
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        try:
+            import mediapipe  # pyright: ignore[reportMissingImports] - it is in an environment of its own
+        except ImportError as error:
+            raise Refused(
+                "detector_missing",
+                f"This Python has no MediaPipe: {error} ({sys.executable})",
+                "python3 dev.py detectors makes an environment for it; or name another Python with --python.",
+            ) from error
+        solutions = getattr(mediapipe, "solutions", None)
+        if solutions is None:
+            raise Refused(
+                "detector_missing",
+                f"MediaPipe {mediapipe.__version__} carries no pose model any more.",
+                "Install mediapipe 0.10.21, whose wheel does: python3 dev.py detectors.",
+            )
+        self._hands = bool(options.get("hands"))
+        kind = solutions.holistic.Holistic if self._hands else solutions.pose.Pose
+        self._people = int(options.get("people", 1))
+        settings = {"model_complexity": 1, "smooth_landmarks": False, "min_detection_confidence": 0.5}
+        self._models = [kind(**settings) for _ in range(self._people)]
+        self.about = {
+            "name": f"mediapipe {mediapipe.__version__} pose full{' hands' * self._hands}",
+            "joint_set": "MEDIAPIPE_33",
+            "people": self._people,
+        }
+
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
+        """Return keypoints and hands, see ``PoseDetector``."""
+        bodies: list[np.ndarray] = []
+        hands: list[np.ndarray] = []
+        picture = rgb
+        for number, model in enumerate(self._models):
+            result = model.process(picture)
+            if result.pose_landmarks is None:
+                continue
+            body = _pixels(result.pose_landmarks, rgb.shape, 33)
+            bodies.append(body)
+            if self._hands:
+                both = (result.left_hand_landmarks, result.right_hand_landmarks)
+                hands.append(np.stack([_pixels(hand, rgb.shape, 21) for hand in both]))
+            if number + 1 < self._people:
+                picture = _without(picture, body)
+        found = {"keypoints": np.stack(bodies) if bodies else np.zeros((0, 33, 3))}
+        if self._hands:
+            found["hands"] = np.stack(hands) if hands else np.zeros((0, 2, 21, 3))
+        return found
+
+
+def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
+    """Return (K, 3); points outside the picture, which the model makes up, have confidence 0."""
+    if landmarks is None:
+        return np.full((count, 3), np.nan)
+    points = np.array([(p.x, p.y, p.visibility if p.HasField("visibility") else 1.0) for p in landmarks.landmark])
+    outside = ((points[:, :2] < 0) | (points[:, :2] > 1)).any(axis=1)
+    points[:, :2] = points[:, :2] * (shape[1], shape[0]) - 0.5
+    points[outside, 2] = 0.0
+    return points
+
+
+def _without(picture: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Return the picture with the box around a body grey."""
+    low, high = body[:, :2].min(axis=0), body[:, :2].max(axis=0)
+    margin = MARGIN * (high - low)
+    x, y = np.clip([low - margin, high + margin], 0, (picture.shape[1], picture.shape[0])).astype(int).T
+    painted = picture.copy()
+    painted[y[0] : y[1], x[0] : x[1]] = GREY
+    return painted
+
+
+if __name__ == "__main__":
+    sys.exit(serve(MediaPipePose))

@@ -1,0 +1,71 @@
+"""The protocol between us and a detector's process: a line of JSON, then the bytes of the arrays it announces.
+
+The process first says ``{"ready": {...}}`` with what it is, or ``{"error": {"code", "message", "hint"}}``. For every
+picture it is sent ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes; it answers ``{"arrays": {name: shape}}`` and
+the arrays' float32 in that order. The end of its input ends it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from typing import Any, BinaryIO, Protocol
+
+import numpy as np
+
+
+class Refused(Exception):
+    """The detector cannot work: a code, what happened, and what to try."""
+
+    def __init__(self, code: str, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.code, self.message, self.hint = code, message, hint
+
+
+class PoseDetector(Protocol):
+    """What a module of this package makes."""
+
+    about: dict[str, Any]
+    """``name`` with its version, ``joint_set`` or ``num_keypoints``, ``people`` at most."""
+
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
+        """Return ``keypoints`` (P, K, 3): x, y in pixels, (0, 0) the centre of the first, and confidence 0 to 1.
+
+        ``hands`` (P, 2, 21, 3), left hand first, where the detector finds them; NaN for a hand that is not seen.
+        """
+        ...
+
+
+def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
+    """Answer until the input ends; what libraries print goes to standard error."""
+    pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    try:
+        detector = make(json.loads(sys.argv[1]) if len(sys.argv) > 1 else {})
+    except Refused as error:
+        _say(answers, {"error": {"code": error.code, "message": error.message, "hint": error.hint}})
+        return 1
+    _say(answers, {"ready": detector.about})
+    while line := pictures.readline():
+        head = json.loads(line)
+        shape = tuple(head["shape"])
+        rgb = np.frombuffer(_exactly(pictures, int(np.prod(shape))), np.uint8).reshape(shape)
+        found = {name: np.ascontiguousarray(a, np.float32) for name, a in detector.detect(rgb, head["time_s"]).items()}
+        _say(answers, {"arrays": {name: array.shape for name, array in found.items()}}, *found.values())
+    return 0
+
+
+def _say(stream: BinaryIO, head: dict[str, Any], *arrays: np.ndarray) -> None:
+    stream.write(json.dumps(head).encode() + b"\n")
+    for array in arrays:
+        stream.write(array.tobytes())
+    stream.flush()
+
+
+def _exactly(stream: BinaryIO, count: int) -> bytes:
+    data = stream.read(count)
+    if len(data) < count:
+        raise SystemExit(0)  # whoever sent pictures is gone
+    return data

@@ -1,0 +1,1 @@
+"""One clock for cameras that were started by hand and run at slightly other rates."""

@@ -1,0 +1,79 @@
+"""The clocks of cameras against each other: offset and drift, with what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Where C cameras' clocks stand: what happens at t is in camera c's video at ``t + offset_c + rate_c (t - t0)``.
+
+    Videos' clocks begin with their first picture. The first camera's clock is everybody's: its offset and rate are 0.
+    """
+
+    names: tuple[str, ...]
+    """Names of the cameras."""
+    offset_s: np.ndarray
+    """(C,) seconds at ``middle_s``."""
+    rate: np.ndarray
+    """(C,) seconds a second; 1e-6 is one part in a million."""
+    covariance: np.ndarray
+    """(C, 2, 2) of offset and rate; NaN where unknown."""
+    middle_s: float
+    """t0, seconds."""
+    method: str = "as filmed"
+    """What they were told from."""
+    findings: tuple[str, ...] = ()
+    """What the user should know, one sentence each."""
+
+    @classmethod
+    def alike(cls, names: tuple[str, ...]) -> Clocks:
+        """Return clocks that agree: cameras that were started together by wire or software."""
+        count = len(names)
+        return cls(names, np.zeros(count), np.zeros(count), np.zeros((count, 2, 2)), 0.0)
+
+    def in_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
+        """Return when, on a camera's clock, it is these times."""
+        return times_s + self.offset_s[camera] + self.rate[camera] * (times_s - self.middle_s)
+
+    def from_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
+        """Return what time it is when a camera's clock shows these times; the inverse of ``in_video``."""
+        late = times_s - self.offset_s[camera] - self.middle_s
+        return self.middle_s + late / (1.0 + self.rate[camera])
+
+    def sigma_s(self, times_s: np.ndarray) -> np.ndarray:
+        """Return (C, N) standard deviations of the offset at these times, ``sqrt(jᵀ Σ j)`` with ``j = (1, t - t0)``."""
+        j = np.stack([np.ones_like(times_s), times_s - self.middle_s])
+        return np.sqrt(np.einsum("in,cij,jn->cn", j, self.covariance, j))
+
+    def lines(self) -> list[str]:
+        """Return a row for each camera."""
+        rows = []
+        for c, name in enumerate(self.names):
+            offset_sigma, rate_sigma = np.sqrt(np.diag(self.covariance[c]))
+            rows.append(
+                f"{name}: {1e3 * self.offset_s[c]:+.2f} ms (± {1e3 * offset_sigma:.2f}), "
+                f"{1e6 * self.rate[c]:+.1f} ppm (± {1e6 * rate_sigma:.1f}), by {self.method}"
+            )
+        return rows
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for a file."""
+        return {
+            "cameras": list(self.names), "offset_s": self.offset_s.tolist(), "rate": self.rate.tolist(),
+            "covariance": self.covariance.tolist(), "middle_s": self.middle_s, "method": self.method,
+            "findings": list(self.findings),
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Clocks:
+        """Return the clocks of ``as_dict``."""
+        arrays = {key: np.array(values[key], dtype=np.float64) for key in ("offset_s", "rate", "covariance")}
+        return cls(
+            tuple(values["cameras"]), **arrays, middle_s=float(values["middle_s"]), method=str(values["method"]),
+            findings=tuple(values["findings"]),
+        )  # fmt: skip

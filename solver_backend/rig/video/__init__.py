@@ -1,0 +1,1 @@
+"""Videos as pictures with their true times, as sound, and as previews."""

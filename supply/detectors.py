@@ -1,0 +1,57 @@
+"""``python -m supply.detectors`` makes the environment that MediaPipe runs in, beside the project's own.
+
+MediaPipe's wheel 0.10.21 carries a pose model that runs offline (Apache-2.0). It asks for an OpenCV that is not the
+headless one and for packages that its pose model does not use, so it is installed without what it asks for, and with
+what its pose model imports. Packages come from the registry that pip is set up for; nothing else is downloaded.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parents[1] / ".venv-mediapipe"
+MEDIAPIPE = "mediapipe==0.10.21"
+IMPORTED = (
+    "numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23", "matplotlib>=3.8,<4",
+    "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1",
+)  # fmt: skip
+"""What its pose and holistic models import."""
+PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
+OLDEST, NEWEST = (3, 9), (3, 12)
+"""Pythons its wheel is for."""
+
+
+def main(folder: Path = FOLDER) -> int:
+    """Make the environment unless it works already, and return 0 if it does."""
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if works(python):
+        sys.stdout.write(f"MediaPipe is ready: {python}\n")
+        return 0
+    if not OLDEST <= sys.version_info[:2] <= NEWEST:
+        sys.stderr.write(f"MediaPipe's wheel is for Python 3.9 to 3.12, not {sys.version.split()[0]}.\n")
+        return 1
+    sys.stdout.write(f"Making {folder.name} (once)\n")
+    venv.create(folder, clear=True, with_pip=True)
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    for command in ([*pip, "--no-deps", MEDIAPIPE], [*pip, *IMPORTED]):
+        if subprocess.call(command) != 0:
+            sys.stderr.write("A package could not be installed, see above. Check the network and call again.\n")
+            return 1
+    if not works(python):
+        sys.stderr.write(f"MediaPipe is installed and does not start: {python} -c '{PROBE}' says why.\n")
+        return 1
+    sys.stdout.write(f"MediaPipe is ready: {python}\n")
+    return 0
+
+
+def works(python: Path) -> bool:
+    """Return whether a Python starts MediaPipe's pose model."""
+    return python.is_file() and subprocess.run([str(python), "-c", PROBE], capture_output=True).returncode == 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
