@@ -109,10 +109,9 @@ def _render(request: BatchRequest, choices: dict[str, Any], capture: Path, place
 def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
     """Write the Blender file, or the video and the contact sheet."""
     folder, motion, copy = place.folder, *_files(place.folder)
-    footage = capture if capture.is_dir() else capture.parent
     if place.in_child:
         words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
-        words += ["--footage-from", str(footage)]
+        words += ["--footage-from", str(capture)]
         words += ["--no-pictures"] if blend else []
         words += ["--body", str(request.body)] if request.body else []
         made = run_verb("bake" if blend else "render", words, place.progress, place.stopped)
@@ -126,7 +125,7 @@ def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -
             video=not blend,
             pictures=not blend,
             overwrite=True,
-            footage_from=(footage,),
+            footage_from=(capture,),
         )
         made = run_bake(wanted, place.progress)
     return {"outputs": _inside(folder, made["outputs"]), "notes": made["notes"]}
