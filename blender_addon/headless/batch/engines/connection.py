@@ -40,9 +40,8 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
 
     for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    end, where = time.monotonic() + patience_s, {"address": address}
-    if address.endswith(".json"):
-        where = {"scheduler_file": address}
+    end = time.monotonic() + patience_s
+    where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}
     while True:
         tend()
         try:
