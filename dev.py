@@ -24,8 +24,7 @@ BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 LOCK = ROOT / "requirements-ci.lock"
 STAMP = VENV / "manifold_mocap.stamp"
-WANTED = (3, 11)
-IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
+IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {(WANTED := (3, 11))})"
 EXTRAS = ("torch", "bpy", "capture", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
@@ -121,8 +120,7 @@ def set_up() -> None:
 
 def fingerprint() -> str:
     """Return what the environment depends on, as a hash."""
-    lock = LOCK.read_bytes() if os.environ.get("CI") and LOCK.is_file() else b""
-    parts = ((ROOT / "pyproject.toml").read_bytes(), lock, repr((EXTRAS, sys.version, str(ROOT))).encode())
+    parts = ((ROOT / "pyproject.toml").read_bytes(), repr((EXTRAS, sys.version, str(ROOT))).encode())
     return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 
@@ -131,35 +129,28 @@ def make_venv() -> None:
     if PYTHON.exists() and call([str(PYTHON), "-c", f"import pip; {IS_WANTED}"], quiet=True) == 0:
         return
     if call([sys.executable, "-m", "venv", "--clear", str(VENV)]) != 0:
-        raise Failed(
-            "The virtual environment could not be made.",
-            "On Debian and Ubuntu: apt-get install python3.11-venv. Elsewhere: check free space and permissions here.",
-        )
+        hint = "On Debian and Ubuntu: apt-get install python3.11-venv. Elsewhere: check free space and rights here."
+        raise Failed("The virtual environment could not be made.", hint)
 
 
 def install() -> None:
     """Install the project with every extra in one resolved step, so that nothing pulls in another NumPy later."""
     project = f"{ROOT}[{','.join(EXTRAS)}]"
-    env = dict(os.environ)
+    env = {name: value for name, value in os.environ.items() if name != "UV_SYSTEM_PYTHON"}
     for uv_name, pip_name in (("UV_FIND_LINKS", "PIP_FIND_LINKS"), ("UV_DEFAULT_INDEX", "PIP_INDEX_URL")):
         if env.get(pip_name) and not env.get(uv_name):  # uv does not read pip's settings
             env[uv_name] = env[pip_name]
-    env.pop("UV_SYSTEM_PYTHON", None)
     pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     uv = [str(PYTHON), "-m", "uv", "pip", "install", "--python", str(PYTHON)]
+    locked = [["--constraint", str(LOCK)]] if os.environ.get("CI") and LOCK.is_file() else []
     if call([*pip, "uv>=0.5"]) == 0:
-        if os.environ.get("CI") and LOCK.is_file():  # exact versions, by hash; this machine may have other archives
-            if call([*uv, "--constraint", str(LOCK), "--editable", project], env=env) == 0:
+        for bound in (*locked, []):  # exact versions by hash first; this machine may have other archives
+            if call([*uv, *bound, "--editable", project], env=env) == 0:
                 return
-            print("The locked versions could not be had; others within their bounds are tried.", flush=True)
-        if call([*uv, "--editable", project], env=env) == 0:
-            return
     print("uv could not be had or did not succeed; pip tries, which is slower.", flush=True)
     if call([*pip, "--editable", project], env=env) != 0:
-        raise Failed(
-            "The packages could not be installed; the lines above name the one that failed.",
-            "Check the network and the free space (3 GB), then call again: what is there is kept.",
-        )
+        hint = "Check the network and the free space (3 GB), then call again: what is there is kept."
+        raise Failed("The packages could not be installed; the lines above name the one that failed.", hint)
 
 
 def check_blender() -> None:
@@ -216,15 +207,12 @@ def demo(args: argparse.Namespace) -> int:
         read = [*backend, "demo-capture", "--out", str(capture), *(["--markers"] if args.markers else [])]
     else:
         options = {name: getattr(args, name.replace("-", "_")) for name in READING}
-        given = [f"--{name}={value}" for name, value in options.items() if value is not None]
-        given += ["--trim"] if args.trim else []
+        given = [f"--{name}={value}" for name, value in options.items() if value is not None] + ["--trim"] * args.trim
         read = [*backend, "convert", str(args.capture.resolve()), "--out", str(capture), *given]
     solve = [*backend, "solve", str(capture), "--out", str(motion), "--report", str(out / "report.html")]
     solve += ["--method", args.method, "--backend", args.backend]
     bake = [str(PYTHON), "-m", "blender_addon", "bake", str(motion), "--capture", str(capture), "--out", str(out)]
-    if args.capture is not None:
-        chosen = args.capture.resolve()
-        bake += ["--footage-from", str(chosen if chosen.is_dir() else chosen.parent)]
+    bake += [] if args.capture is None else ["--footage-from", str(args.capture.resolve())]
     stages = [("Capture", read), ("Solve", solve), ("Bake in Blender", bake)]
     if args.capture is None and not args.markers:
         stages.insert(2, ("Compare with the truth", [*backend, "evaluate", str(capture), str(motion)]))

@@ -55,7 +55,7 @@ class BakeRequest:
     overwrite: bool = False
     """Replace files that are there."""
     footage_from: tuple[Path, ...] = ()
-    """Folders that footage may lie in, beside the capture's own."""
+    """Folders that footage may lie in, beside the capture's own; of a file, the folder it is in."""
 
 
 def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
@@ -82,7 +82,8 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
     capture = read_capture(request.capture) if request.capture is not None else None
     refused: tuple[str, ...] = ()
     if capture is not None and request.capture is not None:
-        capture, refused = near_footage(capture, (request.capture.parent, *request.footage_from))
+        allowed = (path if path.is_dir() else path.parent for path in (request.capture, *request.footage_from))
+        capture, refused = near_footage(capture, tuple(allowed))
     names = _names(request, motion)
     with atomic_outputs(request.out, tuple(names.values()), overwrite=request.overwrite) as temporary:
         scene = fresh_scene()

@@ -44,7 +44,7 @@ class ClusterStretches:
             raise BackendMissing(
                 "Dask is not installed in this Python.", hint="pip install 'manifold-mocap[scale]', or no --scheduler."
             ) from error
-        where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+        where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = Client(**where, timeout=_CONNECT_S, set_as_default=False)

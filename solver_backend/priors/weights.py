@@ -125,7 +125,8 @@ def _check_header(header: Any, prior: str, where: str) -> None:
         raise WeightsInvalid(f"The weights have version {header.get('version')}, this reads {VERSION}.", where=where)
     if header.get("prior") != prior:
         raise WeightsInvalid(f"The weights are for the prior {header.get('prior')!r}, not {prior!r}.", where=where)
-    if tuple(header.get("body_joints", ())) != BODY_JOINTS:
+    joints = header.get("body_joints")
+    if not isinstance(joints, list) or tuple(joints) != BODY_JOINTS:
         raise WeightsInvalid(
             "The weights are for another body: the joints differ.",
             where=where,

@@ -67,7 +67,14 @@ def _pair(folder: Path) -> None:
 TARGETS: tuple[Target, ...] = (
     Target("capture file", (_small(),), lambda f: load_capture(f / "a.npz"), _NPZ, 3, odd_recordings.CAPTURES),
     Target("capture file, strict", (_small(), _small(JointSet.BODY_25)), lambda f: read_capture(f / "a.npz"), _NPZ, 10),
-    Target("capture file, shown", (_small(), _markers), lambda f: capture_file.read_capture(f / "a.npz"), _NPZ, 12),
+    Target(
+        "capture file, shown",
+        (_small(), _markers),
+        lambda f: capture_file.read_capture(f / "a.npz").num_frames,
+        _NPZ,
+        12,
+        odd_recordings.CAPTURES,
+    ),
     Target("capture file, markers", (_markers,), lambda f: load_capture(f / "a.npz"), _NPZ, 8),
     Target(
         "OpenPose trial",

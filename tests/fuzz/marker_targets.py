@@ -89,7 +89,13 @@ TARGETS: tuple[Target, ...] = (
         lambda folder: load_capture(next(folder.iterdir())),
         {".trc": "text", ".csv": "text", ".c3d": "binary", ".txt": "text", ".dat": "text"},
         10,
-        (_text("nexus.csv", {"A:LTOE": "B:LTOE"}), file("a.txt", "no markers at all\n"), file("a.dat", "none")),
+        (
+            _text("nexus.csv", {"A:LTOE": "B:LTOE"}),
+            _text("t.trc", {"LTOE": "C7"}),
+            _text("nexus.csv", {"LTOE": "C7"}),
+            file("a.txt", "no markers at all\n"),
+            file("a.dat", "none"),
+        ),
     ),
     Target(
         "capture of one subject",

@@ -116,6 +116,27 @@ def _pickled(protocol: int) -> Write:
     return file("a.pkl", pickle.dumps(plain | {"bs_style": "lbs"}, protocol=protocol))
 
 
+def _weights(folder: Path) -> None:
+    write_random(folder / "a.npz", "svae")
+
+
+def _weights_of(change: dict[str, object]) -> Write:
+    """Return what writes weights with another header."""
+
+    def write(folder: Path) -> None:
+        _weights(folder)
+        with np.load(folder / "a.npz") as stored:
+            header = json.loads(str(stored["header"])) | change
+        odd_motions.changed(_weights, header=json.dumps(header))(folder)
+
+    return write
+
+
+_HEADERS: tuple[dict[str, object], ...] = (
+    {"format": "other"}, {"version": 99}, {"prior": "other"}, {"body_joints": [1]}, {"body_joints": None},
+)  # fmt: skip
+
+
 def _read_weights_as_if_whole(folder: Path) -> object:
     """Read changed weights under the hash of what was changed, as somebody who forges them would write it."""
     path, forged = folder / "a.npz", folder / "forged.npz"
@@ -135,6 +156,7 @@ TARGETS: tuple[Target, ...] = (
         lambda f: load_motion(f / "a.bvh"),
         {".bvh": "text"},
         60,
+        (file("a.bvh", ""), file("a.bvh", "no motion"), file("b.bvh", "HIERARCHY")),
     ),
     Target(
         "AMASS",
@@ -191,7 +213,7 @@ TARGETS: tuple[Target, ...] = (
         30,
         tuple(file("a.pkl", content) for content in _ODD_PICKLES),
     ),
-    Target("weights", (lambda f: write_random(f / "a.npz", "svae"),), _read_weights_as_if_whole, _NPZ, 8),
+    Target("weights", (_weights,), _read_weights_as_if_whole, _NPZ, 8, tuple(map(_weights_of, _HEADERS))),
     Target(
         "job file",
         (_job,),

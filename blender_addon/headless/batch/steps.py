@@ -113,23 +113,22 @@ def _render(request: BatchRequest, choices: dict[str, Any], capture: Path, place
 
 def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
     """Write the Blender file of each motion, or its video and contact sheet."""
-    footage = capture if capture.is_dir() else capture.parent
-    made = [_shown_of(motion, footage, request, place, blend=blend) for motion in _motions(place.folder)]
+    made = [_shown_of(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
     outputs = [path for one in made for path in one["outputs"]]
     return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
 
 
-def _shown_of(motion: Path, footage: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
+def _shown_of(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
     folder, copy = place.folder, place.folder / f"{place.folder.name}_capture.npz"
     if place.in_child:
         words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
-        words += ["--footage-from", str(footage)]
+        words += ["--footage-from", str(capture)]
         words += ["--no-pictures"] if blend else []
         words += ["--body", str(request.body)] if request.body else []
         return run_verb("bake" if blend else "render", words, place.progress, place.stopped)
     wanted = BakeRequest(
         motion, folder, copy, request.body, blend=blend, video=not blend, pictures=not blend, overwrite=True,
-        footage_from=(footage,),
+        footage_from=(capture,),
     )  # fmt: skip
     return run_bake(wanted, place.progress)
 

@@ -9,13 +9,13 @@ from hashlib import sha256
 from html import escape
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from ..._exchange.plain_text import plain
 from .summary import HEAD, cells
 from .thumbnails import thumbnail
 
 MARK = '<meta name="generator" content="Manifold MoCap batch">'
+_PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._~/")
 _ROWS, _PICTURES = 5000, 500
 """More than these are in summary.json alone."""
 _STYLE = """
@@ -99,7 +99,8 @@ def _links(take: dict[str, Any], out: Path) -> str:
 
 
 def _link(path: Path) -> str:
-    return escape(quote(path.as_posix()))
+    """Return a relative path as an address, its bytes escaped (RFC 3986, 2.1)."""
+    return "".join(chr(b) if chr(b) in _PLAIN else f"%{b:02X}" for b in path.as_posix().encode())
 
 
 def _text(value: object) -> str:

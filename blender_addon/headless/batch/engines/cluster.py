@@ -10,26 +10,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from ....errors import BatchTaken, EngineMissing, SchedulerMissing, WorkersUnsuitable
+from ....errors import BatchTaken
 from ..request import BatchRequest
 from ..steps import steps_of
 from .base import DIED, ENDED, LOST, Ended, Ticket
+from .connection import connected, require_dask
 from .marker import marker_in, put_marker, remove_marker
 
-MEMORY = "memory_mb"
-"""Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it."""
 _AHEAD = 2
 """Takes begun for each thread of the workers: one at work, one waiting."""
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
-_CLOCK_S = 60.0
-"""Clocks that differ by more are told of."""
-_FAILS = 3
-"""A worker that fails with so many takes in a row, which others can do, gets no more."""
 
 
 @dataclass
@@ -38,21 +33,6 @@ class _Running:
     futures: list[Any]
     last: Any
     allowed: set[str] | None
-
-
-@dataclass
-class _Workers:
-    """What is known about the workers, by address."""
-
-    bad: dict[str, str] = field(default_factory=dict)
-    """Why a worker gets no takes."""
-    fails: dict[str, int] = field(default_factory=dict)
-    looked_at: set[str] = field(default_factory=set)
-    notes: list[str] = field(default_factory=list)
-
-    def note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 class ClusterEngine:
@@ -78,20 +58,19 @@ class ClusterEngine:
         self, request: BatchRequest, choices: dict[str, Any], address: str,
         tend: Callable[[], None] = lambda: None, patience_s: float = 60.0, stretches: bool = False,
     ) -> None:  # fmt: skip
-        _require_dask()
-        from .cluster_task import versions
+        require_dask()
+        from .cluster_workers import Workers
 
         self._request, self._choices, self._address, self._tend = request, choices, address, tend
         self._patience_s, self._stretches = patience_s, stretches
-        self._versions = versions()
         self._running: dict[str, _Running] = {}
         self._queue: SimpleQueue[tuple[str, Any]] = SimpleQueue()
-        self._workers = _Workers()
         self._looked = 0.0
-        self._without_workers: float | None = None
-        self._client = _connected(address, patience_s=min(_CONNECT_S, patience_s), tend=tend)
+        self._client = connected(address, patience_s=min(_CONNECT_S, patience_s), tend=tend)
         self._marker = put_marker(request.out)
         self._plain = request.plain()
+        self._workers = Workers(address, self._plain["out"], self._marker, patience_s)
+        self._workers.client = self._client
         try:
             self._wait_for_workers()
         except BaseException:
@@ -100,21 +79,21 @@ class ClusterEngine:
 
     def free(self) -> int:
         """Return how many takes the workers' threads lack, one waiting for each beside the one at work."""
-        threads = sum(info["nthreads"] for address, info in self._infos().items() if address not in self._workers.bad)
-        return (1 if self._stretches else _AHEAD) * threads - len(self._running)
+        return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
         """Hand the take's steps to the scheduler."""
         from .cluster_task import step_of_take
+        from .cluster_workers import MEMORY
 
         given = {
-            "request": self._plain, "choices": self._choices, "marker": self._marker, "versions": self._versions,
-            "capture": str(ticket.capture.resolve()), "stretches": self._stretches,
+            "request": self._plain, "choices": self._choices, "capture": str(ticket.capture.resolve()),
+            "marker": self._marker, "versions": self._workers.versions, "stretches": self._stretches,
         }  # fmt: skip
-        allowed = self._allowed(ticket)
+        allowed = self._workers.allowed(ticket)
         memory_mb = self._request.limits.memory_mb
         where: dict[str, Any] = {} if allowed is None else {"workers": sorted(allowed), "allow_other_workers": False}
-        if memory_mb is not None and self._states_memory():
+        if memory_mb is not None and self._workers.state_memory(memory_mb):
             where["resources"] = {MEMORY: memory_mb}
         futures: list[Any] = []
         name = f"{ticket.name}-{self._marker[:8]}-{time.monotonic_ns():x}"
@@ -150,17 +129,18 @@ class ClusterEngine:
 
     def notes(self) -> list[str]:
         """Return which workers get no takes and why, and whose clocks differ."""
-        return [
-            *self._workers.notes,
-            *(f"Worker {name} gets no takes: {why}." for name, why in self._workers.bad.items()),
-        ]
+        return self._workers.notes
 
     def headline(self) -> str:
         """Return the number of workers and the dashboard's address."""
         link = ""
         with suppress(Exception):
             link = self._client.dashboard_link
-        return f"{len(self._infos())} workers, dashboard {link}" if link else f"{len(self._infos())} workers"
+        return (
+            f"{len(self._workers.infos())} workers, dashboard {link}"
+            if link
+            else f"{len(self._workers.infos())} workers"
+        )
 
     def close(self) -> None:
         """Withdraw what is being done; workers notice that within seconds."""
@@ -200,13 +180,8 @@ class ClusterEngine:
             self._workers.bad[worker] = result["unsuitable"]
             return Ended(ticket, LOST)
         record = result["record"]
-        if (record.get("error") or {}).get("code") == "output_not_writable":
-            fails = self._workers.fails[worker] = self._workers.fails.get(worker, 0) + 1
-            self._workers.note(f"Worker {worker} could not write: {record['error']['message']}")
-            if fails >= _FAILS and len(self._good()) > 1:
-                self._workers.bad[worker] = f"it could not write {fails} takes in a row"
-        else:
-            self._workers.fails.pop(worker, None)
+        error = record.get("error") or {}
+        self._workers.wrote(worker, error["message"] if error.get("code") == "output_not_writable" else "")
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:
@@ -219,14 +194,14 @@ class ClusterEngine:
                 "Another batch has begun in the same folder of results.", where=str(self._request.out),
                 hint="What is done is kept. Give each batch its own --out, or wait for the other one.",
             )  # fmt: skip
-        self._look_at_new_workers()
-        live = set(self._infos())
+        self._workers.look_at_new()
+        live = set(self._workers.infos())
         stuck = [
             name
             for name, one in self._running.items()
             if one.last is None or (one.allowed is not None and not one.allowed & live)
         ]
-        self._check_for_workers()
+        self._workers.require_some()
         return [self._released(name) for name in stuck]
 
     def _released(self, name: str) -> Ended:
@@ -247,132 +222,15 @@ class ClusterEngine:
     def _connect_again(self) -> None:
         with suppress(Exception):
             self._client.close(timeout=2)
-        self._client = _connected(self._address, self._patience_s, self._tend)
-        self._workers.looked_at.clear()
-
-    def _infos(self) -> dict[str, Any]:
-        try:
-            return dict(self._client.scheduler_info(n_workers=-1)["workers"])
-        except Exception:  # the connection is going down; the next look says so
-            return {}
-
-    def _good(self) -> set[str]:
-        return set(self._infos()) - set(self._workers.bad)
-
-    def _allowed(self, ticket: Ticket) -> set[str] | None:
-        """Return the workers that may do a take, None for all."""
-        good = self._good()
-        others = good - ticket.avoid
-        if not self._workers.bad and others == good:
-            return None
-        return others or good
-
-    def _states_memory(self) -> bool:
-        """Return whether workers say how much memory their takes may have.
-
-        Raises:
-            WorkersUnsuitable: no worker has as much as a take may take.
-        """
-        stated = [info.get("resources", {}).get(MEMORY) for info in self._infos().values()]
-        amounts = [amount for amount in stated if amount is not None]
-        wanted = self._request.limits.memory_mb or 0.0
-        if amounts and max(amounts) < wanted:
-            raise WorkersUnsuitable(
-                f"No worker has the {wanted:g} MB that a take may take; the largest has {max(amounts):g} MB.",
-                where=self._address, hint="Lower --take-memory, or start workers with more.",
-            )  # fmt: skip
-        return bool(amounts) and len(amounts) == len(stated)
-
-    def _look_at_new_workers(self) -> None:
-        from .cluster_task import describe, what_is_wrong
-
-        out = self._plain["out"]
-        new = sorted(set(self._infos()) - self._workers.looked_at)
-        if not new:
-            return
-        try:
-            asked = time.time()
-            found = self._client.run(describe, out, workers=new, on_error="return")
-        except Exception:  # a worker that has just died is looked at no more, the others the next time
-            return
-        self._workers.looked_at.update(new)
-        for worker, about in found.items():
-            if isinstance(about, BaseException):
-                if isinstance(about, ImportError):
-                    self._workers.bad[worker] = f"Manifold MoCap cannot be imported there ({about})"
-                continue
-            if wrong := what_is_wrong(about, self._versions, self._marker, out):
-                self._workers.bad[worker] = wrong
-            ahead_s = about["time"] - asked
-            if abs(ahead_s) > _CLOCK_S:
-                self._workers.note(
-                    f"The clock of {about['host']} differs by {ahead_s:+.0f} s; nothing depends on it but the "
-                    "times of files."
-                )
+        self._workers.client = self._client = connected(self._address, self._patience_s, self._tend)
+        self._workers.forget_looks()
 
     def _wait_for_workers(self) -> None:
         end = time.monotonic() + self._patience_s
-        while time.monotonic() < end and not self._infos():
+        while time.monotonic() < end and not self._workers.infos():
             self._tend()
             if self._client.status != "running":
                 self._connect_again()
             time.sleep(0.2)
-        self._look_at_new_workers()
-        self._without_workers = None
-        self._check_for_workers(patience_s=0.0)
-
-    def _check_for_workers(self, patience_s: float | None = None) -> None:
-        """Raise where there has been no worker for too long, or none that could do takes."""
-        if self._good():
-            self._without_workers = None
-            return
-        now = time.monotonic()
-        self._without_workers = self._without_workers or now
-        if now - self._without_workers < (self._patience_s if patience_s is None else patience_s):
-            return
-        reasons = "; ".join(f"{worker}: {why}" for worker, why in list(self._workers.bad.items())[:3])
-        raise WorkersUnsuitable(
-            f"No worker can do the takes: {reasons}." if reasons else "The scheduler has no workers.",
-            where=self._address,
-            hint="Workers need the same version, the same Python and the same folders as this program, under the same "
-            "paths. Finished takes are kept." if reasons else "Start some: dask worker ADDRESS --nthreads 1.",
-        )  # fmt: skip
-
-
-def _require_dask() -> None:
-    try:
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise EngineMissing(
-            "Dask is not installed in this Python.", where=str(error),
-            hint="pip install 'manifold-mocap[scale]'; or leave out --scheduler and give --workers N.",
-        ) from error  # fmt: skip
-
-
-def _connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
-    """Return a client of a scheduler.
-
-    Raises:
-        SchedulerMissing: none answers for so long.
-    """
-    import logging
-
-    from distributed import Client
-
-    for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-    end, where = time.monotonic() + patience_s, {"address": address}
-    if address.endswith(".json"):
-        where = {"scheduler_file": address}
-    while True:
-        tend()
-        try:
-            return Client(**where, timeout=min(5.0, patience_s), set_as_default=False)
-        except Exception as error:  # of the network, of the protocol, of another version's messages
-            if time.monotonic() > end:
-                raise SchedulerMissing(
-                    f"No scheduler answers: {type(error).__name__}: {error}.", where=address,
-                    hint="Start one with 'dask scheduler' and give its address, such as tcp://10.0.0.5:8786; it must "
-                    "have this program's version of Dask. Finished takes are kept.",
-                ) from error  # fmt: skip
-            time.sleep(0.5)
+        self._workers.look_at_new()
+        self._workers.require_some(patience_s=0.0)

@@ -22,10 +22,10 @@ _LOOK_S, _LOOKS = 2.0, 3
 
 def versions() -> dict[str, str]:
     """Return what must be the same wherever takes of one batch are done."""
-    import distributed
+    from importlib.metadata import version as version_of
 
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"Manifold MoCap": version(), "Dask distributed": distributed.__version__, "Python": python}
+    return {"Manifold MoCap": version(), "Dask distributed": version_of("distributed"), "Python": python}
 
 
 def describe(out: str) -> dict[str, Any]:
