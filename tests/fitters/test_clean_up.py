@@ -10,12 +10,12 @@ import pytest
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthetic.demo import demo_capture
-from solver_backend.types import SMPL_JOINTS, Capture, Motion
+from solver_backend.types import Capture, Motion
 
 START, STOP = 60, 180
-FEET = [SMPL_JOINTS.index(f"{side}_foot") for side in ("left", "right")]
 
 
 @pytest.fixture(scope="module")
@@ -39,10 +39,11 @@ def acceleration(motion: Motion) -> float:
     return float(np.linalg.norm(np.diff(motion.joints[:, :22], 2, axis=0), axis=-1).mean() * motion.fps**2)
 
 
-def slip(motion: Motion, contacts: np.ndarray) -> float:
-    """Return the mean speed of standing feet in m/s."""
-    speed = np.linalg.norm(np.diff(motion.joints[:, FEET], axis=0), axis=-1) * motion.fps
-    return float(speed[contacts[1:] & contacts[:-1]].mean())
+def slip(motion: Motion, planted: np.ndarray) -> float:
+    """Return the mean speed in m/s of keypoints (F, K) that stand."""
+    assert motion.keypoints3d is not None
+    speed = np.linalg.norm(np.diff(motion.keypoints3d, axis=0), axis=-1) * motion.fps
+    return float(speed[planted[1:] & planted[:-1]].mean())
 
 
 def test_more_smoothing_is_calmer(capture: Capture, plain: Motion) -> None:
@@ -54,9 +55,11 @@ def test_more_smoothing_is_calmer(capture: Capture, plain: Motion) -> None:
 
 
 def test_a_firmer_foot_lock_holds_feet_stiller(capture: Capture, plain: Motion) -> None:
-    firm = solved(capture, foot_lock=4.0)
-    assert plain.contacts is not None and plain.contacts.any()
-    assert slip(firm, plain.contacts) < 0.9 * slip(plain, plain.contacts)
+    assert plain.keypoints3d is not None and plain.joint_set is not None
+    planted = find_contacts(plain.keypoints3d, plain.joint_set.keypoints, plain.fps).planted
+    assert planted.any()
+    loose, firm = (slip(solved(capture, foot_lock=lock), planted) for lock in (0.3, 3.0))
+    assert firm < 0.8 * slip(plain, planted) < 0.5 * loose
 
 
 @pytest.mark.parametrize("chosen", [{"smoothing": 0.0}, {"foot_lock": -1.0}])
