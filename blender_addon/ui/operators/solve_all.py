@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ...conventions.counting import counted
 from ...conventions.file_paths import file_of
 from .solver_operator import SolverOperator
 
@@ -60,9 +61,9 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         failed = result.get("failed", [])
         if failed:
             said = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
-            self.report({"WARNING"}, f"Solved {len(takes)} takes; {len(failed)} failed: {said}")
+            self.report({"WARNING"}, f"Solved {counted(len(takes), 'take')}; {len(failed)} failed: {said}")
         else:
-            self.report({"INFO"}, f"Solved {len(takes)} takes")
+            self.report({"INFO"}, f"Solved {counted(len(takes), 'take')}")
         return {"FINISHED"}
 
     def rescue(self, context: bpy.types.Context) -> str:
