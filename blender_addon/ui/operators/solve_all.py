@@ -45,13 +45,15 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         captures = list(settings.captures) if self.scope == "SCENE" else [settings.capture]
         self._files: dict[Path, SolveFiles] = {}
         arguments: list[str] = []
+        folder = Path()
         for capture in captures:
             for person in range(max(1, len(capture.people))):
                 job, path = prepare_job(context.scene, None, capture, person)
                 write_job(path, portable_job(job, path.parent))
                 self._files[job.out] = SolveFiles(job.out, job.capture, job.report, path)
                 arguments += ["--job", str(path)]
-        return self.launch(context, "solve", arguments, path.parent)
+                folder = path.parent
+        return self.launch(context, "solve", arguments, folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Bake each motion."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bpy
-from bpy.app.translations import pgettext_iface
 
 from ...solving.presets import PRESETS
 from ..locations import waits_for_saving
@@ -43,7 +42,7 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.6
         person = settings.capture.person
-        whom = {} if person is None else {"text": f"{pgettext_iface('Solve')} {person.name}", "translate": False}
+        whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
         button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
         draw_solve_all(layout, settings)
         if folder := waits_for_saving(context.scene):

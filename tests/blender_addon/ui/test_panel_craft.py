@@ -1,4 +1,4 @@
-"""Words and figures of the panels: our own context, plurals, a preset's own values; and a scene that is full already."""
+"""Words and figures of the panels: our own context, plurals, a preset's own values; and a full scene."""
 
 from __future__ import annotations
 
