@@ -31,9 +31,7 @@ def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
     """
     vertices = _shaped_vertices(rig.mesh)
     armature = _copy_armature(rig.armature, collection)
-    mesh = rig.mesh.copy()
-    mesh.data = rig.mesh.data.copy()
-    collection.objects.link(mesh)
+    mesh = local_copy(rig.mesh, collection)
     keys = mesh.data.shape_keys.name
     mesh.shape_key_clear()
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
@@ -49,6 +47,19 @@ def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
     return Rig(armature, mesh)
 
 
+def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Return a copy of an object and its data in a collection, free to be edited also where they are overrides."""
+    copy = source.copy()
+    collection.objects.link(copy)
+    if copy.override_library is not None:
+        copy.make_local(clear_liboverride=True)
+    data = source.data.copy()
+    if data.override_library is not None:
+        data.make_local(clear_liboverride=True)
+    copy.data = data
+    return copy
+
+
 def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
     """Return the (V, 3) rest vertices at the sliders' shape."""
     keys = mesh.data.shape_keys
@@ -60,10 +71,8 @@ def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
 
 def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
     moved = _shape_shifts(source)
-    armature = source.copy()
-    armature.data = source.data.copy()
+    armature = local_copy(source, collection)
     armature.animation_data_clear()
-    collection.objects.link(armature)
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:

@@ -44,7 +44,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     active = bpy.context.view_layer.objects.active
     collection = bpy.data.collections.new("Export")
     take.scene.collection.children.link(collection)
-    copy, action, originals = None, None, (take.armature, take.meshes[0])
+    action, originals = None, (take.armature, take.meshes[0])
     names = [obj.name for obj in originals]
     try:
         copy = plain_copy(Rig(*originals), collection)
@@ -60,11 +60,10 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
             take, armature=copy.armature, meshes=(copy.mesh,), first=take.frame_start, step=1.0, is_plain=True
         )
     finally:
-        if copy is not None:
-            _remove(copy, action)
+        _remove(collection, action)
         for obj, name in zip(originals, names, strict=True):
-            obj.name = name
-        bpy.data.collections.remove(collection)
+            if obj.name != name:
+                obj.name = name
         bpy.context.view_layer.objects.active = active
 
 
@@ -94,15 +93,18 @@ def _bake(armature: bpy.types.Object, pose: PoseSamples, take: ExportTake) -> bp
 def _swap_names(originals: tuple, copies: tuple, names: list[str]) -> None:
     """Give the copies the names that the originals have."""
     for original, copy, name in zip(originals, copies, names, strict=True):
-        original.name = f"{name} (source)"
+        if original.library is None:  # what is linked has names of its own
+            original.name = f"{name} (source)"
         copy.name = name
 
 
-def _remove(copy: Rig, action: bpy.types.Action | None) -> None:
-    mesh, data = copy.mesh.data, copy.armature.data
-    for obj in (copy.mesh, copy.armature):
+def _remove(collection: bpy.types.Collection, action: bpy.types.Action | None) -> None:
+    """Remove the copies, also those of a copying that broke, and their collection."""
+    objects = list(collection.objects)
+    data = {obj.data for obj in objects}
+    for obj in objects:
         bpy.data.objects.remove(obj)
-    bpy.data.meshes.remove(mesh)
-    bpy.data.armatures.remove(data)
+    bpy.data.batch_remove([item for item in data if item.users == 0])
     if action is not None:
         bpy.data.actions.remove(action)
+    bpy.data.collections.remove(collection)

@@ -70,8 +70,7 @@ class MocapReview(bpy.types.PropertyGroup):
         default=0.5, min=0.02, max=0.98,
     )  # fmt: skip
     floor_offset: bpy.props.FloatProperty(
-        name="Floor Offset",
-        description="Lifts the body over the floor or lowers it, in all its takes; no key is changed",
+        name="Floor Offset", description="Lifts or lowers the body over the floor in all its takes; no key is changed",
         unit="LENGTH", soft_min=-0.2, soft_max=0.2, precision=4, step=0.1, update=_lift,
     )  # fmt: skip
     first: bpy.props.IntProperty(name="First", description="First scene frame to solve again", default=1)

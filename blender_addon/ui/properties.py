@@ -142,7 +142,7 @@ class MocapSolve(bpy.types.PropertyGroup):
         description="How many times as calm as recorded motion: 1 follows the detections, 3 is calm, 10 loses detail",
     )  # fmt: skip
     foot_lock: bpy.props.FloatProperty(
-        name="Foot Lock", default=1.0, min=0.1, soft_max=10.0, max=100.0,
+        name="Foot Lock", default=1.0, min=0.1, max=5.0,
         description="How many times as firmly standing feet are held where they stand",
     )  # fmt: skip
     estimate_sync: bpy.props.BoolProperty(

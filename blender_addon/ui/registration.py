@@ -40,8 +40,10 @@ from .panels import markers as marker_panel
 from .panels import people as people_panel
 from .panels import retarget as retarget_panels
 from .panels import review as review_panels
+from .panels import run as run_panel
 from .panels import shape as shape_panel
 from .panels import solve as solve_panels
+from .translation import in_our_context
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Entry:
 
 
 def _class(cls: type) -> Entry:
-    return Entry(lambda: bpy.utils.register_class(cls), lambda: bpy.utils.unregister_class(cls))
+    return Entry(lambda: bpy.utils.register_class(in_our_context(cls)), lambda: bpy.utils.unregister_class(cls))
 
 
 def _draw(owner: type, draw: Callable[..., None]) -> Entry:
@@ -93,6 +95,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
+    _class(run_panel.VIEW3D_PT_mocap_run),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
     _class(capture_panels.VIEW3D_PT_mocap_problems),
     _class(marker_panel.MOCAP_UL_markers),

@@ -46,7 +46,7 @@ class SolveSettings:
     smoothing: float = 1.0
     """How many times as bounded accelerations are as those of recorded motion: 1 follows the data, 4 is calm."""
     foot_lock: float = 1.0
-    """How many times as firmly standing feet are held."""
+    """How many times as firmly standing feet are held; beyond 5 the equations grow too stiff, and feet slip again."""
     learn_noise: bool = True
     """Learn how reliable each keypoint is in each view; without it all views of a keypoint count alike."""
     leave_out: tuple[str, ...] = ()
@@ -73,7 +73,7 @@ class SolveSettings:
             "learn_noise": (isinstance(self.learn_noise, bool), "true or false"),
             "robust_scale": (0.1 <= self.robust_scale <= 100, "a number from 0.1 to 100"),
             "smoothing": (0.1 <= self.smoothing <= 100, "a number from 0.1 to 100"),
-            "foot_lock": (0.1 <= self.foot_lock <= 100, "a number from 0.1 to 100"),
+            "foot_lock": (0.1 <= self.foot_lock <= 5, "a number from 0.1 to 5"),
             "layout": (isinstance(self.layout, str), "the path of a layout's file"),
             "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),
             "leave_out": (

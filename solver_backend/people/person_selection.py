@@ -61,8 +61,9 @@ def select_people(
     """
     followed = follow_people(cameras, detections, fps, progress)
     people = everybody_seen(followed, detections, fps)
-    others = np.any([person.accepted for person in people[1:]], axis=0) if len(people) > 1 else False
-    first = people[0].accepted | (_alone(detections) & ~others)
+    nobody = np.zeros(detections.confidence.shape[:3], bool)
+    others = np.any([nobody, *(person.accepted for person in people[1:])], axis=0)
+    first: np.ndarray = people[0].accepted | (_alone(detections) & ~others)
     notes, problems = _report(cameras, detections, followed, people, first)
     problems += tuple(
         f"Camera {cameras.names[c]} sees one person, but never where the other cameras do: it may be turned, mirrored, "

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, stored
 from ...solving.take_paths import MARKER_SUFFIXES
 from ..locations import RELATIVE, files_folder, usable
@@ -83,12 +84,14 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         context.scene.mocap.capture.source = stored(Path(result["source"]))
         frame_capture(context, stage)
         problems = len(result["problems"])
-        seen_by = f"{len(stage.cameras)} cameras" if stage.cameras else f"{result['markers']} markers"
-        found = f"{seen_by}, {result['frames']} frames"
+        look = f"; {counted(problems, 'problem')}, see the panel" if problems else ""
+        cameras = len(stage.cameras)
+        seen_by = counted(cameras, "camera") if cameras else counted(result["markers"] or 0, "marker")
+        found = f"{seen_by}, {counted(result['frames'], 'frame')}"
         found += f"; {set_up_said(context.scene, take_over=take_over)}"
         self.report(
             {"WARNING"} if problems else {"INFO"},
-            f"Capture '{result['name']}': {found}" + (f"; {problems} problems, see the panel" if problems else ""),
+            f"Capture '{result['name']}': {found}{look}",
         )
         return {"FINISHED"}
 

@@ -135,14 +135,14 @@ def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) 
 
 
 def take_motion(
-    context: bpy.types.Context, files: SolveFiles, capture: bpy.types.PropertyGroup | None = None
+    context: bpy.types.Context, files: SolveFiles, of: bpy.types.PropertyGroup | None = None
 ) -> bpy.types.Action:
     """Add the solved motion to the scene, to the body of the person it is of.
 
     Args:
         context: anywhere.
         files: what the solve wrote.
-        capture: one of the scene's captures; None for the one panels are about.
+        of: one of the scene's captures; None for the one panels are about.
 
     Raises:
         MocapError: the motion or the body cannot be read, or do not belong together.
@@ -150,7 +150,7 @@ def take_motion(
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
     body = read_body(body_path_of(motion.provenance))
-    capture = settings.capture if capture is None else capture
+    capture: bpy.types.PropertyGroup = settings.capture if of is None else of
     whom = person_of(motion.provenance)
     index = capture.person_named(whom)
     review = capture.review_of(index)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ...conventions.counting import counted
 from .solver_operator import SolverOperator, current
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class _Solves(SolverOperator):
 
         action = take_motion(context, self._files)
         doubtful = result["unseen_frames"] + result["unsure_frames"]
-        look = f"; {doubtful} frames deserve a look" if doubtful else ""
+        look = f"; look at {counted(doubtful, 'frame')}" if doubtful else ""
         self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
         return {"FINISHED"}
 

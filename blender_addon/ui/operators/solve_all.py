@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ...conventions.counting import counted
 from ...conventions.file_paths import file_of
 from .solver_operator import SolverOperator
 
@@ -44,13 +45,15 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         captures = list(settings.captures) if self.scope == "SCENE" else [settings.capture]
         self._files: dict[Path, SolveFiles] = {}
         arguments: list[str] = []
+        folder = Path()
         for capture in captures:
             for person in range(max(1, len(capture.people))):
                 job, path = prepare_job(context.scene, None, capture, person)
                 write_job(path, portable_job(job, path.parent))
                 self._files[job.out] = SolveFiles(job.out, job.capture, job.report, path)
                 arguments += ["--job", str(path)]
-        return self.launch(context, "solve", arguments, path.parent)
+                folder = path.parent
+        return self.launch(context, "solve", arguments, folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Bake each motion."""
@@ -60,9 +63,9 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         failed = result.get("failed", [])
         if failed:
             said = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
-            self.report({"WARNING"}, f"Solved {len(takes)} takes; {len(failed)} failed: {said}")
+            self.report({"WARNING"}, f"Solved {counted(len(takes), 'take')}; {len(failed)} failed: {said}")
         else:
-            self.report({"INFO"}, f"Solved {len(takes)} takes")
+            self.report({"INFO"}, f"Solved {counted(len(takes), 'take')}")
         return {"FINISHED"}
 
     def rescue(self, context: bpy.types.Context) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.counting import counted
 from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
 from ..operators.solver_operator import current
 from ..operators.views import MOCAP_OT_show_capture
@@ -94,7 +95,7 @@ class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
         """Draw the problems."""
         for message in context.scene.mocap.capture.messages:
             if message.is_problem:
-                wrapped(self.layout, context, message.text, "DOT", alert=True)
+                wrapped(self.layout, context, message.text, "DOT")
 
 
 class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
@@ -136,8 +137,8 @@ def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
     column.label(text=capture.name, icon="CHECKMARK", translate=False)
     column.scale_y = 0.85
     seconds = capture.frames / capture.fps if capture.fps else 0.0
-    column.label(text=f"{capture.frames} frames, {seconds:.1f} s at {capture.fps:g} fps", icon="TIME")
-    parts = [f"{len(capture.cameras)} cameras"] if capture.cameras else []
+    column.label(text=f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", icon="TIME")
+    parts = [counted(len(capture.cameras), "camera")] if capture.cameras else []
     parts += [capture.joint_set] if capture.joint_set else []
-    parts += [f"{capture.markers} markers"] if capture.markers else []
+    parts += [counted(capture.markers, "marker")] if capture.markers else []
     column.label(text=", ".join(parts), icon="CAMERA_DATA" if capture.cameras else "EMPTY_DATA")

@@ -8,7 +8,7 @@ import bpy
 
 from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log
-from ..operators.solver_operator import MOCAP_OT_cancel, current
+from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
 
 _LETTER_PX = 6.0
@@ -64,15 +64,16 @@ def wrapped(
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
-    """Draw the run under way with its Cancel button, if it does one of these verbs, and return whether it does."""
+    """Return whether the run under way, which is drawn on top of all panels, does one of these verbs; say that it does.
+
+    Args:
+        layout: where it is said.
+        verbs: of the solver's command line.
+    """
     run = current.run
     if run is None or run.verb not in verbs:
         return False
-    column = layout.column(align=True)
-    column.progress(factor=run.share, text=run.headline)
-    row = column.row(align=True)
-    row.enabled = not run.process.cancelling
-    row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")
+    layout.label(text="Running: see the top of this tab", icon="TIME")
     return True
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import bpy
-from bpy.app.translations import pgettext_iface
 
+from ...solving.presets import PRESETS
 from ..locations import waits_for_saving
 from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
@@ -42,7 +42,7 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.6
         person = settings.capture.person
-        whom = {} if person is None else {"text": f"{pgettext_iface('Solve')} {person.name}", "translate": False}
+        whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
         button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
         draw_solve_all(layout, settings)
         if folder := waits_for_saving(context.scene):
@@ -63,17 +63,32 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings; those a preset chooses are greyed."""
+        """Draw the settings; of a preset its own values, greyed."""
         layout, solve = self.layout, context.scene.mocap.solve
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column()
-        column.enabled = solve.preset == "CUSTOM"
         for name in CHOSEN_BY_PRESETS:
-            column.prop(solve, name)
+            if solve.preset == "CUSTOM":
+                column.prop(solve, name)
+            else:
+                _draw_value(column, solve, name)
         layout.separator()
         for name in ("estimate_sync", "keep_shape", "report", "body", "backend"):
             layout.prop(solve, name)
         layout.prop(context.scene.mocap, "folder")
+
+
+def _draw_value(layout: bpy.types.UILayout, solve: bpy.types.PropertyGroup, name: str) -> None:
+    """Draw what a preset chooses, which is not what stands in the settings of one's own."""
+    prop = solve.bl_rna.properties[name]
+    value = PRESETS[solve.preset].get(name, prop.default)
+    row = layout.row()
+    row.enabled = False
+    row.alignment = "EXPAND"
+    row.label(text=prop.name)
+    shown = prop.enum_items[value].name if prop.type == "ENUM" else value
+    text = {True: "on", False: "off"}[shown] if isinstance(shown, bool) else str(shown)
+    row.label(text=text, translate=False)
 
 
 def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

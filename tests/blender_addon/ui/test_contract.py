@@ -55,7 +55,15 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
     panels = classes_of(bpy.types.Panel)
     assert {panel.bl_category for panel in panels} == {"MoCap"}
     top = sorted((panel for panel in panels if not hasattr(panel, "bl_parent_id")), key=lambda panel: panel.bl_order)
-    assert [panel.bl_label for panel in top] == ["Capture", "Cameras", "Solve", "Review", "Export", "Retarget"]
+    assert [panel.bl_label for panel in top] == [
+        "Running",
+        "Capture",
+        "Cameras",
+        "Solve",
+        "Review",
+        "Export",
+        "Retarget",
+    ]
     parents = {panel.bl_idname for panel in top}
     assert all(panel.bl_parent_id in parents for panel in panels if panel not in top)
     assert all(hasattr(bpy.types, panel.__name__) for panel in panels)

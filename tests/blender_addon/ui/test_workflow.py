@@ -285,7 +285,8 @@ def test_every_setting_of_the_solver_is_in_the_panel(mocap):
     mocap.solve.preset = "CUSTOM"
     values = mocap.solve.values()
     assert SolveSettings.from_dict(values) == SolveSettings()  # the panel's defaults are the solver's
-    offered = set(MocapSolve.__annotations__) | {"betas", "layout"}  # the body's sliders and the markers' own settings
+    elsewhere = {"betas", "layout", "leave_out"}  # the body's sliders, the markers' and the cameras' own settings
+    offered = set(MocapSolve.__annotations__) | elsewhere
     assert set(SolveSettings.__dataclass_fields__) <= offered
 
 

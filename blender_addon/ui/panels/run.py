@@ -1,0 +1,33 @@
+"""On top of all panels: the run under way, with its Cancel button, wherever it was started."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..operators.solver_operator import MOCAP_OT_cancel, current
+from .parts import MocapPanel
+
+
+class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
+    """The run under way."""
+
+    bl_idname = "VIEW3D_PT_mocap_run"
+    bl_label = "Running"
+    bl_options = {"HIDE_HEADER"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = -1
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a run."""
+        return current.busy
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw how far it is, and the button that ends it."""
+        run = current.run
+        if run is None:
+            return
+        column = self.layout.column(align=True)
+        column.progress(factor=run.share, text=run.headline)
+        row = column.row(align=True)
+        row.enabled = not run.process.cancelling
+        row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")

@@ -1,0 +1,100 @@
+"""Words and figures of the panels: our own context, plurals, a preset's own values; and a full scene."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import pytest
+
+from blender_addon.conventions.counting import counted
+from blender_addon.ui.operators.import_results import take_capture, take_motion
+from blender_addon.ui.operators.solver_operator import current
+from blender_addon.ui.panels import run, solve
+from blender_addon.ui.translation import CONTEXT
+
+
+class Layout:
+    """Takes down what a panel draws."""
+
+    def __init__(self) -> None:
+        self.drawn: list[str] = []
+
+    def __getattr__(self, name: str) -> Any:
+        def draw(*args: Any, **given: Any) -> Any:
+            if name in ("row", "column", "box", "split"):
+                return self
+            said = given.get("text", "") if name != "prop" else f"{type(args[0]).__name__}.{args[1]}"
+            self.drawn.append(f"{name}:{said}")
+            return SimpleNamespace()
+
+        return draw
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+
+def test_no_word_of_ours_is_translated_as_one_of_blenders(mocap) -> None:
+    preset = mocap.solve.bl_rna.properties["preset"]
+    assert preset.translation_context == CONTEXT
+    groups = (mocap, mocap.solve, mocap.reading, mocap.capture, mocap.review, mocap.retarget)
+    for group in groups:
+        own = [p for p in group.bl_rna.properties if p.identifier not in ("name", "rna_type")]
+        assert own and all(p.translation_context == CONTEXT for p in own), group
+    for cls in (bpy.types.MOCAP_OT_solve, bpy.types.VIEW3D_PT_mocap_solve, bpy.types.VIEW3D_PT_mocap_export):
+        assert cls.bl_translation_context == CONTEXT
+
+
+@pytest.mark.parametrize(("count", "said"), [(0, "0 cameras"), (1, "1 camera"), (2, "2 cameras")])
+def test_one_is_no_plural(count: int, said: str) -> None:
+    assert counted(count, "camera") == said
+
+
+def test_a_preset_shows_its_own_values_and_custom_those_that_can_be_set(solved_take, mocap) -> None:
+    mocap.solve.iterations = 77
+    layout = Layout()
+    panel = SimpleNamespace(layout=layout)
+    mocap.solve.preset = "FAST"
+    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, bpy.context)
+    assert (
+        "label:2" in layout.drawn and "label:off" in layout.drawn and "prop:MocapSolve.iterations" not in layout.drawn
+    )
+    mocap.solve.preset = "CUSTOM"
+    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, bpy.context)
+    assert "prop:MocapSolve.iterations" in layout.drawn
+
+
+def test_the_run_under_way_is_on_top_with_its_cancel(mocap, monkeypatch) -> None:
+    assert bpy.types.VIEW3D_PT_mocap_run.bl_order < bpy.types.VIEW3D_PT_mocap_capture.bl_order
+    assert not run.VIEW3D_PT_mocap_run.poll(bpy.context)
+    under_way = SimpleNamespace(
+        share=0.4, headline="Global bundle, 3 s left", verb="solve", process=SimpleNamespace(cancelling=False)
+    )
+    monkeypatch.setattr(current, "run", under_way)
+    layout = Layout()
+    assert run.VIEW3D_PT_mocap_run.poll(bpy.context)
+    run.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert "progress:Global bundle, 3 s left" in layout.drawn and any(d.startswith("operator:") for d in layout.drawn)
+
+
+def test_a_full_scene_keeps_everything_of_the_users(mocap, solved) -> None:
+    """The factory scene with its cube, and a hundred collections of ten objects."""
+    scene = bpy.context.scene
+    cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
+    scene.collection.objects.link(cube)
+    for number in range(100):
+        collection = bpy.data.collections.new(f"Set {number:03d}")
+        scene.collection.children.link(collection)
+        for item in range(10):
+            collection.objects.link(bpy.data.objects.new(f"Prop {number:03d}.{item}", None))
+    bpy.context.view_layer.objects.active = cube
+    cube.select_set(True)
+    theirs = sorted(obj.name for obj in scene.objects)
+    settings = (scene.render.fps, scene.frame_start, scene.frame_end, scene.camera, scene.frame_current)
+    take_capture(scene, solved.read)
+    action = take_motion(bpy.context, solved.files)
+    assert mocap.review.take == action and mocap.review.armature.name in scene.objects
+    assert (scene.render.fps, scene.frame_start, scene.frame_end, scene.camera, scene.frame_current) == settings
+    assert bpy.context.view_layer.objects.active == cube and bpy.context.selected_objects == [cube]
+    assert set(theirs) <= {obj.name for obj in scene.objects} and len(bpy.data.collections) > 100
