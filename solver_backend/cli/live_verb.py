@@ -25,7 +25,7 @@ def add_live(
     live.add_argument("--fast", action="store_true", help="replay as fast as it goes")
     live.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
     live.add_argument("--record", type=Path, metavar="TAKE.c3d", help="also record the points, to be solved afterwards")
-    live.add_argument("--person", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
     live.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
 
 
@@ -42,7 +42,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.live.session import LiveSession
     from solver_backend.live.statistics import LiveStatistics
 
-    network, fit = person_fit(args.person)
+    network, fit = person_fit(args.subject)
     if args.source == "-":
         session = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis)
         frames = from_lines(sys.stdin, args.fps or 120.0)

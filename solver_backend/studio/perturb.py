@@ -37,8 +37,8 @@ def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Cap
     if stage.labels:
         known |= {"markers": stage.markers}
     return Capture(
-        stage.shot.name, stage.cameras, keypoints, markers, (None,) * len(stage.cameras), (stage.shot.name,),
-        ("Synthetic capture of the studio: the truth is known.",), (), known,
+        stage.shot.name, stage.cameras, keypoints, markers, footage=(None,) * len(stage.cameras),
+        sources=(stage.shot.name,), notes=("Synthetic capture of the studio: the truth is known.",), truth=known,
     )  # fmt: skip
 
 

@@ -106,7 +106,7 @@ def intersected(
     ray = ray / np.where(length > 0, length, 1.0)
     along: np.ndarray = ray[..., None] * ray[..., None, :]
     across = np.subtract(np.eye(3), along) * seen[..., None, None]
-    centre = -(np.swapaxes(R, 1, 2) @ t[..., None])[..., 0]
+    centre: np.ndarray = np.negative((np.swapaxes(R, 1, 2) @ t[..., None])[..., 0])
     A, b = across.sum(0), (across @ centre[:, None, :, None])[..., 0].sum(0)
     enough = (seen.sum(0) >= 2) & (np.abs(np.linalg.det(A)) > 1e-9)
     X = np.linalg.solve(np.where(enough[:, None, None], A, np.eye(3)), b[..., None])[..., 0]

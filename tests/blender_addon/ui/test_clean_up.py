@@ -58,7 +58,9 @@ def test_feet_stand_on_the_floor_and_no_key_is_changed(solved_take, mocap, scene
 
 def test_gaps_are_markers_and_the_users_own_stay(solved_take, mocap, scene) -> None:
     scene.timeline_markers.new("gap in the fence", frame=3)
-    frames, confidence = read_lane(solved_take)
+    read = read_lane(solved_take)
+    assert read is not None
+    frames, confidence = read
     lane = next(curve for curve in action_curves(solved_take) if curve.data_path == '["confidence"]')
     for key in lane.keyframe_points[9:14]:
         key.co.y = 0.0
