@@ -7,10 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from solver_backend.exchange.errors import (
-    CalibrationInvalid,
     CalibrationMismatch,
     CalibrationMissing,
     CommandLineInvalid,
@@ -19,7 +16,8 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.rig.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
 from solver_backend.rig.extrinsics.result import RigCalibration
-from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.rig.intrinsics.known_lenses import known_lenses
+from solver_backend.types import Capture, Keypoints2D
 
 if TYPE_CHECKING:
     from solver_backend.rig.boards.board import Board
@@ -94,7 +92,7 @@ def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
-    known = lenses_of(args.lenses, tuple(footage.rig)) if args.lenses is not None else {}
+    known = known_lenses(args.lenses, tuple(footage.rig)) if args.lenses is not None else {}
     return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
 
 
@@ -124,7 +122,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
     except (CalibrationMissing, CalibrationMismatch):
         return _uncalibrated(args, progress)
     if args.lenses is not None:
-        known = lenses_of(args.lenses, cameras.names)
+        known = known_lenses(args.lenses, cameras.names)
         return cameras.names, [known[n] for n in cameras.names], keypoints, False
     return cameras.names, [lens_of(cameras, c) for c in range(len(cameras))], keypoints, False
 
@@ -146,7 +144,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     fps = args.fps or config.fps or next((v.fps for v in videos if v is not None), 60.0)
     keypoints = main_person(detections, fps)
     if args.lenses is not None:
-        known = lenses_of(args.lenses, names)
+        known = known_lenses(args.lenses, names)
         return names, [known[n] for n in names], keypoints, False
     if any(v is None for v in videos):
         raise CalibrationMissing(
@@ -164,7 +162,7 @@ def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     if args.lenses is None:
         raise CommandLineInvalid("Clicked points need lenses.", hint="Tell them with --lenses CALIBRATION|LENSES.json.")
     progress("Cameras from clicks", 0, 1)
-    return calibrate_by_points(clicks, lenses_of(args.lenses, tuple(clicks.px)))
+    return calibrate_by_points(clicks, known_lenses(args.lenses, tuple(clicks.px)))
 
 
 def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
@@ -173,32 +171,3 @@ def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Cameras from the person", 0, 1)
     return refine_by_person(cameras, keypoints, free_focal=bool(args.refine_lenses))
-
-
-def lenses_of(path: Path, names: tuple[str, ...]) -> dict[str, Lens]:
-    """Return the lenses of cameras from a library or any calibration.
-
-    Raises:
-        CalibrationMissing, CalibrationMismatch: a camera is not in it.
-        CalibrationInvalid: lenses of different distortion models are mixed.
-    """
-    from solver_backend.io.calibration import read_calibration
-    from solver_backend.io.recognition.camera_names import match_names
-    from solver_backend.rig.intrinsics.library import FORMAT, lens_named, read_lenses
-
-    if path.is_file() and path.suffix.lower() == ".json" and FORMAT in path.read_text(encoding="utf-8")[:200]:
-        library = read_lenses(path)
-        found = {name: lens_named(library, name, None, str(path)) for name in names}
-    else:
-        cameras: Cameras = read_calibration(path).cameras
-        order = match_names(names, cameras.names)
-        if order is None:
-            raise CalibrationMismatch(
-                f"The cameras are {', '.join(names)}; the file has {', '.join(cameras.names)}.", where=str(path)
-            )
-        found = {name: lens_of(cameras, i) for name, i in zip(names, order, strict=True)}
-    if len({lens.distortion_model for lens in found.values()}) > 1:
-        raise CalibrationInvalid("Fisheye and other lenses are mixed.", where=str(path))
-    if not all(np.isfinite(lens.K).all() for lens in found.values()):
-        raise CalibrationInvalid("A lens holds NaN.", where=str(path))
-    return found

@@ -41,6 +41,9 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
         "--redo", action="append", default=[], choices=("sync", "capture", "solve"), help="do this step again"
     )
     road.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
+    road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
+    road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
+    road.add_argument("--stature", type=float, metavar="METRES", help="of the person, who tells the scale")
     road.add_argument("--method", help="global (default), sliding, frame or noise-aware")
 
     noise = verbs.add_parser(

@@ -59,6 +59,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Go the road from a folder of videos to solved motions."""
     from solver_backend.fitters.settings import SolveSettings
+    from solver_backend.rig.road.calibrate import KnownOfCameras
     from solver_backend.rig.road.layout import look_through
     from solver_backend.rig.road.plan import described, planned
     from solver_backend.rig.road.run import RoadSettings, go
@@ -77,6 +78,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = RoadSettings(
         detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs, noise=_noise(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(chosen),
+        cameras=KnownOfCameras(args.board, args.lenses, args.stature),
     )  # fmt: skip
     failed: dict[str, MocapError] = {}
     for plan in plans:

@@ -16,21 +16,9 @@ from solver_backend.rig.extrinsics.from_person import rig_from_person
 from solver_backend.rig.extrinsics.person_scale import scale_from_length, scale_from_stature
 from solver_backend.rig.extrinsics.person_session import PersonOptions, calibrate_by_person, refine_by_person
 from solver_backend.rig.extrinsics.two_views import essential_matrix, pose_from_essential
-from solver_backend.simulation.benchmark import BenchmarkSettings, Take, benchmark_capture
+from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Cameras, Capture
-from tests.support.walking_take import EXACT, walk
-
-
-def circling(frames: int = 60) -> Take:
-    """Return a walk around a circle of 1.2 m, which fills the space."""
-    take = walk(frames)
-    angle = 2 * np.pi * np.arange(frames) / frames
-    turn = np.zeros((frames, 3))
-    turn[:, 1] = np.pi / 2 - angle
-    rotations = take.rotations.copy()
-    rotations[:, 0] = exp_so3(turn) @ rotations[:, 0]
-    root = np.stack([1.2 * np.cos(angle), take.root[:, 1], 1.2 * np.sin(angle)], axis=1)
-    return replace(take, rotations=rotations, root=root)
+from tests.support.walking_take import EXACT, circling
 
 
 @pytest.fixture(scope="module")

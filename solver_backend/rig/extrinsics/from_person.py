@@ -23,6 +23,8 @@ LEAST_CONFIDENCE = 0.3
 """Keypoints below are not used."""
 START_SIGMA_PX = 6.0
 """What a keypoint is expected to err by before anything is known."""
+LEAST_MOMENTS = 30
+"""Fewer pictures of a person fit many cameras."""
 FEWEST_COMMON = 60
 """Keypoints that two cameras must both see."""
 FOCAL_SIGMA = 0.15
@@ -128,6 +130,11 @@ class _Views:
         useful = np.flatnonzero((seen > 3).sum(0) >= 2)
         if not len(useful):
             raise NoDetections("No two cameras see the person at the same moment.", hint="Are the videos synchronous?")
+        if len(useful) < LEAST_MOMENTS:
+            raise NoDetections(
+                f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed.",
+                hint="Film her walking through the whole space for half a minute, or film a board.",
+            )
         frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
         xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
         xy = np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan)

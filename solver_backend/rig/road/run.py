@@ -24,10 +24,10 @@ from solver_backend.rig.detect.choice import DetectorChoice
 from solver_backend.rig.detect.detect_videos import detect_videos
 from solver_backend.rig.detect.noise_map import NoiseMap
 from solver_backend.rig.detect.video_detections import VideoDetections
+from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.rig.road.layout import FoundFolder
 from solver_backend.rig.road.plan import STEPS, TakePlan
 from solver_backend.rig.road.records import Records
-from solver_backend.rig.road.seam import CalibrationRequest, Calibrator, no_calibrator
 from solver_backend.rig.sync.clocks import Clocks
 from solver_backend.rig.sync.synchronise import synchronise
 
@@ -52,12 +52,11 @@ class RoadSettings:
     """Replace files that this road did not make."""
     solve: SolveSettings = field(default_factory=SolveSettings)
     """How the capture is solved."""
+    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
+    """What is known of cameras that have no calibration."""
 
 
-def go(
-    found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress = silent,
-    calibrator: Calibrator = no_calibrator,
-) -> dict[str, str]:  # fmt: skip
+def go(found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress = silent) -> dict[str, str]:
     """Go the road of one take and return, by step, what is there now: 'kept' or 'made', and the file.
 
     Raises:
@@ -80,11 +79,12 @@ def go(
     if last < 2:
         return said
     if calibration is None:
-        calibrator(CalibrationRequest(found, plan.take, detections, clocks, plan.made_calibration), progress)
+        request = CalibrationRequest(found, plan.take, detections, clocks, plan.made_calibration)
+        words = calibrate_take(request, settings.cameras, progress)
         calibration = _of_take(plan.made_calibration, plan)
         records.made(plan.made_calibration, seen)
         clocks = _clocks(plan, detections, calibration, settings, records, [seen, settings.sync], progress, said)
-        said["calibrate"] = f"made: {plan.made_calibration}"
+        said["calibrate"] = "; ".join((f"made: {plan.made_calibration}", *words))
     else:
         said["calibrate"] = f"kept: {calibration.source}"
     if last < 3:

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
-from solver_backend.exchange.errors import CalibrationMissing, OutputExists
+from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.rig.detect.choice import chosen_detector
+from solver_backend.rig.road import run
+from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras
 from solver_backend.rig.road.errors import NoVideos
 from solver_backend.rig.road.layout import look_through
 from solver_backend.rig.road.plan import planned
 from solver_backend.rig.road.records import Records
 from solver_backend.rig.road.run import RoadSettings, go
-from solver_backend.rig.road.seam import CalibrationRequest
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
 
@@ -93,27 +94,34 @@ def settings(tmp_path: Path, **more) -> RoadSettings:
     return RoadSettings(chosen_detector(str(write_rtmpose(tmp_path / "m.onnx"))), sync="none", **more)
 
 
-def test_without_calibration_the_road_ends_at_the_seam_and_keeps_what_was_done(session: Path, tmp_path: Path) -> None:
+def test_cameras_are_calibrated_where_no_calibration_is(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found, out = look_through(session), tmp_path / "out"
     [plan] = planned(found, out)
-    with pytest.raises(CalibrationMissing, match="no camera calibration"):
+    with pytest.raises(NoDetections, match="15 pictures; 30 are needed"):
         go(found, plan, settings(tmp_path))
     assert sorted(path.name for path in out.iterdir()) == ["detections", "steps.json", "sync.json"]
     asked: list[CalibrationRequest] = []
 
-    def calibrator(request: CalibrationRequest, progress: object) -> None:
+    def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> tuple[str, ...]:
         asked.append(request)
+        assert known.stature_m == 1.7
         cameras = [
             f'[cam_{c}]\nname = "cam{c}"\nsize = [160, 120]\nmatrix = [[150, 0, 80], [0, 150, 60], [0, 0, 1]]\n'
             f"distortions = [0, 0, 0, 0]\nrotation = [1.5707963, 0, 0]\ntranslation = [{0.4 * c}, 0, 3]\n"
             for c in (1, 2)
         ]
         request.out.write_text("\n".join(cameras), encoding="utf-8")
+        return ("2 cameras by the person, 1.0 px",)
 
-    said = go(found, plan, settings(tmp_path, until="calibrate"), calibrator=calibrator)
-    assert said["calibrate"].startswith("made") and asked[0].clocks.names == ("cam1", "cam2")
+    monkeypatch.setattr(run, "calibrate_take", calibrated)
+    chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
+    said = go(found, plan, chosen)
+    assert said["calibrate"].startswith("made") and said["calibrate"].endswith("by the person, 1.0 px")
+    assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
-    said = go(found, plan, settings(tmp_path, until="calibrate"), calibrator=calibrator)
+    said = go(found, plan, chosen)
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
 
 
@@ -143,7 +151,7 @@ def test_convert_takes_a_folder_of_videos_down_the_road(
     monkeypatch.setattr("solver_backend.rig.detect.choice.chosen_detector", lambda: chosen)
     out = tmp_path / "demo" / "capture.npz"
     assert main(["convert", str(session), "--out", str(out)]) == 3
-    assert "has no camera calibration" in capsys.readouterr().err and not out.exists()
+    assert "30 are needed" in capsys.readouterr().err and not out.exists()
     touched(tmp_path / "empty" / "notes.txt")
     assert main(["convert", str(tmp_path / "empty"), "--out", str(out)]) == 3
     assert "no folders of detections" in capsys.readouterr().err
