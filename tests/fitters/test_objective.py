@@ -69,8 +69,8 @@ class Level:
     def part(self, keys: slice) -> "Level":
         return self
 
-    def cost(self, keys: Keyframes) -> float:
-        return 0.5 * self.weight * ((keys.transl[:, 2] - HEIGHT_M) ** 2).sum()
+    def cost(self, keys: Keyframes) -> np.ndarray:
+        return 0.5 * self.weight * (keys.transl[:, 2] - HEIGHT_M) ** 2
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         for key, height in enumerate(keys.transl[:, 2]):

@@ -15,6 +15,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from ....errors import BatchTaken
+from ..record import read_record
 from ..request import BatchRequest
 from ..steps import steps_of
 from .base import DIED, ENDED, LOST, Ended, Ticket
@@ -168,11 +169,16 @@ class ClusterEngine:
         if future.status == "error":
             error = future.exception(timeout=_CONNECT_S)
             if type(error).__name__ == "KilledWorker":
-                return [Ended(ticket, DIED)]
+                return [Ended(ticket, DIED if self._deaths(ticket) >= self.tries else LOST)]
             self._workers.note(f"A task of {ticket.name} broke: {type(error).__name__}: {error}.")
             ticket.tries += 1
             return [Ended(ticket, LOST if ticket.tries < self.tries else DIED)]
         return [Ended(ticket, LOST)]
+
+    def _deaths(self, ticket: Ticket) -> int:
+        """Return how often a take was begun and never ended; Dask also blames those that waited behind it."""
+        attempts = (read_record(self._request.out / ticket.name) or {}).get("attempts", ())
+        return sum(attempt["how"] == "begun" for attempt in attempts)
 
     def _judged(self, ticket: Ticket, result: dict[str, Any]) -> Ended:
         worker = result["worker"]
