@@ -21,7 +21,9 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise CommandLineInvalid(
-            f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=f"Usage: {self.format_usage().strip()[7:]}"
+            f"{message[:1].upper()}{message[1:]}.",
+            where=self.prog,
+            hint=" ".join(["Usage:", *self.format_usage().split()[1:]]),
         )
 
 

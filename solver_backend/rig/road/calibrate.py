@@ -74,7 +74,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         found = _by_person(request, lenses, known.stature_m, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
-    return (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.findings)
+    return (f"{len(names)} cameras by the {found.method}", *found.notes, *found.findings)
 
 
 def _by_person(
