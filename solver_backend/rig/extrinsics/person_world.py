@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.rig.extrinsics.person_scale import rest_keypoints
 from solver_backend.types import JointSet
@@ -77,7 +78,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
 def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
     """Return (K,) how high keypoints are above the sole of the mean body at rest, metres."""
     body = load_body()
-    return rest_keypoints(body, joint_set, np.zeros(10))[:, 1] - float(body.v_template[:, 1].min())
+    return rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[:, 1] - float(body.v_template[:, 1].min())
 
 
 def _middle(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:
