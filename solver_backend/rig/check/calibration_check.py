@@ -87,7 +87,8 @@ class CalibrationCheck:
             "epipolar_px": [number(e) for e in self.epipolar_px], "median_px": round(self.all_px, 3),
             "refined_px": round(self.refined_px, 3), "refined_camera_px": number(self.refined_camera_px),
             "stature_m": round(self.stature_m, 3),
-            "tilt_deg": round(self.tilt_deg, 2), "tilt_sigma_deg": round(self.tilt_sigma_deg, 2), "findings": list(self.findings),
+            "tilt_deg": round(self.tilt_deg, 2), "tilt_sigma_deg": round(self.tilt_sigma_deg, 2),
+            "findings": list(self.findings),
         }  # fmt: skip
 
 

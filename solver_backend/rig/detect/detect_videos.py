@@ -30,8 +30,13 @@ _POLL_S = 0.2
 
 
 def detect_videos(
-    videos: Sequence[Path], choice: DetectorChoice, folder: Path, progress: Progress = silent, *,
-    jobs: int = 0, again: bool = False,
+    videos: Sequence[Path],
+    choice: DetectorChoice,
+    folder: Path,
+    progress: Progress = silent,
+    *,
+    jobs: int = 0,
+    again: bool = False,
 ) -> list[VideoDetections]:
     """Return what is found in each video; a video that was done with this detector before is not done again.
 

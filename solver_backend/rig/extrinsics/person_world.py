@@ -78,7 +78,9 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
 def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
     """Return (K,) how high keypoints are above the sole of the mean body at rest, metres."""
     body = load_body()
-    return rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[:, 1] - float(body.v_template[:, 1].min())
+    return rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[:, 1] - float(
+        body.v_template[:, 1].min()
+    )
 
 
 def _middle(points: np.ndarray, names: tuple[str, ...], part: str) -> np.ndarray:

@@ -18,8 +18,8 @@ from solver_backend.rig.extrinsics.result import RigCalibration
 from solver_backend.rig.extrinsics.session_folders import BoardFootage
 from solver_backend.rig.formats.write import write_calibration
 from solver_backend.rig.intrinsics.known_lenses import known_lenses
-from solver_backend.rig.road.pictures import draw_boards
 from solver_backend.rig.road.layout import FoundFolder, FoundTake
+from solver_backend.rig.road.pictures import draw_boards
 from solver_backend.rig.sync.clocks import Clocks
 
 SOURCES = ("auto", "board", "person")

@@ -63,8 +63,9 @@ def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path)
         curves.append((when, clocks.from_video(c, when), strength / max(float(np.quantile(strength, 0.98)), 1e-9)))
     canvas = Canvas()
     start = max(0.0, max(float(c[1][0]) for c in curves))
-    _curves(canvas, [(c[0], c[2]) for c in curves], (start, start + SHOWN_S), 0, "as filmed")
-    _curves(canvas, [(c[1], c[2]) for c in curves], (start, start + SHOWN_S), SIDE // 2, "on one clock")
+    span = start, start + min(SHOWN_S, max(1.0, max(float(c[1][-1]) for c in curves) - start))
+    _curves(canvas, [(c[0], c[2]) for c in curves], span, 0, "as filmed")
+    _curves(canvas, [(c[1], c[2]) for c in curves], span, SIDE // 2, "on one clock")
     for c, name in enumerate(clocks.names):
         canvas.text(SIDE - 250, _TOP + 16 * (c + 1), f"{name} {1e3 * clocks.offset_s[c]:+.1f} ms",
                     COLOURS[c % len(COLOURS)], 0.42)  # fmt: skip

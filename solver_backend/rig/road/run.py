@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.errors import OutputExists
+from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.pipeline import solve
@@ -27,7 +27,6 @@ from solver_backend.rig.detect.assemble import assembled
 from solver_backend.rig.detect.choice import DetectorChoice
 from solver_backend.rig.detect.detect_videos import detect_videos
 from solver_backend.rig.detect.noise_map import NoiseMap
-from solver_backend.rig.detect.video_detections import VideoDetections
 from solver_backend.rig.road import pictures
 from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.rig.road.layout import FoundFolder
@@ -139,7 +138,10 @@ class _Road:
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
-            capture, state = assembled(plan.take.name, self._detections, self._clocks, calibration, self._progress), "made"
+            capture, state = (
+                assembled(plan.take.name, self._detections, self._clocks, calibration, self._progress),
+                "made",
+            )
             if noise is not None and capture.keypoints is not None:
                 weighted, note = noise.applied(capture.keypoints, self._detections[0].detector)
                 capture = replace(capture, keypoints=weighted, notes=(*capture.notes, note))
@@ -147,8 +149,10 @@ class _Road:
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
-        drawn = [self._pictures / name for name in ("cameras.png", "check.png")]
-        self.steps.tell("capture", state, [str(plan.capture), self._check.verdict], self._check.findings, drawn)
+        check = self._check
+        drawn = [self._pictures / name for name in ("cameras.png", "check.png")[: 1 if check is None else 2]]
+        fits = "the take is too short to check the calibration" if check is None else check.verdict
+        self.steps.tell("capture", state, [str(plan.capture), fits], () if check is None else check.findings, drawn)
 
     def solve(self) -> None:
         plan, settings = self._plan, self._settings
@@ -157,7 +161,9 @@ class _Road:
             self.steps.tell("solve", "kept", [str(plan.motion)])
             return
         motion = solve(self._capture, settings.solve, self._progress).motion
-        write_report(plan.folder / "report.html", self._capture, motion, self._check.fit, overwrite=True)
+        write_report(
+            plan.folder / "report.html", self._capture, motion, self._check and self._check.fit, overwrite=True
+        )
         write_motion(plan.motion, motion, overwrite=True)
         self._records.made(plan.motion, made_of)
         self.steps.tell("solve", "made", [str(plan.motion)])
@@ -169,7 +175,11 @@ class _Road:
             return plan.calibration
         made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
-        return _of_take(made, plan) if made.is_file() and fits and not ("calibrate" in self._settings.redo and ours) else None
+        return (
+            _of_take(made, plan)
+            if made.is_file() and fits and not ("calibrate" in self._settings.redo and ours)
+            else None
+        )
 
     def _tell_clocks(self) -> None:
         plan, settings, cameras = self._plan, self._settings, self._calibration and self._calibration.cameras
@@ -186,17 +196,21 @@ class _Road:
             pictures.clocks_picture(self._detections, self._clocks, drawn)
         self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), self._clocks.findings, [drawn])
 
-    def _checked(self, capture: Capture) -> CalibrationCheck:
-        """Hold the calibration against the take, and draw the cameras and how they fit."""
+    def _checked(self, capture: Capture) -> CalibrationCheck | None:
+        """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""
         cameras, keypoints = capture.require_multiview()
         self._progress("Checking the calibration", 0, 1)
-        check = check_calibration(cameras, keypoints)
         points = triangulate(cameras, keypoints.xy, keypoints.confidence).points
-        with np.errstate(all="ignore"):
-            known = np.isfinite(points).all(-1)
-            middle = np.where(known[..., None], points, 0.0).sum(1) / np.maximum(known.sum(1), 1)[:, None]
-        pictures.cameras_picture(cameras, np.where(known.any(1)[:, None], middle, np.nan), self._pictures / "cameras.png")
-        pictures.check_picture(cameras.names, check, self._pictures / "check.png")
+        known = np.isfinite(points).all(-1)
+        middle = np.where(known[..., None], points, 0.0).sum(1) / np.maximum(known.sum(1), 1)[:, None]
+        way = np.where(known.any(1)[:, None], middle, np.nan)
+        pictures.cameras_picture(cameras, way, self._pictures / "cameras.png")
+        try:
+            check = check_calibration(cameras, keypoints)
+        except NoDetections:
+            check = None
+        else:
+            pictures.check_picture(cameras.names, check, self._pictures / "check.png")
         self._progress("Checking the calibration", 1, 1)
         return check
 
