@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from blender_addon.solving.road_file import read_road
 from blender_addon.ui.operators.solver_operator import SolverOperator, current
+from blender_addon.ui.panels.videos import VIEW3D_PT_mocap_videos
 from blender_addon.ui.previews import Previews
 from solver_backend.rig.detect.choice import chosen_detector
 from solver_backend.rig.detect.errors import DetectorMissing
@@ -167,3 +169,44 @@ def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):
         assert shown.icon(tmp_path / "absent.png") == 0
     finally:
         shown.stop()
+
+
+class Layout:
+    """Takes down what a panel draws."""
+
+    def __init__(self) -> None:
+        object.__setattr__(self, "drawn", [])
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Take every setting."""
+
+    def __getattr__(self, name: str):
+        def draw(*args, **given):
+            if name not in ("row", "column", "box"):
+                self.drawn.append((name, given.get("text") or (args[0] if name == "operator" else "")))
+            return self
+
+        return draw
+
+
+def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_path):
+    context = SimpleNamespace(
+        scene=bpy.context.scene, region=SimpleNamespace(width=400), preferences=bpy.context.preferences
+    )
+    (tmp_path / "road.json").write_text(
+        json.dumps({"format": "manifold_mocap_road", "version": 1, "steps": [
+            {"step": "detect", "state": "made", "words": ["40 pictures"], "doubts": ["cam2 sees nobody"]}]})
+    )  # fmt: skip
+    mocap.videos.folder = str(tmp_path)
+    mocap.videos.take_steps(str(tmp_path))
+    drawn = []
+    for opened in (False, True):
+        mocap.videos.steps[0].open = opened
+        layout = Layout()
+        VIEW3D_PT_mocap_videos.draw(SimpleNamespace(layout=layout), context)
+        drawn.append(layout.drawn)
+        assert sum(call == ("operator", "mocap.video_step") for call in layout.drawn) == 4
+        assert [said for name, said in layout.drawn if said in ("Keypoints", "Clocks", "Calibration", "Capture")]
+    assert ("label", "cam2 sees nobody") not in drawn[0]
+    assert ("label", "cam2 sees nobody") in drawn[1] and ("label", "40 pictures") in drawn[1]
+    assert all("--stature" not in word for word in mocap.videos.arguments())
