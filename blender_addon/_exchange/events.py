@@ -90,6 +90,9 @@ def _takes_of_videos(value: Any) -> bool:
     )
 
 
+_RESULTS["check-cameras"] = {
+    "verdict": _text, "findings": _texts, "stature_m": _number, "tilt_deg": _number, "tilt_sigma_deg": _number,
+}  # fmt: skip
 _RESULTS["from-videos"] = {"takes": _takes_of_videos}
 _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
     "convert": ("captures", {"captures": _each({**_CAPTURE, "source": _text})}),

@@ -83,7 +83,8 @@ class CalibrationCheck:
         """Return plain JSON values."""
         number = lambda a: [None if not np.isfinite(v) else round(float(v), 3) for v in np.ravel(a)]  # noqa: E731
         return {
-            "camera_px": number(self.camera_px), "region_px": [number(g) for g in self.region_px],
+            "verdict": self.verdict, "camera_px": number(self.camera_px),
+            "region_px": [number(g) for g in self.region_px],
             "epipolar_px": [number(e) for e in self.epipolar_px], "median_px": round(self.all_px, 3),
             "refined_px": round(self.refined_px, 3), "refined_camera_px": number(self.refined_camera_px),
             "stature_m": round(self.stature_m, 3),
