@@ -16,6 +16,8 @@ SEGMENTS = (
 """Share of the body's mass (of the trunk at once, else of one side's), ends, and where between them it lies; the hand
 goes with the forearm and the foot with the shank (de Leva 1996, mean of both sexes)."""
 HEAD_MASS = 0.068
+CARRIES_AT = 0.45
+"""Where between heel and toe a sole carries who stands still; in the middle, recorded people who stand seem to lean."""
 AHEAD_M = 0.05
 """How far in front of the ankle a sole carries, where neither heels nor toes are known."""
 CARRIES_M = 0.04
@@ -31,7 +33,7 @@ class BodyPoints:
     centre: Float[np.ndarray, "frames 3"]
     """(F, 3) centre of mass."""
     feet: Float[np.ndarray, "2 frames 3"]
-    """(2, F, 3) middle of the left and the right sole."""
+    """(2, F, 3) where the left and the right sole carry."""
     leg: float
     """Length of a leg, hip to ankle."""
 
@@ -61,7 +63,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
-    """Return (F, 3) the middle of a sole: of heel and toes, else a little before the ankle."""
+    """Return (F, 3) where a sole carries: between heel and toe, else a little before the ankle."""
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     across = at["left_hip"] - at["right_hip"]
@@ -70,8 +72,8 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
     guess = ankle + AHEAD_M * ahead
     if heel is None or toe is None:
         return guess
-    middle = 0.5 * (heel + toe)
-    return np.where(np.isfinite(middle), middle, guess)
+    carrying = (1.0 - CARRIES_AT) * heel + CARRIES_AT * toe
+    return np.where(np.isfinite(carrying), carrying, guess)
 
 
 def leaning(body: BodyPoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:

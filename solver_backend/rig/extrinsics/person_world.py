@@ -25,7 +25,7 @@ APART_SIGMAS = 1.4
 """Beyond this many of ``BODY_SIGMA`` body and balance contradict each other, and neither is believed."""
 FOOT_SIGMA_M = 0.02
 """How far a standing foot's keypoint is from its usual height."""
-FRAMES_PER_STEP = 10
+FRAMES_PER_STEP = 14
 """Frames that tell the same about the floor."""
 LOWEST = 0.15
 """Share of a foot's heights that lie below the floor's, by noise."""
