@@ -26,6 +26,8 @@ class FaultKind(StrEnum):
     """The camera runs at another rate. The figure is how many frames later it is at the end than at the beginning."""
     FRAMES_REPEATED = "frames_repeated"
     """The view shows the frame before once more. The figure is the share of such frames in the view, per cent."""
+    FRAMES_SKIPPED = "frames_skipped"
+    """No view shows anybody in frames between frames that do. The figure is their share, per cent; no camera."""
     DELAY_UNKNOWN = "delay_unknown"
     """Too little moves in the view (in all views, if no camera is named) to tell whether it is in step. No figure."""
     CONTRADICTS = "contradicts"

@@ -1,4 +1,4 @@
-"""Frames that a detector, or the video it read, shows again instead of new ones."""
+"""Frames that a detector, or the video it read, shows again instead of new ones, or leaves out."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Keypoints2D
 
 LONGEST = 5
 """Repetitions in a row that are bridged."""
+LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
+"""Frames in a row, and their share of the take, that a detector leaves out which looks at every second or third."""
 STEP_PX = 0.5
 """A person who stands still is no repetition: beside one, half of the keypoints move by more than this."""
 
@@ -38,8 +41,23 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
     return np.concatenate([np.zeros((views, 1), dtype=bool), like & moved], axis=1)
 
 
+def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
+    """Return (F,) bool: no view shows anybody, though all do just before and after, and so throughout the take.
+
+    A solver that looks at every second frame might look at none but these.
+
+    Args:
+        keypoints: detections of C views.
+    """
+    empty = ~(keypoints.confidence > 0).any(axis=(0, 2))
+    skipped = np.zeros_like(empty)
+    for first, last in true_runs(empty):
+        skipped[first : last + 1] = first > 0 and last < len(empty) - 1 and last - first < LONGEST_SKIP
+    return skipped if skipped.mean() >= LEAST_SKIPPED else np.zeros_like(empty)
+
+
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
-    """Return detections whose (C, F) repeated frames lie on the straight way from the frame before to the next new one.
+    """Return detections whose (C, F) repeated or skipped frames lie on the straight way from frame to new frame.
 
     A repeated frame tells where somebody was, not where he is. Runs longer than ``LONGEST`` and those at the end of the
     take show nothing instead.

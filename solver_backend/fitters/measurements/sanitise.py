@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.label_swaps import undo_swaps
-from solver_backend.cameras.view_checks.repeated_frames import repeated_frames, without_repeats
+from solver_backend.cameras.view_checks.repeated_frames import repeated_frames, skipped_frames, without_repeats
 from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
@@ -58,9 +58,9 @@ def check_capture(
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
-    again = repeated_frames(keypoints)
-    if again.any():
-        keypoints = without_repeats(keypoints, again)
+    again, skipped = repeated_frames(keypoints), skipped_frames(keypoints)
+    if again.any() or skipped.any():
+        keypoints = without_repeats(keypoints, again | skipped)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     views = repair_views(cameras, keypoints, triangulation)
     progress(STAGE, 1, STEPS)
@@ -72,7 +72,7 @@ def check_capture(
     progress(STAGE, 4, STEPS)
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
-    faults = [_fault_of(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again)
+    faults = [_fault_of(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again, skipped)
     for swap in sides.found:
         where = cameras.names[swap.view], swap.first, swap.last
         faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
@@ -126,11 +126,12 @@ def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
     return Fault(FaultKind.CAMERA_TURNED, *where, round(cause.degrees, 2), Remedy.REPAIRED)
 
 
-def _repetitions(cameras: Cameras, again: np.ndarray) -> list[Fault]:
-    """Return the views that repeat frames, (C, F), often enough to be named."""
-    share = 100.0 * again.mean(axis=1)
-    kind, last, often = FaultKind.FRAMES_REPEATED, again.shape[1] - 1, np.flatnonzero(share >= LEAST_REPEATED)
-    return [Fault(kind, cameras.names[v], 0, last, round(float(share[v]), 1), Remedy.BRIDGED) for v in often]
+def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Fault]:
+    """Return the views that repeat frames (C, F) often enough to be named, and the frames (F,) that all skip."""
+    share, last = 100.0 * again.mean(axis=1), len(skipped) - 1
+    faults = [(FaultKind.FRAMES_REPEATED, cameras.names[v], share[v]) for v in np.flatnonzero(share >= LEAST_REPEATED)]
+    faults += [(FaultKind.FRAMES_SKIPPED, "", 100.0 * skipped.mean())] * bool(skipped.any())
+    return [Fault(kind, camera, 0, last, round(float(size), 1), Remedy.BRIDGED) for kind, camera, size in faults]
 
 
 def _absences(seen: np.ndarray, fps: float) -> list[Fault]:

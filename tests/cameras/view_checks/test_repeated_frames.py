@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.repeated_frames import LONGEST, repeated_frames, without_repeats
+from solver_backend.cameras.view_checks.repeated_frames import LONGEST, repeated_frames, skipped_frames, without_repeats
 from solver_backend.types import JointSet, Keypoints2D
 
 FRAMES = 40
@@ -59,3 +59,22 @@ def test_what_is_no_repetition_stays_bit_for_bit():
     after = without_repeats(given, again)
     np.testing.assert_array_equal(after.xy, given.xy)
     np.testing.assert_array_equal(after.confidence, given.confidence)
+
+
+def test_a_detector_that_skips_frames_is_found_and_bridged():
+    truth = moving()
+    empty = np.arange(FRAMES) % 3 != 0
+    given = Keypoints2D(truth.xy, np.where(empty[:, None], 0.0, truth.confidence), truth.joint_set, truth.fps)
+    skipped = skipped_frames(given)
+    np.testing.assert_array_equal(skipped, empty)
+    bridged = without_repeats(given, np.broadcast_to(skipped, (2, FRAMES)))
+    seen = bridged.confidence > 0
+    np.testing.assert_allclose(bridged.xy[seen], moving_everywhere()[seen], atol=1e-9)
+    assert seen.mean() > 0.85
+
+
+def test_somebody_who_leaves_is_not_skipped():
+    truth = moving()
+    away = (np.arange(FRAMES) > 5) & (np.arange(FRAMES) < 30)
+    given = Keypoints2D(truth.xy, np.where(away[:, None], 0.0, truth.confidence), truth.joint_set, truth.fps)
+    assert not skipped_frames(given).any()
