@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import bpy.utils.previews
+import bpy.utils.previews  # pyright: ignore[reportMissingImports]
 
 
 class Previews:

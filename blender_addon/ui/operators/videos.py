@@ -8,8 +8,9 @@ from typing import Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ..._exchange.errors import MocapError, OutputNotWritable, sentence
+from ..._exchange.errors import OutputNotWritable, sentence
 from ...conventions.file_paths import absolute, file_of, stored
+from ...errors import TakeMissing
 from ..locations import RELATIVE, files_folder, usable
 from ..preferences import detector_python
 from ..video_properties import STEPS
@@ -162,7 +163,7 @@ class MOCAP_OT_open_video_picture(MocapOperator, bpy.types.Operator):
         """Hand it to the system; only a picture that a step of this scene drew."""
         drawn = {picture.name for step in context.scene.mocap.videos.steps for picture in step.pictures}
         if self.filepath not in drawn or not Path(self.filepath).is_file():
-            raise MocapError("The picture is gone.", where=self.filepath, hint="Do the step again.")
+            raise TakeMissing("The picture is gone.", where=self.filepath, hint="Do the step again.")
         return bpy.ops.wm.path_open(filepath=self.filepath)
 
 

@@ -174,6 +174,8 @@ def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):
 class Layout:
     """Takes down what a panel draws."""
 
+    drawn: list[tuple[str, str]]
+
     def __init__(self) -> None:
         object.__setattr__(self, "drawn", [])
 
