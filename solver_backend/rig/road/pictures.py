@@ -56,12 +56,16 @@ def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path)
     """Draw how fast the person moves up and down in each view, as filmed and on one clock, and return the path."""
     curves = []
     for c, item in enumerate(found):
+        if item.num_frames < 2:
+            continue  # a single picture has no speed
         track = item.of_track(item.main_track())[0]
         signal = speeds(track, item.times_s - item.times_s[0], item.joint_set)
         strength = np.sqrt((signal.values**2).mean(-1))
         when = signal.start_s + np.arange(len(strength)) / signal.rate_hz
         curves.append((when, clocks.from_video(c, when), strength / max(float(np.quantile(strength, 0.98)), 1e-9)))
     canvas = Canvas()
+    if not curves:
+        return canvas.save(path)
     start = max(0.0, max(float(c[1][0]) for c in curves))
     span = start, start + min(SHOWN_S, max(1.0, max(float(c[1][-1]) for c in curves) - start))
     _curves(canvas, [(c[0], c[2]) for c in curves], span, 0, "as filmed")
