@@ -62,9 +62,9 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
     """
     _, directions = shape_directions(body)
     from_parent = directions - np.where(np.array(PARENTS)[:, None, None] >= 0, directions[list(PARENTS)], 0.0)
-    moves = [(name, j, from_parent[j]) for name, j in _moved_with_joints()]
-    moves += [(deform_bone(joint), j, -directions[j]) for j, joint in enumerate(JOINTS)]
-    for name, j, way in moves:
+    moves = [(name, from_parent[j]) for name, j in _moved_with_joints()]
+    moves += [(deform_bone(joint), -directions[j]) for j, joint in enumerate(JOINTS)]
+    for name, way in moves:
         axes = np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64)
         for axis, row in enumerate(axes.T @ way):
             drive_by_betas(armature.pose.bones[name], "location", axis, row, float(-row @ rest_betas), mesh)

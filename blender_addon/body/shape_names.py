@@ -70,7 +70,8 @@ def _measures(body: BodyFile, betas: np.ndarray) -> dict[str, float]:
     shares = {
         "leg": thigh + shin, "arm": upper + forearm, "shoulders": apart("left_shoulder", "right_shoulder"),
         "hips": apart("left_hip", "right_hip"), "head": apart("neck", "head"),
-        "foot": _reach(body, vertices, ("left_ankle", "left_foot"), 2), "trunk_depth": _reach(body, vertices, ("spine3",), 2),
+        "foot": _reach(body, vertices, ("left_ankle", "left_foot"), 2),
+        "trunk_depth": _reach(body, vertices, ("spine3",), 2),
         "thigh_girth": _radius(body, vertices, joints, "left_hip", "left_knee"),
         "arm_girth": _radius(body, vertices, joints, "left_shoulder", "left_elbow"),
     }  # fmt: skip

@@ -10,7 +10,7 @@ _PREFIX = "Shape"
 
 
 def slider_name(index: int, effect: str = "") -> str:
-    """Return the name of the shape key of one beta: "Shape 0 stature"; without its effect, as earlier versions named it."""
+    """Return the name of the shape key of one beta, "Shape 0 stature"; earlier versions left the effect out."""
     return f"{_PREFIX} {index} {effect}".rstrip()
 
 

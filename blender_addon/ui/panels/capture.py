@@ -9,7 +9,7 @@ from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_ca
 from ..operators.solver_operator import current
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, settings_layout, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -55,7 +55,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the options, and reading the same source again."""
         layout, settings = self.layout, context.scene.mocap
-        layout.use_property_split, layout.use_property_decorate = True, False
+        settings_layout(layout, context)
         layout.enabled = not current.busy
         for name in (
             "scene_setup",

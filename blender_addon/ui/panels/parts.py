@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import textwrap
 
+import blf
 import bpy
 
 from ..._exchange.errors import sentence
-from ..operators.solve import MOCAP_OT_show_log
+from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
 
-_LETTER_PX = 6.0
-_MARGIN_PX = 62
+_TEXT_PT, _MARGIN_PX = 11.0, 62.0
+"""Size of panel text, and what stands beside it, at an interface scale of 1."""
+_UNEVEN = 1.12
+"""How much wider than the mean letter those of a line may be."""
+_NARROW_PX = 260
+"""Below this width names and values of settings stand in one field instead of side by side."""
 
 
 class MocapPanel:
@@ -54,13 +59,36 @@ def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
     """Draw a text on as many lines as the sidebar's width asks for; the icon stands before the first."""
-    scale = context.preferences.system.ui_scale
-    letters = max(16, int((context.region.width / scale - _MARGIN_PX) / _LETTER_PX))
+    letters = _letters(context, text)
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
     for number, line in enumerate(textwrap.wrap(text, letters) or [""]):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
+
+
+def _letters(context: bpy.types.Context, text: str) -> int:
+    """Return how many letters of a text a line holds; at least two a line, where it is hardly open."""
+    scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
+    blf.size(0, _TEXT_PT * scale)
+    letter_px = max(blf.dimensions(0, text)[0] / max(len(text), 1), 1.0)
+    return max(2, int((context.region.width - _MARGIN_PX * scale) / (_UNEVEN * letter_px)))
+
+
+def settings_layout(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Let settings stand with their names on the left, where the sidebar is wide enough for both."""
+    scale = context.preferences.system.ui_scale or 1.0
+    layout.use_property_split = context.region.width >= _NARROW_PX * scale
+    layout.use_property_decorate = False
+
+
+def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the button that solves, with the name of whom where there are several."""
+    button = layout.column()
+    button.scale_y = 1.6
+    person = context.scene.mocap.capture.person
+    whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
+    button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:

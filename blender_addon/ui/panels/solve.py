@@ -7,11 +7,11 @@ import bpy
 from ...solving.presets import PRESETS
 from ..locations import waits_for_saving
 from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
-from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
+from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
 from ..project_files import following
 from ..properties import CHOSEN_BY_PRESETS
-from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, draw_solve, settings_layout, wrapped
 from .people import draw_solve_all
 
 _VERBS = ("solve", "calibrate")
@@ -39,11 +39,7 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
             column = layout.column(align=True)
             column.prop(settings.solve, "subject", text="", icon="USER", placeholder="Subject")
             column.operator(MOCAP_OT_calibrate_subject.bl_idname, icon="USER")
-        button = layout.column()
-        button.scale_y = 1.6
-        person = settings.capture.person
-        whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
-        button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
+        draw_solve(layout, context)
         draw_solve_all(layout, settings)
         if folder := waits_for_saving(context.scene):
             text = f"This file is not saved. Its takes wait in {folder}; saving moves them beside the file."
@@ -65,7 +61,7 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings; of a preset its own values, greyed."""
         layout, solve = self.layout, context.scene.mocap.solve
-        layout.use_property_split, layout.use_property_decorate = True, False
+        settings_layout(layout, context)
         column = layout.column()
         for name in CHOSEN_BY_PRESETS:
             if solve.preset == "CUSTOM":
