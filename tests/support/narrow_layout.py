@@ -42,7 +42,11 @@ class NarrowLayout:
         """Return the natural width of everything in here, children first, and take down rows that are too full."""
         inside = [child.close() for child in self.held if isinstance(child, NarrowLayout)]
         plain = [width for width in self.held if not isinstance(width, NarrowLayout)]
-        total = sum(inside) + sum(w for w, _ in plain) if self.kind == "row" else max([0.0, *inside, *(w for w, _ in plain)])
+        total = (
+            sum(inside) + sum(w for w, _ in plain)
+            if self.kind == "row"
+            else max([0.0, *inside, *(w for w, _ in plain)])
+        )
         if self.kind == "row" and total > self.width + 0.5:
             self.cut.append((round(total), round(self.width), " | ".join(text for _, text in plain)))
         fixed = self.given.get("ui_units_x")
@@ -86,7 +90,9 @@ class NarrowLayout:
         self._add(shown, (text_width(shown) + _PADDING if shown else 0.0) + (_ICON if icon != "NONE" else 0.0))
         return SimpleNamespace()
 
-    def prop(self, data: Any, name: str, text: str | None = None, expand: bool = False, icon: str = "NONE", **_: Any) -> None:
+    def prop(
+        self, data: Any, name: str, text: str | None = None, expand: bool = False, icon: str = "NONE", **_: Any
+    ) -> None:
         prop = data.bl_rna.properties.get(name)
         shown = prop.name if text is None and prop is not None else text or ""
         kind = prop.type if prop is not None else "FLOAT"

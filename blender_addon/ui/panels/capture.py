@@ -36,11 +36,11 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         if len(context.scene.mocap.captures) > 1:
             _draw_captures(layout, context.scene.mocap)
         if capture.file:
-            _draw_recognised(layout, capture)
+            _draw_recognised(layout, context, capture)
         else:
-            row = layout.row(align=True)
-            row.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA").kind = "CAMERAS"
-            row.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
+            column = layout.column(align=True)
+            column.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA").kind = "CAMERAS"
+            column.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
 
 
 class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
@@ -131,14 +131,14 @@ def _draw_captures(layout: bpy.types.UILayout, settings: MocapSettings) -> None:
         button.index = index
 
 
-def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
+def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, capture: MocapCapture) -> None:
     box = layout.box()
     column = box.column(align=True)
     column.label(text=capture.name, icon="CHECKMARK", translate=False)
     column.scale_y = 0.85
     seconds = capture.frames / capture.fps if capture.fps else 0.0
-    column.label(text=f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", icon="TIME")
+    wrapped(column, context, f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", "TIME")
     parts = [counted(len(capture.cameras), "camera")] if capture.cameras else []
     parts += [capture.joint_set] if capture.joint_set else []
     parts += [counted(capture.markers, "marker")] if capture.markers else []
-    column.label(text=", ".join(parts), icon="CAMERA_DATA" if capture.cameras else "EMPTY_DATA")
+    wrapped(column, context, ", ".join(parts), "CAMERA_DATA" if capture.cameras else "EMPTY_DATA")

@@ -14,8 +14,8 @@ from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
 
 _TEXT_PT, _MARGIN_PX = 11.0, 62.0
 """Size of panel text, and what stands beside it, at an interface scale of 1."""
-_UNEVEN = 1.12
-"""How much wider than the mean letter those of a line may be."""
+_FEWEST = 8
+"""Letters of a line, however narrow the sidebar is."""
 _NARROW_PX = 260
 """Below this width names and values of settings stand in one field instead of side by side."""
 
@@ -59,26 +59,34 @@ def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
     """Draw a text on as many lines as the sidebar's width asks for; the icon stands before the first."""
-    letters = _letters(context, text)
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(text, letters) or [""]):
+    for number, line in enumerate(_lines(context, text)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
 
 
-def _letters(context: bpy.types.Context, text: str) -> int:
-    """Return how many letters of a text a line holds; at least two a line, where it is hardly open."""
+def _lines(context: bpy.types.Context, text: str) -> list[str]:
+    """Return a text in lines that the sidebar has room for, as wide as its letters are."""
     scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
     blf.size(0, _TEXT_PT * scale)
-    letter_px = max(blf.dimensions(0, text)[0] / max(len(text), 1), 1.0)
-    return max(2, int((context.region.width - _MARGIN_PX * scale) / (_UNEVEN * letter_px)))
+    room = context.region.width - _MARGIN_PX * scale
+    letters = int(room * len(text) / max(blf.dimensions(0, text)[0], 1.0))
+    for count in range(max(letters, _FEWEST), _FEWEST - 1, -1):
+        lines = textwrap.wrap(text, count)
+        if all(blf.dimensions(0, line)[0] <= room for line in lines):
+            return lines or [""]
+    return textwrap.wrap(text, _FEWEST) or [""]
+
+
+def is_narrow(context: bpy.types.Context) -> bool:
+    """Return whether the sidebar has no room for what stands side by side."""
+    return context.region.width < _NARROW_PX * (context.preferences.system.ui_scale or 1.0)
 
 
 def settings_layout(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Let settings stand with their names on the left, where the sidebar is wide enough for both."""
-    scale = context.preferences.system.ui_scale or 1.0
-    layout.use_property_split = context.region.width >= _NARROW_PX * scale
+    layout.use_property_split = not is_narrow(context)
     layout.use_property_decorate = False
 
 
@@ -101,7 +109,7 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
     run = current.run
     if run is None or run.verb not in verbs:
         return False
-    layout.label(text="Running: see the top of this tab", icon="TIME")
+    layout.label(text="Running, see above", icon="TIME")
     return True
 
 

@@ -12,7 +12,7 @@ class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
     """What is solved with one click, or is under way."""
 
     bl_idname = "VIEW3D_PT_mocap_run"
-    bl_label = "Running"
+    bl_label = "Solve or Cancel"
     bl_options = {"HIDE_HEADER"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = -1
 

@@ -23,7 +23,10 @@ def cut_off() -> list[str]:
     """Return what no panel has room for."""
     found = []
     for panel in panels():
-        found += [f"{panel.__name__}: {text!r} needs {need} of {there} px" for need, there, text in draw_panel(panel, _WIDTH).cut]
+        found += [
+            f"{panel.__name__}: {text!r} needs {need} of {there} px"
+            for need, there, text in draw_panel(panel, _WIDTH).cut
+        ]
     return found
 
 
@@ -33,24 +36,44 @@ def test_the_measure_finds_what_is_too_long(mocap) -> None:
 
 
 def test_an_empty_scene(mocap) -> None:
-    assert not cut_off()
+    assert "\n".join(cut_off()) == ""
 
 
 def test_a_solved_capture(mocap, solved_take) -> None:
     assert len(panels()) > 14
-    assert not cut_off()
+    assert "\n".join(cut_off()) == ""
     mocap.solve.preset = "CUSTOM"
     mocap.retarget.target = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     mocap.retarget.map_text, mocap.retarget.label = "{}", "Rigify"
-    assert not cut_off()
+    assert "\n".join(cut_off()) == ""
 
 
 def test_a_run_under_way_and_a_failed_one(mocap, solved_take, monkeypatch) -> None:
     process = SimpleNamespace(cancelling=False)
     run = SimpleNamespace(share=0.4, headline="Bundle, 3 s left", verb="solve", process=process)
     monkeypatch.setattr(current, "run", run)
-    assert not cut_off()
+    assert "\n".join(cut_off()) == ""
     monkeypatch.setattr(current, "run", None)
     error = {"code": "x", "message": "The camera cam_03 sees nobody in frames 4 to 93.", "hint": "Leave it out."}
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=error, result=None))
+    assert "\n".join(cut_off()) == ""
+
+
+def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
+    result = {
+        "solve_s": 12.3, "reprojection_median_px": 2.1, "marker_median_mm": 4.0, "unsure_frames": 1, "unseen_frames": 12
+    }  # fmt: skip
+    monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
+    drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _WIDTH).drawn)
+    assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
+    assert not cut_off()
+
+
+def test_several_captures_people_and_left_out_cameras(mocap, solved_take) -> None:
+    capture = mocap.capture
+    for name in ("Anna", "Somebody 2"):
+        person = capture.people.add()
+        person.name, person.views, person.frames = name, 3.4, 1200
+    left_out = capture.left_out.add()
+    left_out.name, left_out.first, left_out.last = "cam03", 100, 2000
     assert not cut_off()
