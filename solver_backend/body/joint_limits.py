@@ -56,7 +56,7 @@ def posture_excess_deg(local: Array) -> Array:
     """Return what ``excess_deg`` does, with knees as they stand in deep bends: (N, 21) degrees.
 
     Somebody who sits cross-legged or kneels bends the knees to 157 +- 6 degrees (Hemmerich et al. 2006, squatting with
-    heels up), and the shin's rotation makes the swing's axis lean. Near 180 degrees a leaning axis hardly moves the shin
+    heels up), and the axis of the swing leans. Near 180 degrees a leaning axis hardly moves the shin
     sideways, so what counts there is the shin's direction d: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``.
     Priors and training keep to ``excess_deg``.
 
