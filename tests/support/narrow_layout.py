@@ -11,8 +11,8 @@ from typing import Any
 import blf
 import bpy
 
-_TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 10.0, 20.0, 20.0
-_TABS_AND_MARGINS, _BOX, _CHILD = 40.0, 10.0, 6.0
+_TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 4.0, 22.0, 20.0
+_TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
 _SPLIT = 0.4
 """Share of a line that a property's name has where names and values are split."""
 _NUMBER = 40.0

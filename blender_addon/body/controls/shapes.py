@@ -17,7 +17,7 @@ from .limbs import LIMBS, ROOT, Limb
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
 """Controls stand off the skin by this factor and these metres."""
-_WIRE_WIDTH = 2.0
+_WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
 """Shape by part of the body; all others are rings."""
 _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}

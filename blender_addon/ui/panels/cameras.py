@@ -45,7 +45,7 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
             )
             view.index = index
             share = row.row(align=True)
-            share.ui_units_x = 2.4 if narrow else 4.2
+            share.ui_units_x = 1.9 if narrow else 4.2
             share.alert = item.seen_percent < _FEW_PERCENT
             footage = "NONE" if narrow else "FILE_MOVIE" if item.has_footage else "BLANK1"
             share.label(text=f"{item.seen_percent:.0f} %", icon=footage)
@@ -55,9 +55,13 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
         for index, item in enumerate(scene.mocap.capture.left_out):
             row = column.row(align=True)
             row.label(text=item.name, icon="HIDE_ON", translate=False)
+            if narrow:
+                row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
+                row = column.row(align=True)
             row.prop(item, "first", text="")
             row.prop(item, "last", text="")
-            row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
+            if not narrow:
+                row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
         _draw_refinement(layout, context)
         if in_camera_view(context):
             layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")

@@ -9,7 +9,7 @@ from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_ca
 from ..operators.solver_operator import current
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, settings_layout, wrapped
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, is_narrow, settings_layout, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -67,7 +67,11 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "footage_anywhere",
             "subject_prefix",
         ):
-            layout.prop(settings.reading, name)
+            if name == "scene_setup" and is_narrow(context):
+                layout.label(text=settings.reading.bl_rna.properties[name].name)
+                layout.prop(settings.reading, name, text="")
+            else:
+                layout.prop(settings.reading, name)
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
             again.filepath = settings.capture.source

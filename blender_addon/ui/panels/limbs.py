@@ -15,7 +15,6 @@ class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
     bl_idname = "VIEW3D_PT_mocap_limbs"
     bl_parent_id = "VIEW3D_PT_mocap_review"
     bl_label = "FK and IK"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = 4
 
     @classmethod

@@ -12,8 +12,8 @@ from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
 
-_TEXT_PT, _MARGIN_PX = 11.0, 62.0
-"""Size of panel text, and what stands beside it, at an interface scale of 1."""
+_TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
+"""Size of panel text, what stands beside it in a box, and an icon, at an interface scale of 1."""
 _FEWEST = 8
 """Letters of a line, however narrow the sidebar is."""
 _NARROW_PX = 260
@@ -62,15 +62,15 @@ def wrapped(
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
-    for number, line in enumerate(_lines(context, text)):
+    for number, line in enumerate(_lines(context, text, with_icon=icon != "NONE")):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
 
 
-def _lines(context: bpy.types.Context, text: str) -> list[str]:
+def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
     """Return a text in lines that the sidebar has room for, as wide as its letters are."""
     scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
     blf.size(0, _TEXT_PT * scale)
-    room = context.region.width - _MARGIN_PX * scale
+    room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale
     letters = int(room * len(text) / max(blf.dimensions(0, text)[0], 1.0))
     for count in range(max(letters, _FEWEST), _FEWEST - 1, -1):
         lines = textwrap.wrap(text, count)
