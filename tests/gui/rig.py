@@ -82,16 +82,11 @@ def steps(user: Any) -> Any:
     off = float(np.abs(joints() - before).max())
     user.note(f"to IK: joints are at most {1000 * off:.3f} mm off")
     assert off < 1e-3
-    yield from user.press("mocap.select_body()")
-    bpy.ops.object.mode_set(mode="POSE")
     yield from user.shot("posed_by_ik")
-    yield from user.key("Z", ctrl=True)
-    yield from user.key("Z", ctrl=True)
     yield from user.key("Z", ctrl=True)
     yield 0.5
     assert switches() == [0.0] * 4, "undone"
-    user.note("undone")
-    bpy.ops.object.mode_set(mode="OBJECT")
+    user.note("undone in one step")
     yield from user.press("mocap.limbs_to_ik(limb='ALL')", 0.25)
     yield from user.press("mocap.limbs_to_fk(limb='ALL')", 0.75)
     off = float(np.abs(joints() - before).max())
