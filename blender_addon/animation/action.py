@@ -10,11 +10,12 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import quat_from_rotvec, quat_multiply, sign_continuous
 from ..body.armature import rotation_from_body_axes
+from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
 from ..conventions.skeleton import JOINTS
 from ..conventions.timing import TakeTiming
 from .confidence_lane import write_confidence
-from .curves import create_action, key_type_values, write_curves, write_smooth_curves
+from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
 from .retiming import RATE
 
@@ -57,6 +58,7 @@ def bake_action(
         write_confidence(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
+    _key_switches(target, armature, times[:1])
     armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
     armature["body"], armature["provenance"] = motion.body, motion.provenance
     action["fps"] = motion.fps
@@ -66,6 +68,14 @@ def bake_action(
     action["provenance"] = motion.provenance
     action.use_fake_user = True
     return action
+
+
+def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
+    """Key the limbs' switches to FK, so that takes which are shown in turn do not inherit another's."""
+    if not has_limbs(armature):
+        return
+    for limb in LIMBS:
+        write_curves(target, switch_path(limb), ROOT, start, np.zeros((1, 1)), key_type_values(None, 1))
 
 
 def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:

@@ -50,6 +50,35 @@ def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
                 yield from bag.fcurves
 
 
+def played_target(obj: bpy.types.Object) -> CurveTarget | None:
+    """Return where the curves of the action go that an object plays; None if it plays none, or cannot change it."""
+    action = current_action(obj)
+    if action is None or not action.is_editable:
+        return None
+    if not hasattr(action, "slots"):
+        return CurveTarget(action, action)
+    slot = obj.animation_data.action_slot
+    if slot is None:
+        return None
+    layer = action.layers[0] if action.layers else action.layers.new("Layer")
+    strip = layer.strips[0] if layer.strips else layer.strips.new(type="KEYFRAME")
+    return CurveTarget(action, strip.channelbag(slot, ensure=True))
+
+
+def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
+    """Remove a property's curves; return the (F, 2) times and key types of the first, None where there was none."""
+    curves = [curve for curve in target.container.fcurves if curve.data_path == path]
+    if not curves:
+        return None
+    keys = curves[0].keyframe_points
+    points, types = np.empty(2 * len(keys), np.float32), np.empty(len(keys), np.int32)
+    keys.foreach_get("co", points)
+    keys.foreach_get("type", types)
+    for curve in curves:
+        target.container.fcurves.remove(curve)
+    return np.stack([points[::2], types], axis=1)
+
+
 def write_curves(
     target: CurveTarget, path: str, group: str, times: np.ndarray, values: np.ndarray, types: np.ndarray
 ) -> None:

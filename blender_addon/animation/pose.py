@@ -37,6 +37,7 @@ def read_pose(armature: bpy.types.Object, rest_pelvis: np.ndarray) -> BodyPose:
         armature.convert_space(pose_bone=bone, matrix=bone.matrix, from_space="POSE", to_space="LOCAL")
         for bone in bones
     ]
+    local[0] = bones[0].bone.matrix_local.inverted() @ bones[0].matrix  # in the armature, wherever the root bone is
     quat = np.array([matrix.to_quaternion() for matrix in local], dtype=np.float64)
     R_body_bone = np.swapaxes(rotation_from_body_axes(armature), 1, 2)
     quat[:, 1:] = (R_body_bone @ quat[:, 1:, None])[..., 0]

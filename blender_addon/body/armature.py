@@ -1,4 +1,4 @@
-"""The armature: 24 bones with SMPL's joint names to pose, and a hidden one in each that carries the skin.
+"""The armature: 24 bones with SMPL's joint names to pose, a hidden one in each that carries the skin, and the controls.
 
 A pose bone's rest position cannot follow a slider, but its location can. The posed bones are moved to the shaped
 joints by drivers (``shape.py``); the skin must then turn about the shaped joint and yet not be moved. So each carries a
@@ -12,18 +12,27 @@ import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS, PARENTS
+from .controls.bones import add_limb_bones, add_root
+from .controls.limbs import HELPERS, LIMBS, ROOT
+from .controls.wiring import wire_limbs
 from .layout import BoneLayout
 
 DEFORM_COLLECTION = "Deform"
+HELPER_COLLECTION = "Helpers"
 _COLLECTIONS = {
-    "Root": ("pelvis",),
+    "Root": (ROOT, "pelvis"),
     "Torso": ("spine1", "spine2", "spine3"),
     "Head": ("neck", "head"),
     "Arm Left": ("left_collar", "left_shoulder", "left_elbow", "left_wrist", "left_hand"),
     "Arm Right": ("right_collar", "right_shoulder", "right_elbow", "right_wrist", "right_hand"),
     "Leg Left": ("left_hip", "left_knee", "left_ankle", "left_foot"),
     "Leg Right": ("right_hip", "right_knee", "right_ankle", "right_foot"),
+    **{limb.collection: (limb.control, limb.pole) for limb in LIMBS},
+    "IK Twist": tuple(name for limb in LIMBS for name in limb.turns),
+    HELPER_COLLECTION: HELPERS,
 }
+_HIDDEN = (DEFORM_COLLECTION, HELPER_COLLECTION, "IK Twist", *(limb.collection for limb in LIMBS))
+"""Collections that are hidden until they are wanted."""
 _COLOURS = {"left": (0.22, 0.55, 1.0), "right": (1.0, 0.30, 0.24)}
 _MIDDLE_COLOUR = (1.0, 0.76, 0.18)
 _SELECTED, _ACTIVE = 0.5, 0.8
@@ -57,8 +66,11 @@ def create_armature(name: str, layout: BoneLayout, collection: bpy.types.Collect
     data.display_type = "OCTAHEDRAL"
     armature.show_in_front = True
     _group_bones(data)
-    for joint in JOINTS:
+    for joint in (ROOT, *JOINTS):
         _set_up_control(armature.pose.bones[joint])
+    for name in (name for limb in LIMBS for name in limb.keyed):
+        _paint(armature.pose.bones[name])
+    wire_limbs(armature, layout)
     return armature
 
 
@@ -78,12 +90,13 @@ def bone_axes(armature: bpy.types.Object) -> np.ndarray:
 
 def _add_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
     """Called in edit mode."""
+    root = add_root(data)
     for j, joint in enumerate(JOINTS):
         control = _add_bone(data, joint, layout, j)
         control.use_deform = False
-        if PARENTS[j] >= 0:
-            control.parent = data.edit_bones[JOINTS[PARENTS[j]]]
+        control.parent = data.edit_bones[JOINTS[PARENTS[j]]] if PARENTS[j] >= 0 else root
         _add_bone(data, deform_bone(joint), layout, j).parent = control
+    add_limb_bones(data, layout)
 
 
 def _add_bone(data: bpy.types.Armature, name: str, layout: BoneLayout, joint: int) -> bpy.types.EditBone:
@@ -97,16 +110,20 @@ def _group_bones(data: bpy.types.Armature) -> None:
     groups = {**_COLLECTIONS, DEFORM_COLLECTION: tuple(deform_bone(joint) for joint in JOINTS)}
     for name, bones in groups.items():
         collection = data.collections.new(name)
-        collection.is_visible = name != DEFORM_COLLECTION
+        collection.is_visible = name not in _HIDDEN
         for bone in bones:
             collection.assign(data.bones[bone])
 
 
 def _set_up_control(bone: bpy.types.PoseBone) -> None:
     bone.rotation_mode = "QUATERNION"
-    _colour(bone.bone.color, np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)))
-    bone.lock_location = (bone.parent is not None,) * 3
+    _paint(bone)
+    bone.lock_location = (bone.name not in (ROOT, JOINTS[0]),) * 3
     bone.lock_scale = (True, True, True)
+
+
+def _paint(bone: bpy.types.PoseBone) -> None:
+    _colour(bone.bone.color, np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)))
 
 
 def _colour(target: bpy.types.BoneColor, colour: np.ndarray) -> None:

@@ -1,6 +1,6 @@
 """Where bones lie: heads at the joints, tails at the next joint or the surface, rolls that flex about local X.
 
-Everything is in the armature's frame (Z up, facing -Y, left = +X) with the pelvis at the origin.
+Everything is in the armature's frame (Z up, facing -Y, left = +X); the body stands on the origin, below its pelvis.
 """
 
 from __future__ import annotations
@@ -44,13 +44,24 @@ def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
         body: the body.
         betas: (10,) shape.
     """
-    vertices, heads = pelvis_centred(body, betas)
+    vertices, heads = standing(body, betas)
     roll_axes = np.stack([_ROLL.get(body_part(joint), _FORWARD) for joint in JOINTS])
     return BoneLayout(heads, _tails(heads, vertices, body.weights.argmax(axis=1)), roll_axes)
 
 
-def pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) vertices and (24, 3) joints of a shape, the pelvis at the origin."""
+def standing(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (V, 3) vertices and (24, 3) joints of a shape, its lowest vertex at z = 0 and its pelvis above 0."""
+    vertices, joints = _pelvis_centred(body, betas)
+    floor = [0.0, 0.0, vertices[:, 2].min()]
+    return vertices - floor, joints - floor
+
+
+def around_pelvis(body: BodyFile, betas: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
+    """Return the (V, 3) vertices of a shape whose pelvis is at a place, (3,) metres."""
+    return _pelvis_centred(body, betas)[0] + pelvis
+
+
+def _pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     joints = body.rest_joints(betas)
     return (body.shaped(betas) - joints[0]) @ R_ARMATURE_BODY.T, (joints - joints[0]) @ R_ARMATURE_BODY.T
 

@@ -9,7 +9,7 @@ from ..conventions.materials import BODY_COLOURS, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
 from .armature import deform_bone
 from .body_file import BodyFile
-from .layout import pelvis_centred
+from .layout import around_pelvis
 
 _LEAST_WEIGHT = 1e-4
 
@@ -25,7 +25,7 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
         armature: from ``create_armature``.
     """
     mesh = bpy.data.meshes.new(name)
-    vertices, _ = pelvis_centred(body, np.zeros(NUM_BETAS))
+    vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
     mesh.from_pydata(vertices.tolist(), [], body.faces.tolist())
     mesh.polygons.foreach_set("use_smooth", np.ones(len(body.faces), dtype=bool))
     _add_materials(mesh, body)

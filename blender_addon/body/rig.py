@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ..conventions.skeleton import JOINTS
 from .armature import create_armature
 from .body_file import BodyFile
-from .controls import add_controls
+from .controls.shapes import add_control_shapes
 from .correctives import add_correctives
-from .layout import lay_out_bones, pelvis_centred, shape_directions
+from .layout import around_pelvis, lay_out_bones, shape_directions
 from .mesh import create_mesh
 from .shape import add_shape_keys, drive_by_betas, drive_joints, get_betas
 
@@ -21,13 +22,13 @@ class Rig:
     """The objects of one body."""
 
     armature: bpy.types.Object
-    """24 bones to pose, and 24 hidden ones that deform."""
+    """24 bones to pose, 24 hidden ones that deform, a root, and hands and feet to place."""
     mesh: bpy.types.Object
     """The skin, with ten shape sliders and the driven pose correctives."""
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
-    """Create a posable body at rest, its pelvis at the world's origin; the sliders stand at ``betas``.
+    """Create a posable body at rest that stands on the world's origin; the sliders stand at ``betas``.
 
     Blender must be in object mode.
 
@@ -39,7 +40,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
     """
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, layout, collection)
-    add_controls(armature, body, betas, layout)
+    add_control_shapes(armature, body, betas, layout)
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)
     drive_joints(armature, mesh, body, betas)
@@ -53,7 +54,8 @@ def stand_on_floor(rig: Rig, body: BodyFile) -> None:
     The lowest vertex of the present shape drives the armature's delta location, so that its location stays free.
     """
     directions, _ = shape_directions(body)
-    vertices, _ = pelvis_centred(body, get_betas(rig.mesh))
+    pelvis = np.array(rig.armature.data.bones[JOINTS[0]].head_local)
+    vertices = around_pelvis(body, get_betas(rig.mesh), pelvis)
     lowest = int(vertices[:, 2].argmin())
     constant = vertices[lowest, 2] - directions[lowest, 2] @ get_betas(rig.mesh)
     drive_by_betas(rig.armature, "delta_location", 2, -directions[lowest, 2], float(-constant), rig.mesh)

@@ -10,11 +10,13 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from ..conventions.skeleton import JOINTS, NUM_BETAS, PARENTS
-from .armature import bone_axes, deform_bone
+from .armature import deform_bone
 from .body_file import BodyFile
+from .controls.limbs import LIMBS
 from .layout import shape_directions
 from .mesh import positions
-from .sliders import slider_name
+from .shape_names import shape_names
+from .sliders import slider_name, sliders
 
 LARGEST_BETA = 5.0
 """Sliders reach this many standard deviations either way."""
@@ -26,8 +28,8 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
     directions, _ = shape_directions(body)
     mesh.shape_key_add(name="Basis", from_mix=False)
     rest = positions(mesh.data.vertices)
-    for k in range(NUM_BETAS):
-        add_key(mesh, slider_name(k), rest + directions[:, :, k], LARGEST_BETA)
+    for k, effect in enumerate(shape_names(body)):
+        add_key(mesh, slider_name(k, effect), rest + directions[:, :, k], LARGEST_BETA)
     set_betas(mesh, betas)
 
 
@@ -47,7 +49,7 @@ def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float)
 
 
 def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
-    """Let the sliders move the joints.
+    """Let the sliders move the joints, and the bones that IK poses in their places.
 
     In its own rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``, and its deform
     bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is how far a shape moves joint j.
@@ -60,11 +62,22 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
     """
     _, directions = shape_directions(body)
     from_parent = directions - np.where(np.array(PARENTS)[:, None, None] >= 0, directions[list(PARENTS)], 0.0)
-    inverse = np.swapaxes(bone_axes(armature), 1, 2)
-    for j, joint in enumerate(JOINTS):
-        for name, rows in ((joint, inverse[j] @ from_parent[j]), (deform_bone(joint), -inverse[j] @ directions[j])):
-            for axis, row in enumerate(rows):
-                drive_by_betas(armature.pose.bones[name], "location", axis, row, float(-row @ rest_betas), mesh)
+    moves = [(name, from_parent[j]) for name, j in _moved_with_joints()]
+    moves += [(deform_bone(joint), -directions[j]) for j, joint in enumerate(JOINTS)]
+    for name, way in moves:
+        axes = np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64)
+        for axis, row in enumerate(axes.T @ way):
+            drive_by_betas(armature.pose.bones[name], "location", axis, row, float(-row @ rest_betas), mesh)
+
+
+def _moved_with_joints() -> list[tuple[str, int]]:
+    """Return names of bones that move against their parents as a joint does against its own, and that joint's index."""
+    named = [(joint, j) for j, joint in enumerate(JOINTS)]
+    for limb in LIMBS:
+        named += [
+            (name, JOINTS.index(joint)) for name, joint in zip((*limb.solved, limb.reach), limb.joints, strict=True)
+        ]
+    return named
 
 
 def drive_by_betas(
@@ -83,6 +96,7 @@ def drive_by_betas(
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
         return
+    keys = _sliders(mesh)
     driver = owner.driver_add(path, axis).driver
     driver.type = "SCRIPTED"
     for k in used:
@@ -90,7 +104,7 @@ def drive_by_betas(
         variable.name, variable.type = f"b{k}", "SINGLE_PROP"
         target = variable.targets[0]
         target.id_type, target.id = "KEY", mesh.data.shape_keys
-        target.data_path = f'key_blocks["{slider_name(k)}"].value'
+        target.data_path = f'key_blocks["{keys[k].name}"].value'
     # Blender keeps 256 characters of an expression; a tenth of a micrometre is exact enough.
     driver.expression = f"{constant:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)
 
@@ -120,10 +134,8 @@ def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
 
 
 def _sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    keys = getattr(mesh.data, "shape_keys", None)
-    names = [slider_name(k) for k in range(NUM_BETAS)]
-    if keys is None or any(name not in keys.key_blocks for name in names):
-        raise BodyInvalid(
-            f"The object lacks the shape keys {names[0]} to {names[-1]}.", where=mesh.name, hint="Choose a body's mesh."
-        )
-    return [keys.key_blocks[name] for name in names]
+    found = sliders(mesh)
+    if len(found) < NUM_BETAS:
+        names = f"{slider_name(0)} to {slider_name(NUM_BETAS - 1)}"
+        raise BodyInvalid(f"The object lacks the shape keys {names}.", where=mesh.name, hint="Choose a body's mesh.")
+    return found

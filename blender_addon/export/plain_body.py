@@ -10,10 +10,11 @@ import bpy
 import numpy as np
 
 from ..body.armature import bone_axes, deform_bone
+from ..body.controls.wiring import FOLLOW
 from ..body.mesh import positions
 from ..body.rig import Rig
 from ..body.shape import get_betas
-from ..body.sliders import slider_name
+from ..body.sliders import sliders
 from ..conventions.skeleton import JOINTS, PARENTS
 
 
@@ -62,10 +63,9 @@ def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bp
 
 def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
     """Return the (V, 3) rest vertices at the sliders' shape."""
-    keys = mesh.data.shape_keys
     betas = get_betas(mesh)
-    basis = positions(keys.reference_key.points).astype(np.float64)
-    offsets = [beta * (positions(keys.key_blocks[slider_name(k)].points) - basis) for k, beta in enumerate(betas)]
+    basis = positions(mesh.data.shape_keys.reference_key.points).astype(np.float64)
+    offsets = [beta * (positions(key.points) - basis) for key, beta in zip(sliders(mesh), betas, strict=True)]
     return basis + np.sum(offsets, axis=0)
 
 
@@ -77,8 +77,9 @@ def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         bones = armature.data.edit_bones
+        for bone in [bone for bone in bones if bone.name not in JOINTS]:
+            bones.remove(bone)
         for j, joint in enumerate(JOINTS):
-            bones.remove(bones[deform_bone(joint)])
             bones[joint].use_deform = True
             matrix = bones[joint].matrix.copy()
             matrix.translation = (np.array(matrix.translation) + moved[j]).tolist()
@@ -87,6 +88,8 @@ def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -
         bpy.ops.object.mode_set(mode="OBJECT")
     for joint in JOINTS[1:]:
         armature.pose.bones[joint].location = (0.0, 0.0, 0.0)
+    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name == FOLLOW]:
+        follow[0].constraints.remove(follow[1])
     _share_action(source, armature)
     return armature
 

@@ -11,8 +11,8 @@ from ..animation.curves import current_action
 from ..animation.retiming import laid_rate
 from ..animation.takes import take_file
 from ..body.armature import bone_axes
-from ..body.sliders import body_mesh
-from ..conventions.skeleton import JOINTS
+from ..body.sliders import body_mesh, sliders
+from ..conventions.skeleton import JOINTS, PARENTS
 from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
 from ..scene.alone import alone
@@ -63,9 +63,8 @@ def _rest_joints(armature: bpy.types.Object) -> np.ndarray:
     axes = bone_axes(armature)
     ways = np.array([armature.pose.bones[joint].location for joint in JOINTS[1:]], np.float64)
     local = np.concatenate([np.zeros((1, 3)), (axes[1:] @ ways[..., None])[..., 0]])
-    parents = [JOINTS.index(bone.parent.name) if bone.parent else -1 for bone in map(armature.data.bones.get, JOINTS)]
     joints = heads.copy()
-    for j, parent in enumerate(parents):
+    for j, parent in enumerate(PARENTS):
         if parent >= 0:
             joints[j] = joints[parent] + heads[j] - heads[parent] + local[j]
     return joints - [0.0, 0.0, _sole(armature, joints)]
@@ -76,13 +75,11 @@ def _sole(armature: bpy.types.Object, joints: np.ndarray) -> float:
     if mesh is None:
         ball = joints[list(_BALLS), 2].min()
         return float(ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball))
-    keys = mesh.data.shape_keys.key_blocks
+    keys = [mesh.data.shape_keys.reference_key, *sliders(mesh)]
     points = np.empty((len(keys), 3 * len(mesh.data.vertices)), np.float32)
     for row, key in zip(points, keys, strict=True):
         key.data.foreach_get("co", row)
-    shape = [i for i, key in enumerate(keys) if key.name.startswith("Shape ")]
-    weights = np.array([keys[i].value for i in shape])
-    shaped = points[0] + weights @ (points[shape] - points[0])
+    shaped = points[0] + np.array([key.value for key in keys[1:]]) @ (points[1:] - points[0])
     return float(shaped[2::3].min())
 
 

@@ -78,7 +78,7 @@ class MocapReading(bpy.types.PropertyGroup):
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
     )
     footage_anywhere: bpy.props.BoolProperty(
-        name="Footage From Anywhere",
+        name="Footage Anywhere",
         description="Look for footage wherever the capture says it is, on other machines too; without, only in the "
         "folder of the capture. Tick it for captures you trust",
     )

@@ -25,6 +25,7 @@ from .operators import (
     export_take,
     import_capture,
     import_motion,
+    limbs,
     retarget,
     review,
     solve,
@@ -37,6 +38,7 @@ from .operators import (
 from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
+from .panels import limbs as limbs_panel
 from .panels import markers as marker_panel
 from .panels import people as people_panel
 from .panels import retarget as retarget_panels
@@ -96,6 +98,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, cameras.CLASSES),
     *map(_class, videos.CLASSES),
     *map(_class, clean_up.CLASSES),
+    *map(_class, limbs.CLASSES),
     *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
@@ -118,6 +121,7 @@ TABLE: tuple[Entry, ...] = (
     _class(review_panels.VIEW3D_PT_mocap_clean_up),
     _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
+    _class(limbs_panel.VIEW3D_PT_mocap_limbs),
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),

@@ -49,11 +49,29 @@ def excess_deg(local: Array) -> Array:
     Args:
         local: (N, 21, 3, 3) rotations of joints 1..21.
     """
+    return _beyond(swing_and_twist(local) * (180.0 / np.pi), _LOW, _HIGH)
+
+
+def posture_excess_deg(local: Array) -> Array:
+    """Return what ``excess_deg`` does, with knees as they stand in deep bends: (N, 21) degrees.
+
+    Somebody who sits cross-legged or kneels bends the knees to 157 +- 6 degrees (Hemmerich et al. 2006, squatting with
+    heels up), and the axis of the swing leans. Near 180 degrees a leaning axis hardly moves the shin
+    sideways, so what counts there is the shin's direction d: flexion ``atan2(-d_z, -d_y)`` and sideways ``asin(d_x)``.
+    Priors and training keep to ``excess_deg``.
+
+    Args:
+        local: (N, 21, 3, 3) rotations of joints 1..21.
+    """
     xp = array_namespace(local)
     angles = swing_and_twist(local) * (180.0 / np.pi)
-    low, high = constant(_LOW - MARGIN_DEG, local), constant(_HIGH + MARGIN_DEG, local)
-    beyond = xp.where(angles > high, angles - high, xp.where(angles < low, low - angles, xp.zeros_like(angles)))
-    return xp.max(beyond, axis=-1)
+    shin = -local[..., :, 1]  # the swing alone moves it: twists are about the bone
+    flexion = xp.atan2(-shin[..., 2], -shin[..., 1]) * (180.0 / np.pi)
+    flexion = xp.where(flexion < -135.0, flexion + 360.0, flexion)
+    sideways = xp.asin(xp.clip(shin[..., 0], -1.0, 1.0)) * (180.0 / np.pi)
+    knees = xp.stack((flexion, angles[..., 1], sideways), axis=-1)
+    angles = xp.where(constant(_IS_KNEE, local) > 0.5, knees, angles)
+    return _beyond(angles, _LOW, np.where(_IS_KNEE * [1.0, 0.0, 0.0] > 0.5, _DEEPEST_KNEE_DEG, _HIGH))
 
 
 def swing_and_twist(local: Array) -> Array:
@@ -91,6 +109,16 @@ def _table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return low, high, twist
 
 
+def _beyond(angles: Array, low_deg: np.ndarray, high_deg: np.ndarray) -> Array:
+    xp = array_namespace(angles)
+    low, high = constant(low_deg - MARGIN_DEG, angles), constant(high_deg + MARGIN_DEG, angles)
+    beyond = xp.where(angles > high, angles - high, xp.where(angles < low, low - angles, xp.zeros_like(angles)))
+    return xp.max(beyond, axis=-1)
+
+
 _LOW, _HIGH, _TWIST = _table()
+_IS_KNEE = np.array([[float(joint.endswith("knee"))] for joint in SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]])
+_DEEPEST_KNEE_DEG = 163.0
+"""Mean and spread of the greatest flexion of 30 adults (Hemmerich et al. 2006)."""
 JOINT_LIMITS: np.ndarray = np.radians(np.stack((_LOW - MARGIN_DEG, _HIGH + MARGIN_DEG), axis=-1))
 """(21, 3, 2) rad: least and greatest angle of each joint, margin included."""

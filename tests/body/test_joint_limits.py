@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
+from solver_backend.body.joint_limits import (
+    JOINT_LIMITS,
+    excess_deg,
+    from_swing_and_twist,
+    posture_excess_deg,
+    swing_and_twist,
+)
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.geometry.rotations import exp_so3
 
@@ -77,3 +83,19 @@ def test_angles_make_the_rotation_again() -> None:
     torched = from_swing_and_twist(torch.as_tensor(angles)).numpy()
     np.testing.assert_allclose(swing_and_twist(torched), angles, atol=1e-9)
     assert excess_deg(torched).max() < 1e-9
+
+
+def test_sitting_cross_legged_is_anatomy_and_a_swapped_knee_is_not() -> None:
+    deep, lean = np.radians(155.0), np.radians(30.0)
+    axis = np.degrees(deep) * np.array([np.cos(lean), 0.0, np.sin(lean)])
+    crossed = pose(left_knee=tuple(axis), right_knee=tuple(axis * [1, 1, -1]), left_hip=(-80, 30, 40))
+    knees = [SMPL_JOINTS.index(f"{side}_knee") - 1 for side in ("left", "right")]
+    assert (excess_deg(crossed)[0, knees] > 45).all(), "as the limits of single angles see it"
+    assert (posture_excess_deg(crossed)[0, knees] == 0).all()
+    assert posture_excess_deg(pose(left_knee=(-60, 0, 0)))[0, knees[0]] == pytest.approx(40, abs=1e-6)
+    assert posture_excess_deg(pose(left_knee=(0, 0, 80)))[0, knees[0]] == pytest.approx(55, abs=1e-6)
+    assert posture_excess_deg(pose(left_knee=(0, 110, 0)))[0, knees[0]] == pytest.approx(60, abs=1e-6)
+    rng = np.random.default_rng(2)
+    others = [j for j in range(21) if j not in knees]
+    turned = exp_so3(rng.normal(size=(50, 21, 3)))
+    np.testing.assert_array_equal(posture_excess_deg(turned)[:, others], excess_deg(turned)[:, others])

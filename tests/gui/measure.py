@@ -25,7 +25,7 @@ def steps(user: Any) -> Any:
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
     yield from user.open_tab("MoCap")
-    yield from user.press("mocap.demo_capture()")
+    yield from user.press("mocap.demo_capture(kind='CAMERAS')")
     yield from user.until(lambda: bpy.context.scene.mocap.capture.file, "the demo capture is there", 300)
     x, y = yield from user.find("mocap.solve()")
     processor = time.process_time()

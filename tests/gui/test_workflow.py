@@ -12,7 +12,7 @@ from tests.gui.__main__ import missing, run
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
 @pytest.mark.parametrize("suite", ["trixie", "sid"])
-@pytest.mark.parametrize("script", ["workflow.py", "markers.py"])
+@pytest.mark.parametrize("script", ["workflow.py", "markers.py", "rig.py"])
 def test_the_workflow_by_clicks(script: str, suite: str, tmp_path: Path) -> None:
     record = run(suite, tmp_path / "run", script)
     assert record["failure"] == "", record

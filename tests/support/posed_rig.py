@@ -30,7 +30,8 @@ def distances_mm(rig: Rig, body: BodyFile, rotvec: np.ndarray) -> tuple[float, f
     """
     pose(rig, rotvec)
     betas = get_betas(rig.mesh)
-    motion = MotionFile("pose", rotvec[None], -body.rest_joints(betas)[:1], betas, fps=30.0)
+    pelvis = np.array(rig.armature.data.bones["pelvis"].head_local)
+    motion = MotionFile("pose", rotvec[None], pelvis - body.rest_joints(betas)[:1], betas, fps=30.0)
     _, expected = pose_joints(body.rest_joints(betas), motion.rotvec, motion.transl)
     joints, vertices = evaluated(rig)
     largest = [

@@ -65,7 +65,8 @@ def _hierarchy(pose: PoseSamples, j: int, depth: int) -> list[str]:
     """Return the lines of a joint and all below it."""
     indent, inner = "\t" * depth, "\t" * (depth + 1)
     parent = pose.parents[j]
-    offset = pose.rest_heads[j] - (pose.rest_heads[parent] if parent >= 0 else 0.0)
+    # Some readers add the root's offset to its position, others do not: it is zero.
+    offset = pose.rest_heads[j] - pose.rest_heads[parent] if parent >= 0 else np.zeros(3)
     kind, moves = ("ROOT", "6 Xposition Yposition Zposition") if depth == 0 else ("JOINT", "3")
     lines = [f"{indent}{kind} {pose.names[j].replace(' ', '_')}", f"{indent}{{", f"{inner}OFFSET {_text(offset)}"]
     lines.append(f"{inner}CHANNELS {moves} {_ROTATIONS}")

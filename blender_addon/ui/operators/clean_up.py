@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.counting import counted
 from .base import MocapOperator, NeedsTake
 
 MARK = "gap"
@@ -51,7 +52,9 @@ class MOCAP_OT_mark_gaps(NeedsTake, bpy.types.Operator):
         for kind, ranges in (("bridged", gaps), ("doubtful", doubtful)):
             for first, last in ranges:
                 scene.timeline_markers.new(f"{MARK} {kind} {first}-{last}", frame=first)
-        self.report({"INFO"}, f"{len(gaps)} bridged and {len(doubtful)} doubtful ranges are marked")
+        self.report(
+            {"INFO"}, f"{counted(len(gaps), 'bridged range')} and {counted(len(doubtful), 'doubtful range')} marked"
+        )
         return {"FINISHED"}
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ...conventions.counting import counted
 from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
 from ..properties import SCENE_SETUP_ITEMS
@@ -51,7 +52,7 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
         take = add_motion(context, absolute(self.filepath), settings, _path(self.capture_path), _path(self.body_path))
         for note in take.notes:
             self.report({"WARNING"}, note)
-        said = f"Baked '{take.action.name}' with {len(take.cameras)} cameras"
+        said = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"
         self.report({"INFO"}, f"{said}; {set_up_said(context.scene, take_over=take_over)}")
         return {"FINISHED"}
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...conventions.counting import counted
 from ...errors import MapInvalid
 from .base import NeedsBody
 
@@ -29,7 +30,9 @@ class MOCAP_OT_map_rig(NeedsBody, bpy.types.Operator):
         parents = {bone.name: bone.parent.name for bone in rig.data.bones if bone.parent is not None}
         found = choose_map(rig.data.bones.keys(), parents, user_presets_folder())
         _show_map(context, found)
-        self.report({"INFO"}, f"{found.label}: {len(found.bones)} bones; correct the table where it is wrong")
+        self.report(
+            {"INFO"}, f"{found.label}: {counted(len(found.bones), 'bone')}; correct the table where it is wrong"
+        )
         return {"FINISHED"}
 
 
@@ -54,7 +57,7 @@ class MOCAP_OT_set_map_pose(NeedsBody, bpy.types.Operator):
             for name, bone in bones.items()
         }
         _show_map(context, replace(rig_map, map_pose=pose))
-        self.report({"INFO"}, f"The pose of {len(pose)} bones is kept as the map pose")
+        self.report({"INFO"}, f"The pose of {counted(len(pose), 'bone')} is kept as the map pose")
         return {"FINISHED"}
 
 

@@ -73,7 +73,7 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         done = [motion for motion in self._files if motion.is_file()]
         for motion in done:
             self._bake(context, motion)
-        return f"{len(done)} of {len(self._files)} takes were finished and have arrived." if done else ""
+        return f"{len(done)} of {counted(len(self._files), 'take')} finished and arrived." if done else ""
 
     def _bake(self, context: bpy.types.Context, motion: Path) -> None:
         from .import_results import take_motion

@@ -12,7 +12,7 @@ from ..operators.cameras import (
     MOCAP_OT_use_range,
 )
 from ..operators.views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, is_narrow, wrapped
 
 _FEW_PERCENT = 60
 _VERBS = ("refine-cameras", "check-cameras")
@@ -35,29 +35,34 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
         layout, scene = self.layout, context.scene
         if scene.mocap.review.armature is None:
             draw_next(layout, context, "Look through the cameras: the points should lie on the person.")
-        column = layout.column(align=True)
+        column, narrow = layout.column(align=True), is_narrow(context)
         for index, item in enumerate(scene.mocap.capture.cameras):
             row = column.row(align=True)
             row.prop(item, "use", text="")
             here = item.object is not None and scene.camera == item.object
+            icon = "NONE" if narrow else "VIEW_CAMERA" if here else "CAMERA_DATA"
             view = row.operator(
-                MOCAP_OT_view_camera.bl_idname, text=item.name, icon="VIEW_CAMERA" if here else "CAMERA_DATA",
-                depress=here, translate=False,
-            )  # fmt: skip
+                MOCAP_OT_view_camera.bl_idname, text=item.name, icon=icon, depress=here, translate=False
+            )
             view.index = index
             share = row.row(align=True)
-            share.ui_units_x = 4.2
+            share.ui_units_x = 1.9 if narrow else 4.2
             share.alert = item.seen_percent < _FEW_PERCENT
-            share.label(text=f"{item.seen_percent:.0f} %", icon="FILE_MOVIE" if item.has_footage else "BLANK1")
+            footage = "NONE" if narrow else "FILE_MOVIE" if item.has_footage else "BLANK1"
+            share.label(text=f"{item.seen_percent:.0f} %", icon=footage)
             row.operator(MOCAP_OT_leave_out_range.bl_idname, text="", icon="TIME", emboss=False).index = index
             if item.detections is not None:
                 row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
         for index, item in enumerate(scene.mocap.capture.left_out):
             row = column.row(align=True)
             row.label(text=item.name, icon="HIDE_ON", translate=False)
+            if narrow:
+                row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
+                row = column.row(align=True)
             row.prop(item, "first", text="")
             row.prop(item, "last", text="")
-            row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
+            if not narrow:
+                row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
         _draw_refinement(layout, context)
         if in_camera_view(context):
             layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")

@@ -10,7 +10,7 @@ from ..operators.solver_operator import current
 from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, is_narrow, settings_layout, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -38,11 +38,11 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         if len(context.scene.mocap.captures) > 1:
             _draw_captures(layout, context.scene.mocap)
         if capture.file:
-            _draw_recognised(layout, capture)
+            _draw_recognised(layout, context, capture)
         else:
-            row = layout.row(align=True)
-            row.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA").kind = "CAMERAS"
-            row.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
+            column = layout.column(align=True)
+            column.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA").kind = "CAMERAS"
+            column.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
 
 
 class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
@@ -57,7 +57,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the options, and reading the same source again."""
         layout, settings = self.layout, context.scene.mocap
-        layout.use_property_split, layout.use_property_decorate = True, False
+        settings_layout(layout, context)
         layout.enabled = not current.busy
         for name in (
             "scene_setup",
@@ -69,7 +69,11 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "footage_anywhere",
             "subject_prefix",
         ):
-            layout.prop(settings.reading, name)
+            if name == "scene_setup" and is_narrow(context):
+                layout.label(text=settings.reading.bl_rna.properties[name].name)
+                layout.prop(settings.reading, name, text="")
+            else:
+                layout.prop(settings.reading, name)
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
             again.filepath = settings.capture.source
@@ -133,14 +137,14 @@ def _draw_captures(layout: bpy.types.UILayout, settings: MocapSettings) -> None:
         button.index = index
 
 
-def _draw_recognised(layout: bpy.types.UILayout, capture: MocapCapture) -> None:
+def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, capture: MocapCapture) -> None:
     box = layout.box()
     column = box.column(align=True)
     column.label(text=capture.name, icon="CHECKMARK", translate=False)
     column.scale_y = 0.85
     seconds = capture.frames / capture.fps if capture.fps else 0.0
-    column.label(text=f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", icon="TIME")
+    wrapped(column, context, f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", "TIME")
     parts = [counted(len(capture.cameras), "camera")] if capture.cameras else []
     parts += [capture.joint_set] if capture.joint_set else []
     parts += [counted(capture.markers, "marker")] if capture.markers else []
-    column.label(text=", ".join(parts), icon="CAMERA_DATA" if capture.cameras else "EMPTY_DATA")
+    wrapped(column, context, ", ".join(parts), "CAMERA_DATA" if capture.cameras else "EMPTY_DATA")

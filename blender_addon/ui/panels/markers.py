@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.counting import counted
 from ..properties import MocapCapture
 from .parts import MocapPanel, wrapped
 
@@ -31,8 +32,7 @@ class MOCAP_UL_markers(bpy.types.UIList):
         gaps = row.row()
         gaps.alignment = "RIGHT"
         if item.gaps:
-            count = f"{item.gaps} gap{'s' if item.gaps > 1 else ''}"
-            gaps.label(text=f"{count}, {item.missing_percent:.1f} %", translate=False)
+            gaps.label(text=f"{counted(item.gaps, 'gap')}, {item.missing_percent:.1f} %", translate=False)
 
 
 class VIEW3D_PT_mocap_markers(MocapPanel, bpy.types.Panel):
@@ -98,8 +98,9 @@ def recognised(capture: MocapCapture) -> list[str]:
     if gaps:
         worst = max(gaps, key=lambda item: item.missing_percent)
         label = worst.name.rpartition(":")[2]
+        count = counted(sum(item.gaps for item in gaps), "gap")
         lines.append(
-            f"{sum(item.gaps for item in gaps)} gaps in {len(gaps)} markers; most in {label}, which "
+            f"{count} in {counted(len(gaps), 'marker')}; most in {label}, which "
             f"{worst.missing_percent:.0f} % of the frames do not see"
         )
     return lines

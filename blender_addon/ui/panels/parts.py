@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import textwrap
 
+import blf
 import bpy
 
 from ..._exchange.errors import sentence
-from ..operators.solve import MOCAP_OT_show_log
+from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
 
-_LETTER_PX = 6.0
-_MARGIN_PX = 62
+_TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
+"""Size of panel text, what stands beside it in a box, and an icon, at an interface scale of 1."""
+_FEWEST = 8
+"""Letters of a line, however narrow the sidebar is."""
+_NARROW_PX = 260
+"""Below this width names and values of settings stand in one field instead of side by side."""
 
 
 class MocapPanel:
@@ -54,13 +59,44 @@ def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
     """Draw a text on as many lines as the sidebar's width asks for; the icon stands before the first."""
-    scale = context.preferences.system.ui_scale
-    letters = max(16, int((context.region.width / scale - _MARGIN_PX) / _LETTER_PX))
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(text, letters) or [""]):
+    for number, line in enumerate(_lines(context, text, with_icon=icon != "NONE")):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
+
+
+def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
+    """Return a text in lines that the sidebar has room for, as wide as its letters are."""
+    scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
+    blf.size(0, _TEXT_PT * scale)
+    room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale
+    letters = int(room * len(text) / max(blf.dimensions(0, text)[0], 1.0))
+    for count in range(max(letters, _FEWEST), _FEWEST - 1, -1):
+        lines = textwrap.wrap(text, count)
+        if all(blf.dimensions(0, line)[0] <= room for line in lines):
+            return lines or [""]
+    return textwrap.wrap(text, _FEWEST) or [""]
+
+
+def is_narrow(context: bpy.types.Context) -> bool:
+    """Return whether the sidebar has no room for what stands side by side."""
+    return context.region.width < _NARROW_PX * (context.preferences.system.ui_scale or 1.0)
+
+
+def settings_layout(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Let settings stand with their names on the left, where the sidebar is wide enough for both."""
+    layout.use_property_split = not is_narrow(context)
+    layout.use_property_decorate = False
+
+
+def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the button that solves, with the name of whom where there are several."""
+    button = layout.column()
+    button.scale_y = 1.6
+    person = context.scene.mocap.capture.person
+    whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
+    button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
@@ -73,7 +109,7 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
     run = current.run
     if run is None or run.verb not in verbs:
         return False
-    layout.label(text="Running: see the top of this tab", icon="TIME")
+    layout.label(text="Running, see above", icon="TIME")
     return True
 
 

@@ -37,7 +37,7 @@ class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
         layout.operator(MOCAP_OT_show_confidence.bl_idname, icon="COLOR", depress=review.colours)
         row = layout.row(align=True)
         row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Previous", icon="TRIA_LEFT").backwards = True
-        row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Next Doubtful", icon="TRIA_RIGHT").backwards = False
+        row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Next", icon="TRIA_RIGHT").backwards = False
         layout.prop(review, "below", slider=True)
         layout.operator(MOCAP_OT_open_report.bl_idname, icon="URL")
 
@@ -110,8 +110,8 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
             wrapped(layout, context, take["keys_deviation"], "INFO")
         column = layout.column(align=True)
         row = column.row(align=True)
-        row.operator(MOCAP_OT_thin_take.bl_idname, icon="KEYFRAME").by = "RATE"
-        row.operator(MOCAP_OT_thin_take.bl_idname, text="by mm").by = "TOLERANCE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="Few Keys", icon="KEYFRAME").by = "RATE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="By mm").by = "TOLERANCE"
         column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
         column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
 
@@ -140,6 +140,5 @@ def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
     worst = min(confidence, key=lambda name: confidence[name])
     value = confidence[worst]
     row = layout.row()
-    row.alert = value < review.below
     spread = f"± {1000 * sigma_of(value):.0f} mm" if value > 0 else "bridged"
-    row.label(text=f"{worst.replace('_', ' ')} {spread}", icon="ERROR" if value < review.below else "CHECKMARK")
+    row.label(text=f"{worst.replace('_', ' ')} {spread}", icon="INFO" if value < review.below else "CHECKMARK")

@@ -1,30 +1,31 @@
-"""On top of all panels: the run under way, with its Cancel button, wherever it was started."""
+"""On top of all panels: the Solve button or, while something runs, its progress and Cancel."""
 
 from __future__ import annotations
 
 import bpy
 
 from ..operators.solver_operator import MOCAP_OT_cancel, current
-from .parts import MocapPanel
+from .parts import MocapPanel, draw_solve
 
 
 class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
-    """The run under way."""
+    """What is solved with one click, or is under way."""
 
     bl_idname = "VIEW3D_PT_mocap_run"
-    bl_label = "Running"
+    bl_label = "Solve or Cancel"
     bl_options = {"HIDE_HEADER"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = -1
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a run."""
-        return current.busy
+        """Needs a run, or a capture that can be solved."""
+        return current.busy or bool(context.scene.mocap.capture.file)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw how far it is, and the button that ends it."""
+        """Draw the button, or how far the run is and the button that ends it."""
         run = current.run
         if run is None:
+            draw_solve(self.layout, context)
             return
         column = self.layout.column(align=True)
         column.progress(factor=run.share, text=run.headline)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...body.sliders import body_mesh, slider_name
-from ...conventions.skeleton import NUM_BETAS
+from ...body.sliders import body_mesh, effect_of, sliders
 from .parts import MocapPanel
 
 
@@ -29,7 +28,5 @@ class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
         mesh = body_mesh(context.scene.mocap.review.armature)
         assert mesh is not None  # polled
         column = self.layout.column(align=True)
-        for index in range(NUM_BETAS):
-            key = mesh.data.shape_keys.key_blocks.get(slider_name(index))
-            if key is not None:
-                column.prop(key, "value", text=key.name, slider=True)
+        for key in sliders(mesh):
+            column.prop(key, "value", text=effect_of(key), slider=True)

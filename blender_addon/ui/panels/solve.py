@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.counting import counted
 from ...solving.presets import PRESETS
 from ..locations import waits_for_saving
 from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
-from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
+from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
 from ..project_files import following
 from ..properties import CHOSEN_BY_PRESETS
-from .parts import CapturePanel, MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import (
+    CapturePanel,
+    MocapPanel,
+    draw_failure,
+    draw_next,
+    draw_progress,
+    draw_solve,
+    is_narrow,
+    settings_layout,
+    wrapped,
+)
 from .people import draw_solve_all
 
 _VERBS = ("solve", "calibrate")
@@ -32,18 +43,17 @@ class VIEW3D_PT_mocap_solve(MocapPanel, bpy.types.Panel):
             return
         row = layout.row()
         row.enabled = not current.busy
-        row.prop(settings.solve, "preset", expand=True)
+        if is_narrow(context):
+            row.prop(settings.solve, "preset", text="")
+        else:
+            row.prop(settings.solve, "preset", expand=True)
         if draw_progress(layout, _VERBS):
             return
         if settings.capture.marker_items:
             column = layout.column(align=True)
             column.prop(settings.solve, "subject", text="", icon="USER", placeholder="Subject")
             column.operator(MOCAP_OT_calibrate_subject.bl_idname, icon="USER")
-        button = layout.column()
-        button.scale_y = 1.6
-        person = settings.capture.person
-        whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
-        button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
+        draw_solve(layout, context)
         draw_solve_all(layout, settings)
         if folder := waits_for_saving(context.scene):
             text = f"This file is not saved. Its takes wait in {folder}; saving moves them beside the file."
@@ -65,7 +75,7 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings; of a preset its own values, greyed."""
         layout, solve = self.layout, context.scene.mocap.solve
-        layout.use_property_split, layout.use_property_decorate = True, False
+        settings_layout(layout, context)
         column = layout.column()
         for name in CHOSEN_BY_PRESETS:
             if solve.preset == "CUSTOM":
@@ -101,20 +111,19 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         wrapped(box, context, f"Calibrated: {calibrated(result)}", "CHECKMARK")
         return
     if "takes" in result:
-        box.label(text=f"{len(result['takes'])} takes solved", icon="CHECKMARK")
+        box.label(text=f"{counted(len(result['takes']), 'take')} solved", icon="CHECKMARK")
         for item in result["failed"]:
             wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
         box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
         return
     box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK")
     column = box.column(align=True)
-    column.scale_y = 0.8
     if result.get("reprojection_median_px") is not None:
-        column.label(text=f"{result['reprojection_median_px']:.1f} px from the detections (median)")
+        wrapped(column, context, f"{result['reprojection_median_px']:.1f} px from the detections (median)")
     if result.get("marker_median_mm") is not None:
-        column.label(text=f"{result['marker_median_mm']:.1f} mm from the markers (median)")
+        wrapped(column, context, f"{result['marker_median_mm']:.1f} mm from the markers (median)")
     if result["unsure_frames"]:
-        column.label(text=f"Frames to look at: {result['unsure_frames']}", icon="ERROR")
+        wrapped(column, context, f"{counted(result['unsure_frames'], 'frame')} to look at", "INFO")
     if result["unseen_frames"]:
-        column.label(text=f"{result['unseen_frames']} frames bridged", icon="ERROR")
+        wrapped(column, context, f"{counted(result['unseen_frames'], 'frame')} bridged", "INFO")
     box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")

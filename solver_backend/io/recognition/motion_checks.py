@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver_backend.body.joint_limits import excess_deg
+from solver_backend.body.joint_limits import posture_excess_deg
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.rotations import exp_so3
@@ -100,7 +100,7 @@ def _outside_anatomy(motion: _Numbers) -> Iterator[str]:
     if motion.body_pose is None or not len(motion.body_pose):
         return
     rotvec = np.asarray(motion.body_pose, np.float64).reshape(len(motion.body_pose), -1, 3)[:, :NUM_BODY_JOINTS]
-    beyond = np.asarray(excess_deg(exp_so3(rotvec)))
+    beyond = np.asarray(posture_excess_deg(exp_so3(rotvec)))
     outside = beyond > OUTSIDE_DEG
     joints = np.flatnonzero(outside.mean(axis=0) > OUTSIDE_SHARE)
     if not joints.size:

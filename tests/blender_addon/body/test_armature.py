@@ -6,8 +6,9 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.body.armature import DEFORM_COLLECTION, bone_axes, deform_bone
+from blender_addon.body.armature import DEFORM_COLLECTION, HELPER_COLLECTION, bone_axes, deform_bone
 from blender_addon.body.body_file import BodyFile
+from blender_addon.body.controls.limbs import CONTROLS, HELPERS, LIMBS, ROOT
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.conventions.skeleton import JOINTS, MAIN_CHILD, PARENTS
 from tests.support.posed_rig import evaluated, pose
@@ -15,12 +16,12 @@ from tests.support.posed_rig import evaluated, pose
 
 def test_bones_are_smpls_tree_and_one_deform_bone_each(rig: Rig) -> None:
     bones = rig.armature.data.bones
-    assert sorted(bones.keys()) == sorted([*JOINTS, *map(deform_bone, JOINTS)])
-    parents = [bones[joint].parent for joint in JOINTS]
-    assert [JOINTS.index(parent.name) if parent else -1 for parent in parents] == list(PARENTS)
+    assert sorted(bones.keys()) == sorted([*JOINTS, *map(deform_bone, JOINTS), ROOT, *CONTROLS, *HELPERS])
+    parents = [bones[joint].parent.name for joint in JOINTS]
+    assert parents.pop(0) == ROOT and [JOINTS.index(parent) for parent in parents] == list(PARENTS[1:])
+    assert {bone.name for bone in bones if bone.use_deform} == set(map(deform_bone, JOINTS))
     for joint in JOINTS:
         assert bones[deform_bone(joint)].parent == bones[joint] and not bones[deform_bone(joint)].children
-        assert bones[deform_bone(joint)].use_deform and not bones[joint].use_deform
         assert rig.armature.pose.bones[joint].rotation_mode == "QUATERNION"
 
 
@@ -30,8 +31,10 @@ def test_rest_is_a_t_of_the_shape_it_was_made_for(scene: bpy.types.Scene, body: 
     rig = create_rig("Body", body, betas, scene.collection)
     rest = body.rest_joints(betas) - body.rest_joints(betas)[0]
     found = np.array([rig.armature.data.bones[joint].head_local for joint in JOINTS])
-    np.testing.assert_allclose(found, np.stack([rest[:, 0], -rest[:, 2], rest[:, 1]], -1), atol=1e-6)
-    joints, _ = evaluated(rig)
+    assert found[0, :2].tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(found - found[0], np.stack([rest[:, 0], -rest[:, 2], rest[:, 1]], -1), atol=1e-6)
+    joints, vertices = evaluated(rig)
+    assert abs(vertices[:, 2].min()) < 1e-6, "it stands on the origin"
     np.testing.assert_allclose(joints, found, atol=2e-6)
     arm, leg = joints[20] - joints[16], joints[7] - joints[1]
     assert abs(arm[0]) > 0.99 * np.linalg.norm(arm) and abs(leg[2]) > 0.98 * np.linalg.norm(leg)
@@ -89,9 +92,11 @@ def test_every_bone_has_its_collection_and_colour(rig: Rig) -> None:
     collections = rig.armature.data.collections
     held = {collection.name: {bone.name for bone in collection.bones} for collection in collections}
     assert held.pop(DEFORM_COLLECTION) == {deform_bone(joint) for joint in JOINTS}
-    assert sorted(name for names in held.values() for name in names) == sorted(JOINTS)
-    assert set(held) == {"Root", "Torso", "Head", "Arm Left", "Arm Right", "Leg Left", "Leg Right"}
-    assert [c.name for c in collections if not c.is_visible] == [DEFORM_COLLECTION]
+    assert held.pop(HELPER_COLLECTION) == set(HELPERS)
+    assert sorted(name for names in held.values() for name in names) == sorted([ROOT, *JOINTS, *CONTROLS])
+    shown = {"Root", "Torso", "Head", "Arm Left", "Arm Right", "Leg Left", "Leg Right"}
+    assert {c.name for c in collections if c.is_visible} == shown
+    assert set(held) == shown | {limb.collection for limb in LIMBS} | {"IK Twist"}
     colours = {joint: tuple(rig.armature.data.bones[joint].color.custom.normal) for joint in JOINTS}
     assert {rig.armature.data.bones[joint].color.palette for joint in JOINTS} == {"CUSTOM"}
     assert colours["left_knee"] == colours["left_hand"] != colours["right_knee"] == colours["right_hand"]

@@ -8,6 +8,8 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.body.controls.limbs import LIMBS
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.errors import TargetUnsuitable
 from blender_addon.export.formats import FORMATS
@@ -18,6 +20,7 @@ from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.retarget import RetargetSettings, retarget
 from blender_addon.scene.bake import BakeSettings, bake_take
+from blender_addon.scene.limb_modes.switching import pose_by_joints, pose_from_ends
 from tests.support.addon_stand_in import Files
 from tests.support.mixamo_rig import mixamo_rig
 from tests.support.retarget_rigs import map_of_rig
@@ -64,6 +67,17 @@ def test_an_overrides_motion_is_the_takes(scene, override, files: Files, tmp_pat
     export_take(take_of(scene, override), "amass", path)
     with np.load(path) as stored:
         assert np.abs(stored["trans"] - files.motion.transl).max() < 1e-4
+
+
+def test_an_overrides_limbs_go_to_ik_and_back(scene, override) -> None:
+    action = override.animation_data.action
+    override.animation_data.action = action.copy()  # the library's own cannot be changed
+    before = evaluated_joints(scene, override, 20.0)
+    pose_from_ends(override, scene, LIMBS)
+    assert override.pose.bones["root"]["left_leg_ik"] == 1.0
+    np.testing.assert_allclose(evaluated_joints(scene, override, 20.0), before, atol=1e-3)
+    pose_by_joints(override, scene, LIMBS)
+    np.testing.assert_allclose(evaluated_joints(scene, override, 20.0), before, atol=1e-3)
 
 
 def test_a_linked_body_without_override_is_exported_too(scene, library: Path, files: Files, tmp_path: Path) -> None:

@@ -30,7 +30,8 @@ def test_reshaped_body_is_copied_as_it_stands(scene: bpy.types.Scene, rig: Rig, 
     assert copy.mesh.data.shape_keys is None and copy.armature.animation_data is None
     assert sorted(group.name for group in copy.mesh.vertex_groups) == sorted(JOINTS)
     assert all(bone.use_deform for bone in copy.armature.data.bones)
-    motion = MotionFile("pose", rotvec[None], -body.rest_joints(betas)[:1], betas, fps=30.0)
+    pelvis = np.array(rig.armature.data.bones["pelvis"].head_local)
+    motion = MotionFile("pose", rotvec[None], pelvis - body.rest_joints(betas)[:1], betas, fps=30.0)
     for each in (rig, copy):
         pose(each, rotvec)
     joints, vertices = evaluated(copy)

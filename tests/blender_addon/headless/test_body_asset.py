@@ -12,8 +12,10 @@ import pytest
 from blender_addon.__main__ import main
 from blender_addon._exchange.errors import OutputExists
 from blender_addon._exchange.progress import silent
+from blender_addon.body.controls.limbs import CONTROLS, ROOT
 from blender_addon.body.shape import get_betas, set_betas
-from blender_addon.body.sliders import slider_name
+from blender_addon.body.sliders import sliders
+from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.headless.body import BodyRequest, run_body
 from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
 
@@ -45,7 +47,7 @@ def test_appended_body_is_whole_and_stands_on_the_floor(scene: bpy.types.Scene, 
     armature = next(obj for obj in scene.objects if obj.type == "ARMATURE")
     mesh = next(child for child in armature.children if child.type == "MESH")
     np.testing.assert_allclose(get_betas(mesh)[:3], [1.0, -0.5, 0.0], atol=1e-6)
-    assert all(bone.custom_shape for bone in armature.pose.bones if not bone.name.endswith("_deform"))
+    assert all(armature.pose.bones[name].custom_shape for name in (ROOT, *JOINTS, *CONTROLS))
     rng = np.random.default_rng(0)
     heights = set()
     for _ in range(4):
@@ -65,7 +67,7 @@ def test_linked_body_can_be_overridden_and_shaped(scene: bpy.types.Scene, librar
     armature = next(obj for obj in scene.objects if obj.type == "ARMATURE" and obj.override_library)
     mesh = next(obj for obj in scene.objects if obj.type == "MESH" and obj.parent == armature)
     before = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones["head"].head.z
-    mesh.data.shape_keys.key_blocks[slider_name(0)].value += 2.0
+    sliders(mesh)[0].value += 2.0
     bpy.context.view_layer.update()
     after = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones["head"].head.z
     assert after > before + 0.03

@@ -57,7 +57,7 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
     assert {panel.bl_category for panel in panels} == {"MoCap"}
     top = sorted((panel for panel in panels if not hasattr(panel, "bl_parent_id")), key=lambda panel: panel.bl_order)
     assert [panel.bl_label for panel in top] == [
-        "Running",
+        "Solve or Cancel",
         "Capture",
         "Cameras",
         "Solve",

@@ -13,6 +13,7 @@ from blender_addon.ui.operators.import_results import take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import run, solve
 from blender_addon.ui.translation import CONTEXT
+from tests.support.narrow_layout import NarrowContext
 
 
 class Layout:
@@ -56,12 +57,12 @@ def test_a_preset_shows_its_own_values_and_custom_those_that_can_be_set(solved_t
     layout = Layout()
     panel = SimpleNamespace(layout=layout)
     mocap.solve.preset = "FAST"
-    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, bpy.context)
+    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
     assert (
         "label:2" in layout.drawn and "label:off" in layout.drawn and "prop:MocapSolve.iterations" not in layout.drawn
     )
     mocap.solve.preset = "CUSTOM"
-    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, bpy.context)
+    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
     assert "prop:MocapSolve.iterations" in layout.drawn
 
 

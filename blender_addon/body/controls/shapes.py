@@ -7,26 +7,29 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ..conventions.collections import child_collection
-from ..conventions.skeleton import JOINTS
-from .armature import bone_axes
-from .body_file import BodyFile
-from .layout import BoneLayout, body_part, pelvis_centred
+from ...conventions.collections import child_collection
+from ...conventions.skeleton import JOINTS, PARENTS
+from ..armature import bone_axes
+from ..body_file import BodyFile
+from ..layout import BoneLayout, body_part, standing
+from .limbs import LIMBS, ROOT, Limb
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
 """Controls stand off the skin by this factor and these metres."""
-_WIRE_WIDTH = 2.0
+_WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
 """Shape by part of the body; all others are rings."""
 _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}
 """Share of the bone along which the skin is measured; its middle third where none is named."""
+_ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
+"""Root against the arms' span, a pole's metres, and rings of turns against those of their joints."""
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones whose skin the rings around the spine measure together."""
 
 
-def add_controls(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout) -> None:
+def add_control_shapes(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout) -> None:
     """Give every posed bone a custom shape that fits the skin.
 
     The shapes' objects lie in a hidden collection beside the armature: they are seen only as controls.
@@ -40,7 +43,7 @@ def add_controls(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, 
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True
     shapes = {name: _wire(f"{armature.name} {name}", curves, folder) for name, curves in _SHAPES.items()}
-    vertices, _ = pelvis_centred(body, betas)
+    vertices, _ = standing(body, betas)
     owner = body.weights.argmax(axis=1)
     trunk = np.isin(owner, [JOINTS.index(joint) for joint in _TRUNK])
     lengths = np.linalg.norm(layout.tails - layout.heads, axis=1)
@@ -52,11 +55,35 @@ def add_controls(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, 
         section = _SECTION_OF_PART.get(part, _MIDDLE if shape == "ring" else (-1.0, 2.0))
         centre, half = _extent(local, lengths[j], section)
         bone = armature.pose.bones[JOINTS[j]]
-        bone.custom_shape = shapes[shape]
-        bone.use_custom_shape_bone_size = False
-        bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()
-        if hasattr(bone, "custom_shape_wire_width"):
-            bone.custom_shape_wire_width = _WIRE_WIDTH
+        _show(bone, shapes[shape], centre, half)
+    _show(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
+    for limb in LIMBS:
+        _add_limb_shapes(armature, limb, vertices, owner, shapes)
+
+
+def _add_limb_shapes(
+    armature: bpy.types.Object, limb: Limb, vertices: np.ndarray, owner: np.ndarray, shapes: dict[str, bpy.types.Object]
+) -> None:
+    """Show a box around the hand or foot, a diamond at the pole, and a wide ring for each turn."""
+    bones, end = armature.pose.bones, JOINTS.index(limb.joints[2])
+    rest = np.array(armature.data.bones[limb.control].matrix_local, np.float64)
+    inside = np.isin(owner, [end, *(j for j, parent in enumerate(PARENTS) if parent == end)])
+    local = (vertices[inside] - rest[:3, 3]) @ rest[:3, :3]
+    size = armature.data.bones[limb.control].length
+    _show(bones[limb.control], shapes["box"], *_extent(local, size, (-np.inf, np.inf)))
+    _show(bones[limb.pole], shapes["diamond"], np.zeros(3), np.full(3, _POLE_SIZE_M))
+    for turn, joint in zip(limb.turns, limb.joints[:2], strict=True):
+        like = bones[joint]
+        scale = _TURN_SCALE * np.array(like.custom_shape_scale_xyz)
+        _show(bones[turn], shapes["ring"], np.array(like.custom_shape_translation), scale)
+
+
+def _show(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray, half: np.ndarray) -> None:
+    bone.custom_shape = shape
+    bone.use_custom_shape_bone_size = False
+    bone.custom_shape_translation, bone.custom_shape_scale_xyz = centre.tolist(), half.tolist()
+    if hasattr(bone, "custom_shape_wire_width"):
+        bone.custom_shape_wire_width = _WIRE_WIDTH
 
 
 def _extent(local: np.ndarray, length: float, section: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -79,11 +106,24 @@ def _rounded(power: float, plane: tuple[int, int], share: float = 1.0) -> np.nda
     return points
 
 
+def _polyline(*points: tuple[float, float], plane: tuple[int, int] = (0, 1), at: float = 0.0) -> np.ndarray:
+    """Return (N, 3) points in a plane of two axes, ``at`` along the third."""
+    line = np.full((len(points), 3), float(at))
+    line[:, list(plane)] = points
+    return line
+
+
 _SHAPES: dict[str, tuple[np.ndarray, ...]] = {
     "ring": (_rounded(2, (0, 2)),),
     "plate": (_rounded(4, (0, 2)), 1.12 * _rounded(4, (0, 2))),
     "helmet": (_rounded(2, (0, 2)), _rounded(2, (0, 1), 0.5), _rounded(2, (2, 1), 0.5)),
     "outline": (_rounded(4, (0, 1)),),
+    "root": (_rounded(2, (0, 1)), _polyline((-0.2, -1.0), (0.0, -1.3), (0.2, -1.0), (-0.2, -1.0))),
+    "diamond": tuple(_polyline((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), plane=p) for p in ((0, 1), (1, 2), (0, 2))),
+    "box": (
+        *(_polyline((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1), at=at) for at in (-1.0, 1.0)),
+        *(np.array([(x, y, -1.0), (x, y, 1.0)]) for x in (-1.0, 1.0) for y in (-1.0, 1.0)),
+    ),
 }
 """Curves of each shape in the cube from -1 to 1; y runs along the bone."""
 

@@ -1,0 +1,1 @@
+"""What animators grab: a root, hands and feet with IK, poles, and the wires that show them."""

@@ -1,0 +1,58 @@
+"""FK and IK by button, on a solved take: the motion stays, and each is one undo step."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.pose import read_pose
+from blender_addon.body.body_choice import body_path_of
+from blender_addon.body.body_file import read_body
+from blender_addon.body.controls.limbs import LIMBS, ROOT
+from blender_addon.ui.operators.import_results import take_motion
+
+
+def _joints(armature: bpy.types.Object) -> np.ndarray:
+    return np.stack([evaluated_joints(bpy.context.scene, armature, float(frame)) for frame in range(1, 13, 3)])
+
+
+def test_the_buttons_keep_the_motion(mocap, solved_take) -> None:
+    armature = mocap.review.armature
+    before = _joints(armature)
+    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"}
+    assert [armature.pose.bones[ROOT][limb.switch] for limb in LIMBS] == [1.0] * 4
+    np.testing.assert_allclose(_joints(armature), before, atol=1e-3)
+    assert bpy.ops.mocap.limbs_to_fk(limb="left_leg_ik") == {"FINISHED"}
+    assert [armature.pose.bones[ROOT][limb.switch] for limb in LIMBS] == [1.0, 1.0, 0.0, 1.0]
+    np.testing.assert_allclose(_joints(armature), before, atol=1e-3)
+    assert "UNDO" in bpy.types.MOCAP_OT_limbs_to_ik.bl_options
+
+
+def test_another_take_of_the_body_is_not_led_by_the_first_ones_hands(mocap, solved_take, solved) -> None:
+    armature = mocap.review.armature
+    before = _joints(armature)
+    bpy.ops.mocap.limbs_to_ik()
+    take_motion(bpy.context, solved.files)
+    assert mocap.review.armature == armature and mocap.review.take != solved_take
+    np.testing.assert_allclose(_joints(armature), before, atol=1e-4)
+    assert [armature.pose.bones[ROOT][limb.switch] for limb in LIMBS] == [0.0] * 4
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_pin_is_what_is_seen_also_with_ik_and_a_moved_root(mocap, solved_take, moved: bool) -> None:
+    armature = mocap.review.armature
+    bpy.context.scene.frame_set(4)
+    rest = read_body(body_path_of(solved_take["provenance"])).rest_joints(np.array(solved_take["betas"]))
+    bpy.context.view_layer.update()
+    by_joints = read_pose(armature, rest[0])
+    bpy.ops.mocap.limbs_to_ik()
+    if moved:
+        armature.pose.bones[ROOT].location = (0.5, 0.0, 0.0)
+    bpy.context.scene.frame_set(4)
+    found = read_pose(armature, rest[0])
+    np.testing.assert_allclose(found.transl, by_joints.transl + [0.5 * moved, 0, 0], atol=1e-4)
+    if not moved:  # hands and feet go with the root as well: the pose is the same
+        np.testing.assert_allclose(found.rotvec, by_joints.rotvec, atol=2e-3)
+    np.testing.assert_allclose(found.rotvec[1:], by_joints.rotvec[1:], atol=2e-3)

@@ -1,0 +1,79 @@
+"""Nothing is cut off in a sidebar of 200 pixels."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+
+from blender_addon.ui.operators.solver_operator import current
+from tests.support.narrow_layout import draw_panel, text_width
+
+_WIDTH = 200
+
+
+def panels() -> list[type]:
+    """Return our panels that are to be seen now."""
+    found = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith("blender_addon")]
+    return [cls for cls in found if not hasattr(cls, "poll") or cls.poll(bpy.context)]
+
+
+def cut_off() -> list[str]:
+    """Return what no panel has room for."""
+    found = []
+    for panel in panels():
+        found += [
+            f"{panel.__name__}: {text!r} needs {need} of {there} px"
+            for need, there, text in draw_panel(panel, _WIDTH).cut
+        ]
+    return found
+
+
+def test_the_measure_finds_what_is_too_long(mocap) -> None:
+    assert 40 < text_width("Read Again") < 90
+    assert text_width("Read Again" * 3) == pytest.approx(3 * text_width("Read Again"), rel=0.1)
+
+
+def test_an_empty_scene(mocap) -> None:
+    assert "\n".join(cut_off()) == ""
+
+
+def test_a_solved_capture(mocap, solved_take) -> None:
+    assert len(panels()) > 14
+    assert "\n".join(cut_off()) == ""
+    mocap.solve.preset = "CUSTOM"
+    mocap.retarget.target = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    mocap.retarget.map_text, mocap.retarget.label = "{}", "Rigify"
+    assert "\n".join(cut_off()) == ""
+
+
+def test_a_run_under_way_and_a_failed_one(mocap, solved_take, monkeypatch) -> None:
+    process = SimpleNamespace(cancelling=False)
+    run = SimpleNamespace(share=0.4, headline="Bundle, 3 s left", verb="solve", process=process)
+    monkeypatch.setattr(current, "run", run)
+    assert "\n".join(cut_off()) == ""
+    monkeypatch.setattr(current, "run", None)
+    error = {"code": "x", "message": "The camera cam_03 sees nobody in frames 4 to 93.", "hint": "Leave it out."}
+    monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=error, result=None))
+    assert "\n".join(cut_off()) == ""
+
+
+def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
+    result = {
+        "solve_s": 12.3, "reprojection_median_px": 2.1, "marker_median_mm": 4.0, "unsure_frames": 1, "unseen_frames": 12
+    }  # fmt: skip
+    monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
+    drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _WIDTH).drawn)
+    assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
+    assert not cut_off()
+
+
+def test_several_captures_people_and_left_out_cameras(mocap, solved_take) -> None:
+    capture = mocap.capture
+    for name in ("Anna", "Somebody 2"):
+        person = capture.people.add()
+        person.name, person.views, person.frames = name, 3.4, 1200
+    left_out = capture.left_out.add()
+    left_out.name, left_out.first, left_out.last = "cam03", 100, 2000
+    assert not cut_off()
