@@ -12,6 +12,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, joined_solution, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance
+from solver_backend.fitters.keyframes.turned_keys import solve_turned
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -66,7 +67,8 @@ class Stretch:
 
     def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
         """Return the solution; ``alive`` is called before each linearisation."""
-        return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
+        solver = solve_keys if self.model.codes else solve_turned
+        return solver(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
         """Return the same stretch with the measurements of its own frames alone, to be sent away."""

@@ -72,7 +72,7 @@ def solve_by_bundle(
         points = (data,) if contacts is None or known else (data, contacts.term(keys.z, settings.foot_lock))
         free = settings.residual_rotations
         objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
-        model = replace(model, objective=objective, residuals=free)
+        model = replace(model, objective=objective, residuals=free, codes=not (known and free))
         found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number + 1, 3), each=each)
     found = regained(problem.measurements, model, layout, found, start, passes[-1])
     progress("Global bundle", 3, 3)

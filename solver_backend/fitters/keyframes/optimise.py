@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm
 from solver_backend.fitters.keyframes.normal_equations import (
     HESSIAN_FRAMES,
     FrameData,
@@ -69,6 +69,8 @@ class BundleModel:
     """What is minimised."""
     residuals: bool = False
     """Free the residual rotations of each key."""
+    codes: bool = True
+    """Free the codes; see ``turned_keys`` for keys whose codes stay."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
@@ -99,17 +101,21 @@ class BundleModel:
                 term.add_to(equations, keys)
             return equations
 
-        cost = data.cost
-        for term in self.objective.keys:
-            at_keys = term.cost(keys)
-            cost = cost + at_keys[:-1:2] + at_keys[1::2]
-            cost[-1] += at_keys[-1]
-        return cost, form
+        return at_windows(data.cost, self.objective.keys, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
         rows = layout.rows()
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
+
+
+def at_windows(cost: Array, terms: tuple[KeyTerm, ...], keys: Keyframes) -> Array:
+    """Return the costs (N,) of windows with those of the terms on their keys added."""
+    for term in terms:
+        at_keys = term.cost(keys)
+        cost = cost + at_keys[:-1:2] + at_keys[1::2]
+        cost[-1] += at_keys[-1]
+    return cost
 
 
 def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
