@@ -12,6 +12,7 @@ from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
+from solver_backend.fitters.keyframes.turned_keys import LOOSENESS
 from solver_backend.fitters.model.blended_keys import blended_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject, pose
@@ -71,7 +72,10 @@ def solve_by_bundle(
         # Markers tell where a foot is better than that it stands: its heel and toes roll.
         points = (data,) if contacts is None or known else (data, contacts.term(keys.z, settings.foot_lock))
         free = settings.residual_rotations
-        objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
+        loose = LOOSENESS if known else 1.0
+        objective = bundle_objective(
+            problem, layout, window, points, residuals=free, smoothing=settings.smoothing, looseness=loose
+        )
         model = replace(model, objective=objective, residuals=free, codes=not (known and free))
         found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number + 1, 3), each=each)
     found = regained(problem.measurements, model, layout, found, start, passes[-1])

@@ -44,6 +44,8 @@ from solver_backend.geometry.rotations import (
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import LazyNormalEquations
 
+LOOSENESS = 2.0
+"""So many times as far as beside free codes joints may turn: codes that follow take a part of every turn."""
 TURNED = StateTangent(0)
 """Of a key whose code stays: root, translation and residual rotations, 69."""
 
@@ -145,9 +147,7 @@ class _Judged:
         turns = xp.matmul(shares, xp.reshape(triples.residual, (count, 3, -1)))
         turns = xp.reshape(turns, (-1, NUM_BODY_JOINTS, 3))
         local = xp.matmul(exp_so3(turns), decoded)
-        poses = PosedFrames(
-            matrix_from_quat(rows_of(quats.value)), local, rows_of(xp.matmul(shares, triples.transl))
-        )
+        poses = PosedFrames(matrix_from_quat(rows_of(quats.value)), local, rows_of(xp.matmul(shares, triples.transl)))
         chosen = (np.arange(count)[:, None] * width + self.columns).reshape(-1)
         objective = self.objective.frames.select(rows.frames.reshape(-1))
         found = frame_equations(self.model.subject, poses, objective, scale, chosen)

@@ -18,7 +18,7 @@ from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, C
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, findings_of
 from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
-from solver_backend.fitters.marker_calibration.rough_motion import rough_markers
+from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.problem import Problem
@@ -74,17 +74,19 @@ def _cleaned(
     still = frozen(points, around, cloud.fps)
     tested = jumping(points, around)
     if not (still.any() or tested.any()):
-        return problem
+        return replace(problem, measurements=replace(problem.measurements, rough=rough_motion(problem, subject)))
     progress("Checking the labels", 0, 1)
     points = np.where(still[..., None], np.nan, points)
     moving = ready(replace(cloud, positions=points))
-    cleaned = clean_labels(points, rough_markers(moving, subject), around, tested, cloud.fps)
+    rough = rough_motion(moving, subject)
+    cleaned = clean_labels(points, rough_markers(moving, subject, rough), around, tested, cloud.fps)
     again = ready(replace(cloud, positions=cleaned.points))
     flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
     found = [fault.as_dict() for fault in findings_of(still, cleaned.faults, cloud.labels)]
     provenance = {**again.measurements.provenance, "findings": found}
     progress("Checking the labels", 1, 1)
-    return replace(again, measurements=replace(again.measurements, marker_flags=flags, provenance=provenance))
+    measured = replace(again.measurements, marker_flags=flags, rough=rough, provenance=provenance)
+    return replace(again, measurements=measured)
 
 
 def calibrated(
