@@ -89,7 +89,8 @@ def solve_by_bundle(
         problem, layout, window, (data,), residuals=model.residuals, smoothing=settings.smoothing
     )
     covariance = covariance_of_joints(
-        replace(model, objective=measured), layout, keys, frames, scale, inflation
+        replace(model, objective=measured), layout, keys, frames, scale, inflation,
+        stride=problem.frames_of(2, 1) if known else 1,
     )  # fmt: skip
     feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
     return SolvedFrames(model.subject, frames, layout.key_times, covariance, feet), found.convergence

@@ -9,6 +9,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.keyframes.turned_keys import d_pose_d_turned
 from solver_backend.fitters.model.codes import d_pose_d_key
 from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES, lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -32,7 +33,7 @@ set so that the ellipsoids of six benchmark takes hold what they should."""
 
 def joint_covariance(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
-    inflation: float,
+    inflation: float, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
@@ -47,13 +48,15 @@ def joint_covariance(
         frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
+        stride: covariances of every so many frames are formed; those between lie on straight lines.
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
     residual = keys.residual if model.residuals else None
-    d_pose_d_keys = xp.astype(d_pose_d_key(model.prior, keys.z, residual), diagonal.dtype)
+    by_keys = d_pose_d_key(model.prior, keys.z, residual) if model.codes else d_pose_d_turned(keys)
+    d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
-    rows = layout.rows()
+    rows = layout.rows(stride)
 
     def block(windows: slice) -> Array:
         part = rows.select(windows)
@@ -75,7 +78,17 @@ def joint_covariance(
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
         return CALIBRATION * inflation * spread + CONSTANT_M**2 * xp.astype(eye, keys.z.dtype)
 
-    return xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
+    found = xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
+    return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
+
+
+def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
+    """Return (F, ...) values of the wanted frames on straight lines between those of some, beyond the last as there."""
+    after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
+    before, after = after - 1, np.minimum(after, len(frames) - 1)
+    share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)
+    t = constant(share, found)[:, None, None, None]
+    return (1 - t) * found[index(before, found)] + t * found[index(after, found)]
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:

@@ -17,6 +17,7 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import (
     BLOCK_FRAMES,
+    HESSIAN_FRAMES,
     DataEquations,
     KeyframeNormalEquations,
     matrices_by_keys,
@@ -169,12 +170,24 @@ class _Judged:
         cost = xp.sum(xp.reshape(found.cost * weight, (count, width)), axis=1)
 
         def form() -> Array:
-            nothing = zeros((keys.z.shape[0], 3 * NUM_BODY_JOINTS, 0), keys.z)
-            whole = xp.ones_like(keys.transl[:, 0])
-            by_keys = d_pose_d_state(nothing, weight=whole, by_residual=left_jacobian_so3(keys.residual))
-            return matrices_by_keys(rows.sampled(self.columns), found.hessian, by_keys)
+            return matrices_by_keys(rows.sampled(self.columns), found.hessian, d_pose_d_turned(keys))
 
         return cost, gradient, form
+
+
+def turned_information(
+    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, scale: float
+) -> KeyframeNormalEquations:
+    """Return the equations at a solution whose codes stay; see ``BundleModel.information``."""
+    schedule = Schedule((scale,), 1, stride=int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES or 1)
+    return _Judged.of(model, layout, keys, schedule).equations(keys, scale)[1]()
+
+
+def d_pose_d_turned(keys: Keyframes) -> Array:
+    """Return (K, 69, 69): the pose tangents of keys by the tangents of states whose codes stay."""
+    nothing = zeros((keys.z.shape[0], 3 * NUM_BODY_JOINTS, 0), keys.z)
+    whole = array_namespace(keys.z).ones_like(keys.transl[:, 0])
+    return d_pose_d_state(nothing, weight=whole, by_residual=left_jacobian_so3(keys.residual))
 
 
 def _moved(keys: Keyframes, step: Array) -> Keyframes:

@@ -16,7 +16,7 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 
 RATE_HZ, ANCHORS_HZ = 10.0, 2.0
 """Frames a second that are fitted, and those of them that start from nothing; the others start between two of them."""
-SCALE, ITERATIONS = 6.0, 6
+SCALE, ITERATIONS = 6.0, 4
 """Robust scale and linearisations: a wrong label must not bend a limb."""
 STRAYED = 3.0
 """A frame whose cost is so many times the median's did not come home from between its anchors."""
@@ -56,7 +56,7 @@ def _fitted(
     parts = [slice(i, i + size) for i in range(0, len(frames), size)]
 
     def fit(part: slice) -> tuple[FrameStates, np.ndarray]:
-        objective, steps = problem.objective.select(frames[part]), LMSettings(ITERATIONS, 1e-2)
+        objective, steps = problem.objective.select(frames[part]), LMSettings(ITERATIONS, 3e-2)
         found = fit_frames(subject, problem.prior, objective, start.select(part), (SCALE,), steps)
         return found.state, to_numpy(found.cost)
 
