@@ -55,20 +55,26 @@ def solve_by_bundle(
     if known:  # thirty frames a second, five or so between two keys, tell what all of them do
         passes = (Schedule((scale,), steps, problem.frames_of(2, 1), 1e-2),)
     for number, schedule in enumerate(passes, 2 - len(passes)):
-        keys = restarted(problem.measurements, model, layout, found.keys, start) or found.keys
-        poses = model.poses(keys, layout)
+        poses, keys = model.poses(found.keys, layout), found.keys
+        standing = pose(model.subject, poses).points
+        anew = restarted(problem.measurements, layout, standing, keys, start)
+        if anew is not None:
+            keys, poses = anew, model.poses(anew, layout)
         sample = poses.select(index(problem.sample, keys.z))
         # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
         shape_prior = ShapePrior(free_betas=settings.betas is None and not known, free_offsets=number > 0 and not known)
         judged = model.objective.frames.select(problem.sample)
+        before = model.subject
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
+        by_window = settings.learn_noise and problem.measurements.marker_labels is not None
+        if (anew is not None or model.subject is not before) and (by_window or (settings.contacts and number > 0)):
+            standing = pose(model.subject, poses).points
         data = with_learned_noise(problem, model.subject, sample, settings)
-        if settings.learn_noise and problem.measurements.marker_labels is not None:
+        if by_window:
             dof = KEY.dof(residuals=settings.residual_rotations) * layout.num_keys / problem.num_frames
-            data = with_window_variances(data, model.subject, poses, problem.fps, scale, dof)
+            data = with_window_variances(data, standing, problem.fps, scale, dof)
         if settings.contacts and number > 0:
-            standing = to_numpy(pose(model.subject, poses).points)
-            contacts = find_contacts(standing, model.subject.landmarks.names, problem.fps)
+            contacts = find_contacts(to_numpy(standing), model.subject.landmarks.names, problem.fps)
         # Markers tell where a foot is better than that it stands: its heel and toes roll.
         points = (data,) if contacts is None or known else (data, contacts.term(keys.z, settings.foot_lock))
         free = settings.residual_rotations

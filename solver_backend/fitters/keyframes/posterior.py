@@ -62,7 +62,14 @@ def joint_covariance(
         part = rows.select(windows)
         poses = frames.select(part.frames[part.weight > 0] - layout.bounds[0])
         posed = pose_landmarks(
-            model.subject.body, landmarks, model.subject.betas, poses.root, poses.local, poses.transl, jacobian=True
+            model.subject.body,
+            landmarks,
+            model.subject.betas,
+            poses.root,
+            poses.local,
+            poses.transl,
+            jacobian=True,
+            by_shape=False,
         )
         of_keys = _pose_covariance(diagonal, upper, d_pose_d_keys, windows)
         shares = lagrange(constant(part.time, d_pose_d_keys))

@@ -14,7 +14,7 @@ from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import pose
-from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.runs import true_runs
 
 BESIDE = 3
@@ -22,18 +22,18 @@ BESIDE = 3
 
 
 def restarted(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, start: Keyframes
+    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Keyframes
 ) -> Keyframes | None:
     """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
 
     Args:
         measurements: what locates the points.
-        model: what makes poses of the keys.
         layout: windows of the keys.
-        keys: a solution.
+        points: (F, L, 3) landmarks of a solution.
+        keys: its keys.
         start: keys fitted to the points of single frames.
     """
-    lost = _lost_windows(measurements, model, layout, keys)
+    lost = _lost_windows(measurements, layout, points)
     return _anew(lost, keys, start) if lost.any() else None
 
 
@@ -53,7 +53,8 @@ def regained(
         start: keys fitted to the points of single frames.
         schedule: of the solution's last pass.
     """
-    lost, keys = _lost_windows(measurements, model, layout, found.keys), found.keys
+    keys = found.keys
+    lost = _lost_windows(measurements, layout, pose(model.subject, model.poses(keys, layout)).points)
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first >= CHUNK_WINDOWS:
@@ -69,12 +70,9 @@ def regained(
     return replace(found, keys=hemisphere_aligned(keys))
 
 
-def _lost_windows(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes
-) -> np.ndarray:
+def _lost_windows(measurements: Measurements, layout: KeyframeLayout, points: Array) -> np.ndarray:
     """Return (N,) bool: a limb is lost in the window."""
-    points = to_numpy(pose(model.subject, model.poses(keys, layout)).points)
-    frames = lost_landmarks(points, measurements.points, measurements.covariance).any(axis=1)
+    frames = lost_landmarks(to_numpy(points), measurements.points, measurements.covariance).any(axis=1)
     lost = np.zeros(layout.num_windows, dtype=bool)
     lost[layout.positions(np.flatnonzero(frames))[0]] = True
     return lost

@@ -18,7 +18,7 @@ RATE_HZ, ANCHORS_HZ = 10.0, 2.0
 """Frames a second that are fitted, and those of them that start from nothing; the others start between two of them."""
 SCALE, ITERATIONS = 6.0, 4
 """Robust scale and linearisations: a wrong label must not bend a limb."""
-STRAYED = 3.0
+STRAYED = 6.0
 """A frame whose cost is so many times the median's did not come home from between its anchors."""
 BLOCK_FRAMES = 64
 """Frames fitted at a time."""
