@@ -9,12 +9,14 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
-from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
+from solver_backend.fitters.keyframes.single_precision import halved, keys_as
 from solver_backend.fitters.keyframes.turned_keys import LOOSENESS
 from solver_backend.fitters.model.blended_keys import blended_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
@@ -49,7 +51,14 @@ def solve_by_bundle(
     schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3)
     if known:  # markers are exact and their person is known: the first pass need only come near
         schedule = replace(schedule, scales=(2 * scale,), iterations=min(3, steps), tolerance=3e-2)
-    found = solve_long(model, layout, start, schedule, partial(progress, "Global bundle", 0, 3), each=each)
+
+    def solved(model: BundleModel, keys: Keyframes, schedule: Schedule, number: int) -> KeySolution:
+        single = halved(model) if known else model
+        begin, alive = keys_as(keys, single.subject.betas), partial(progress, "Global bundle", number, 3)
+        found = solve_long(single, layout, begin, schedule, alive, each=each)
+        return replace(found, keys=keys_as(found.keys, keys.z))
+
+    found = solved(model, start, schedule, 0)
 
     passes = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2), Schedule((scale,), steps, tolerance=3e-3)
     if known:  # thirty frames a second, five or so between two keys, tell what all of them do
@@ -83,7 +92,7 @@ def solve_by_bundle(
             problem, layout, window, points, residuals=free, smoothing=settings.smoothing, looseness=loose
         )
         model = replace(model, objective=objective, residuals=free, codes=not (known and free))
-        found = solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number + 1, 3), each=each)
+        found = solved(model, keys, schedule, number + 1)
     found = regained(problem.measurements, model, layout, found, start, passes[-1])
     progress("Global bundle", 3, 3)
 
@@ -96,7 +105,7 @@ def solve_by_bundle(
     )
     covariance = covariance_of_joints(
         replace(model, objective=measured), layout, keys, frames, scale, inflation,
-        stride=problem.frames_of(2, 1) if known else 1,
+        stride=problem.frames_of(4, 1) if known else 1,
     )  # fmt: skip
     feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
     return SolvedFrames(model.subject, frames, layout.key_times, covariance, feet), found.convergence
