@@ -12,7 +12,6 @@ from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
-from solver_backend.fitters.keyframes.single_precision import halved, keys_as
 from solver_backend.fitters.keyframes.turned_keys import LOOSENESS
 from solver_backend.fitters.model.blended_keys import blended_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -53,10 +52,10 @@ def solve_by_bundle(
         schedule = replace(schedule, scales=(2 * scale,), iterations=min(3, steps), tolerance=3e-2)
 
     def solved(model: BundleModel, keys: Keyframes, schedule: Schedule, number: int) -> KeySolution:
-        single = halved(model) if known else model
-        begin, alive = keys_as(keys, single.subject.betas), partial(progress, "Global bundle", number, 3)
-        found = solve_long(single, layout, begin, schedule, alive, each=each)
-        return replace(found, keys=keys_as(found.keys, keys.z))
+        model = model.single() if known else model
+        begin, alive = keys.astype(model.subject.betas.dtype), partial(progress, "Global bundle", number, 3)
+        found = solve_long(model, layout, begin, schedule, alive, each=each)
+        return replace(found, keys=found.keys.astype(keys.z.dtype))
 
     found = solved(model, start, schedule, 0)
 

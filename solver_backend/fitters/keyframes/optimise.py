@@ -20,6 +20,7 @@ from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.solution import Convergence
@@ -75,6 +76,11 @@ class BundleModel:
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
+
+    def single(self) -> BundleModel:
+        """Return the model in single precision."""
+        objective = replace(self.objective, frames=single_objective(self.objective.frames))
+        return replace(self, subject=single_subject(self.subject), objective=objective)
 
     def poses(
         self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, blended: bool = False

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from solver_backend.fitters.measurements.base import RoughMotion
 from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import bridged_states, fit_frames, posed
@@ -16,8 +18,8 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 
 RATE_HZ, ANCHORS_HZ = 10.0, 2.0
 """Frames a second that are fitted, and those of them that start from nothing; the others start between two of them."""
-SCALE, ITERATIONS = 6.0, 4
-"""Robust scale and linearisations: a wrong label must not bend a limb."""
+SCALE, STEPS = 6.0, LMSettings(4, 3e-2)
+"""Robust scale and steps: a wrong label must not bend a limb."""
 STRAYED = 6.0
 """A frame whose cost is so many times the median's did not come home from between its anchors."""
 BLOCK_FRAMES = 64
@@ -56,9 +58,10 @@ def _fitted(
     parts = [slice(i, i + size) for i in range(0, len(frames), size)]
 
     def fit(part: slice) -> tuple[FrameStates, np.ndarray]:
-        objective, steps = problem.objective.select(frames[part]), LMSettings(ITERATIONS, 3e-2)
-        found = fit_frames(subject, problem.prior, objective, start.select(part), (SCALE,), steps)
-        return found.state, to_numpy(found.cost)
+        objective, begin = single_objective(problem.objective.select(frames[part])), start.select(part)
+        begin = begin.astype(array_namespace(start.z).float32)
+        found = fit_frames(single_subject(subject), problem.prior, objective, begin, (SCALE,), STEPS)
+        return found.state.astype(start.z.dtype), to_numpy(found.cost)
 
     found = map_blocks(fit, parts, start.z)
     return FrameStates.concatenate([state for state, _ in found]), np.concatenate([cost for _, cost in found])

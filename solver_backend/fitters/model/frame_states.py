@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.tangent import KEY
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, astype
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation
 
@@ -35,6 +35,10 @@ class FrameStates:
     def select(self, frames: Any) -> FrameStates:
         """Return the states at these indices or of this slice."""
         return FrameStates(self.z[frames], self.root[frames], self.transl[frames])
+
+    def astype(self, precision: Any) -> FrameStates:
+        """Return the states in a precision."""
+        return FrameStates(*(astype(part, precision) for part in (self.z, self.root, self.transl)))
 
     def retract(self, step: Array) -> FrameStates:
         """Return the states moved by (F, 36) steps, see ``KEY``."""
