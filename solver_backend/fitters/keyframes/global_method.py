@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
@@ -43,6 +44,7 @@ def solve_by_bundle(
     window = problem.frames_of(settings.refine_window)
     layout, contacts = KeyframeLayout.even(problem.num_frames, window), None
     start, data = initial_keys(problem, subject, layout), problem.measurements.term
+    single = _keys_of_frames(problem, subject, layout, start)
     objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
     model = BundleModel(subject, problem.prior, objective)
     scale, steps = settings.robust_scale, settings.iterations
@@ -65,7 +67,7 @@ def solve_by_bundle(
     for number, schedule in enumerate(passes, 2 - len(passes)):
         poses, keys = model.poses(found.keys, layout), found.keys
         standing = pose(model.subject, poses).points
-        anew = restarted(problem.measurements, layout, standing, keys, start)
+        anew = restarted(problem.measurements, layout, standing, keys, single)
         if anew is not None:
             keys, poses = anew, model.poses(anew, layout)
         sample = poses.select(index(problem.sample, keys.z))
@@ -92,7 +94,7 @@ def solve_by_bundle(
         )
         model = replace(model, objective=objective, residuals=free, codes=not (known and free))
         found = solved(model, keys, schedule, number + 1)
-    found = regained(problem.measurements, model, layout, found, start, passes[-1])
+    found = regained(problem.measurements, model, layout, found, single, passes[-1])
     progress("Global bundle", 3, 3)
 
     # Solved on the blended curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
@@ -108,3 +110,13 @@ def solve_by_bundle(
     )  # fmt: skip
     feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
     return SolvedFrames(model.subject, frames, layout.key_times, covariance, feet), found.convergence
+
+
+def _keys_of_frames(
+    problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes
+) -> Callable[[], Keyframes]:
+    """Return what makes keys from the points of single frames: the start, unless a rough motion told it."""
+    if problem.measurements.rough is None:
+        return lambda: start
+    by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
+    return cache(lambda: initial_keys(by_itself, subject, layout))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,7 @@ BESIDE = 3
 
 
 def restarted(
-    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Keyframes
+    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Callable[[], Keyframes]
 ) -> Keyframes | None:
     """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
 
@@ -31,14 +32,15 @@ def restarted(
         layout: windows of the keys.
         points: (F, L, 3) landmarks of a solution.
         keys: its keys.
-        start: keys fitted to the points of single frames.
+        start: makes keys fitted to the points of single frames.
     """
     lost = _lost_windows(measurements, layout, points)
-    return _anew(lost, keys, start) if lost.any() else None
+    return _anew(lost, keys, start()) if lost.any() else None
 
 
 def regained(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution, start: Keyframes,
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution,
+    start: Callable[[], Keyframes],
     schedule: Schedule,
 ) -> KeySolution:  # fmt: skip
     """Return a solution whose lost limbs were solved again, where that lowers the cost; the rest of the take stays.
@@ -50,7 +52,7 @@ def regained(
         model: what the keys are judged by.
         layout: windows of the keys.
         found: the solution.
-        start: keys fitted to the points of single frames.
+        start: makes keys fitted to the points of single frames.
         schedule: of the solution's last pass.
     """
     keys = found.keys
@@ -62,7 +64,7 @@ def regained(
         part, some = layout.part(slice(first, last + 1)), slice(2 * first, 2 * last + 3)
         judged, number = model.part(some), np.arange(part.num_keys)
         fixed = (number < 3) & (first > 0) | (number >= part.num_keys - 3) & (last < layout.num_windows - 1)
-        again = _anew(lost[first : last + 1], keys.select(some), start.select(some))
+        again = _anew(lost[first : last + 1], keys.select(some), start().select(some))
         solved = solve_keys(judged, part, again, schedule, fixed)
         before = judged.equations(part.rows(schedule.stride), keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):

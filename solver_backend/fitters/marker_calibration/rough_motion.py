@@ -18,8 +18,8 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 
 RATE_HZ, ANCHORS_HZ = 10.0, 2.0
 """Frames a second that are fitted, and those of them that start from nothing; the others start between two of them."""
-SCALE, STEPS = 6.0, LMSettings(4, 3e-2)
-"""Robust scale and steps: a wrong label must not bend a limb."""
+SCALES, STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
+"""Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
 STRAYED = 6.0
 """A frame whose cost is so many times the median's did not come home from between its anchors."""
 BLOCK_FRAMES = 64
@@ -29,8 +29,8 @@ BLOCK_FRAMES = 64
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
     """Return poses of about ``RATE_HZ`` frames a second: every few from nothing, the others from those between."""
     seen = np.flatnonzero(problem.measurements.seen)
-    frames = np.unique(seen[:: max(1, round(problem.fps / RATE_HZ))])
-    chosen = np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ))
+    frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
+    chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
     anchors = _fitted(problem, subject, frames[chosen], fit_to_points(problem, subject, frames[chosen]))[0]
     states, cost = _fitted(problem, subject, frames, bridged_states(anchors, chosen, len(frames)))
     strayed = np.flatnonzero(cost > STRAYED * np.median(cost))
@@ -60,7 +60,7 @@ def _fitted(
     def fit(part: slice) -> tuple[FrameStates, np.ndarray]:
         objective, begin = single_objective(problem.objective.select(frames[part])), start.select(part)
         begin = begin.astype(array_namespace(start.z).float32)
-        found = fit_frames(single_subject(subject), problem.prior, objective, begin, (SCALE,), STEPS)
+        found = fit_frames(single_subject(subject), problem.prior, objective, begin, SCALES, STEPS)
         return found.state.astype(start.z.dtype), to_numpy(found.cost)
 
     found = map_blocks(fit, parts, start.z)
