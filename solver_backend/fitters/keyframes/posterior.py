@@ -21,7 +21,7 @@ from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.types import JointSet
+from solver_backend.types import SMPL_JOINTS, JointSet
 
 CONSTANT_M = 0.0065
 """Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
@@ -29,6 +29,14 @@ takes as known."""
 CALIBRATION = 0.5
 """Share of the inflated posterior's variance that is found, as what is constant inflates it too. Like ``CONSTANT_M``,
 set so that the ellipsoids of six benchmark takes hold what they should."""
+
+OF_MARKERS_M = {
+    "pelvis": 0.0035, "hip": 0.0046, "spine1": 0.0038, "knee": 0.0037, "spine2": 0.0041, "ankle": 0.0048,
+    "spine3": 0.0043, "foot": 0.0051, "neck": 0.0044, "collar": 0.0043, "head": 0.0050, "shoulder": 0.0052,
+    "elbow": 0.0127, "wrist": 0.0060, "hand": 0.0081,
+}  # fmt: skip
+"""The same by joint where markers of a calibrated person are solved: four fifths of the error is the calibration's,
+alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds them, on takes that no table reports."""
 
 
 def joint_covariance(
@@ -39,7 +47,7 @@ def joint_covariance(
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
     pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
-    ``CONSTANT_M``.
+    ``CONSTANT_M``, or ``OF_MARKERS_M`` by joint.
 
     Args:
         model: what the keys were judged by.
@@ -56,6 +64,7 @@ def joint_covariance(
     by_keys = d_pose_d_key(model.prior, keys.z, residual) if model.codes else d_pose_d_turned(keys)
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
+    constant_m2 = constant(_constant_m(model) ** 2, keys.z)[:, None, None] * identity(3, keys.z)
     rows = layout.rows(stride)
 
     def block(windows: slice) -> Array:
@@ -83,10 +92,18 @@ def joint_covariance(
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
         carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, PoseTangent.DOF)), mixed), J.shape)
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
-        return CALIBRATION * inflation * spread + CONSTANT_M**2 * xp.astype(eye, keys.z.dtype)
+        return CALIBRATION * inflation * spread + constant_m2
 
     found = xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
+
+
+def _constant_m(model: BundleModel) -> np.ndarray:
+    """Return (24,) standard deviations per axis of what does not average out, metres."""
+    if model.codes:
+        return np.full(len(SMPL_JOINTS), CONSTANT_M)
+    parts = [name.removeprefix("left_").removeprefix("right_") for name in SMPL_JOINTS]
+    return np.array([OF_MARKERS_M[part] for part in parts])
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
