@@ -7,14 +7,16 @@ from dataclasses import replace
 from functools import cache, partial
 
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
+from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, bundle_objective
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.key_density import dense_layout
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
 from solver_backend.fitters.keyframes.turned_keys import LOOSENESS
 from solver_backend.fitters.model.blended_keys import blended_keys
+from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, pose
@@ -53,13 +55,21 @@ def solve_by_bundle(
     if known:  # markers are exact and their person is known: the first pass need only come near
         schedule = replace(schedule, scales=(2 * scale,), iterations=min(3, steps), tolerance=3e-2)
 
-    def solved(model: BundleModel, keys: Keyframes, schedule: Schedule, number: int) -> KeySolution:
+    def solved(
+        model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, number: int
+    ) -> KeySolution:
         model = model.single() if known else model
         begin, alive = keys.astype(model.subject.betas.dtype), partial(progress, "Global bundle", number, 3)
         found = solve_long(model, layout, begin, schedule, alive, each=each)
         return replace(found, keys=found.keys.astype(keys.z.dtype))
 
-    found = solved(model, start, schedule, 0)
+    found = solved(model, layout, start, schedule, 0)
+    dense = layout if known else dense_layout(model, layout, found.keys, window, problem.fps)
+    if dense is not layout:
+        found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
+        layout, window = dense, round(problem.num_frames / dense.num_windows)
+        start = initial_keys(problem, subject, layout)
+        single = _keys_of_frames(problem, subject, layout, start)
 
     passes = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2), Schedule((scale,), steps, tolerance=3e-3)
     if known:  # thirty frames a second, five or so between two keys, tell what all of them do
@@ -88,12 +98,12 @@ def solve_by_bundle(
         # Markers tell where a foot is better than that it stands: its heel and toes roll.
         points = (data,) if contacts is None or known else (data, contacts.term(keys.z, settings.foot_lock))
         free = settings.residual_rotations
-        loose = LOOSENESS if known else 1.0
+        loose = LOOSENESS if known else OFF_MANIFOLD
         objective = bundle_objective(
             problem, layout, window, points, residuals=free, smoothing=settings.smoothing, looseness=loose
         )
         model = replace(model, objective=objective, residuals=free, codes=not (known and free))
-        found = solved(model, keys, schedule, number + 1)
+        found = solved(model, layout, keys, schedule, number + 1)
     found = regained(problem.measurements, model, layout, found, single, passes[-1])
     progress("Global bundle", 3, 3)
 
