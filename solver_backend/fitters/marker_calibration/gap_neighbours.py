@@ -32,6 +32,8 @@ def told_by_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) ->
     such rests in all stretches of the gap's length, each of the pairs from where both are seen, drawn to 0 by
     ``DOUBT``.
 
+    Reference: Goldberger 1962, "Best linear unbiased prediction in the generalized linear regression model".
+
     Args:
         off: (F, 1 + K, 3) errors of the marker and of others, the nearest first, in the frame of its bone, NaN where
             missing.
