@@ -109,6 +109,7 @@ def pose_landmarks(
     *,
     offsets: Float[Array, "landmarks 3"] | None = None,
     jacobian: bool = False,
+    by_shape: bool = True,
     num_rotations: int = 22,
 ) -> PosedLandmarks:
     """Pose landmarks and differentiate them; the derivative by ``transl`` is the identity.
@@ -122,6 +123,7 @@ def pose_landmarks(
         transl: (F, 3) metres.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
         jacobian: also return the derivatives.
+        by_shape: among them those by the shape.
         num_rotations: rotations to differentiate by: root and the first joints.
     """
     xp = array_namespace(global_orient)
@@ -146,7 +148,8 @@ def pose_landmarks(
     if not jacobian:
         return PosedLandmarks(points, None, None, None, skeleton)
     by_rotations = rotation_jacobian(body, landmarks, skeleton, points, local, levers, correction, num_rotations)
-    return PosedLandmarks(points, by_rotations, _by_betas(xp, body, landmarks, G), blend, skeleton)
+    by_betas = _by_betas(xp, body, landmarks, G) if by_shape else None
+    return PosedLandmarks(points, by_rotations, by_betas, blend, skeleton)
 
 
 def _levers(xp: Any, body: Body, landmarks: Landmarks, betas: Array, offsets: Array | None) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ def marker_layout(name: str) -> tuple[str, ...]:
     return load_layouts().layouts[name]
 
 
+@lru_cache(maxsize=16)
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
     """Return markers by name (of any layout or alias), 9.5 mm off the skin, moving with its correctives.
 

@@ -21,6 +21,11 @@ def constant(value: Any, like: Array) -> Array:
     return array_namespace(like).asarray(value, dtype=like.dtype, device=device_of(like))
 
 
+def astype(values: Array, precision: Any) -> Array:
+    """Return the values in a precision of their own kind."""
+    return array_namespace(values).astype(values, precision)
+
+
 def index(values: np.ndarray, like: Array) -> Array:
     """Return whole numbers that pick entries of arrays on the device of ``like``."""
     return array_namespace(like).asarray(values, device=device_of(like))

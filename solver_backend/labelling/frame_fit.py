@@ -112,14 +112,14 @@ class FrameFit:
         learning = not self.known_shape and self._frames < _SHAPE_FRAMES
         posed = pose_landmarks(
             self.body, self.landmarks, pose.betas, pose.root, pose.local, pose.transl, offsets=self.offsets,
-            jacobian=True,
+            jacobian=True, by_shape=learning,
         )  # fmt: skip
-        assert posed.by_rotations is not None and posed.by_betas is not None
+        assert posed.by_rotations is not None
         residual = target - posed.points[0]
         off = (residual * residual).sum(-1)
         weight = (1.0 / (1.0 + off / ROBUST_M**2)) / sigma
         parts = [posed.by_rotations[0], np.broadcast_to(np.eye(3), (len(target), 3, 3))]
-        if learning:
+        if posed.by_betas is not None:
             parts.append(posed.by_betas[0])
         J = (np.concatenate(parts, axis=-1) * weight[:, None, None]).reshape(3 * len(target), -1)
         r = (residual * weight[:, None]).ravel()

@@ -71,6 +71,7 @@ def bundle_objective(
     *,
     residuals: bool,
     smoothing: float = 1.0,
+    looseness: float = OFF_MANIFOLD,
 ) -> BundleObjective:
     """Return what the global method minimises.
 
@@ -81,12 +82,12 @@ def bundle_objective(
         points: the data, and contacts where feet stand.
         residuals: keys may leave the prior's manifold.
         smoothing: how many times as bounded accelerations are as those of recorded motion.
+        looseness: how many times as far as the prior errs joints may leave the manifold.
     """
     spacing = 0.5 * window
     terms: list[KeyTerm] = [
         MotionPrior.bounded(spacing / problem.fps, smoothing, layout.gaps(problem.measurements.seen))
     ]
     if residuals:
-        sigma = OFF_MANIFOLD * problem.prior.residual_sigma
-        terms.append(ResidualRotationTerm(sigma, frames_per_key=0.5 * spacing))
+        terms.append(ResidualRotationTerm(looseness * problem.prior.residual_sigma, frames_per_key=0.5 * spacing))
     return BundleObjective(FrameObjective(points, problem.pose_terms), tuple(terms))

@@ -12,6 +12,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, joined_solution, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance
+from solver_backend.fitters.keyframes.turned_keys import solve_turned, turned_information
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -66,7 +67,8 @@ class Stretch:
 
     def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
         """Return the solution; ``alive`` is called before each linearisation."""
-        return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
+        solver = solve_keys if self.model.codes else solve_turned
+        return solver(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
         """Return the same stretch with the measurements of its own frames alone, to be sent away."""
@@ -142,7 +144,7 @@ def _stretch(
 
 def covariance_of_joints(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, scale: float, inflation: float,
-    chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS,
+    chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
@@ -155,13 +157,16 @@ def covariance_of_joints(
         inflation: see ``joint_covariance``.
         chunk_windows: windows at a time.
         overlap: windows on both sides of them whose frames are looked at too.
+        stride: see ``joint_covariance``.
     """
     first, found = layout.bounds[0], []
     for chunk in chunks_of(layout.num_windows, overlap, chunk_windows, overlap):
         windows, some = layout.part(chunk.solved), keys.select(chunk.keys)
-        system = model.part(chunk.keys).information(windows, some, scale).block_tridiagonal()
+        part = model.part(chunk.keys)
+        told = part.information(windows, some, scale) if model.codes else turned_information(part, windows, some, scale)
+        system = told.block_tridiagonal()
         poses = frames.select(index(windows.frames - first, keys.z))
-        spread = packed(joint_covariance(model, windows, some, poses, system, inflation))
+        spread = packed(joint_covariance(model, windows, some, poses, system, inflation, stride))
         low, high = layout.bounds[chunk.kept.start] + (chunk.kept.start > 0), layout.bounds[chunk.kept.stop]
         found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
     return array_namespace(keys.z).concat(found)

@@ -10,19 +10,24 @@ from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.start import fit_to_points
-from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.arrays import constant, index
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import quat_from_matrix
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:
-    """Return keyframes fitted to the located points of the seen frames nearest to them.
+    """Return keyframes fitted to the located points of the seen frames nearest to them, or told by a rough motion.
 
     Those between frames that nobody saw lie on the geodesics from the last seen frame to the next.
     """
-    before, after, share = _neighbours(np.flatnonzero(problem.measurements.seen), layout.key_times)
+    rough = problem.measurements.rough
+    known = np.flatnonzero(problem.measurements.seen) if rough is None else rough.frames
+    before, after, share = _neighbours(known, layout.key_times)
     unique, inverse = np.unique(np.concatenate([before, after]), return_inverse=True)
-    states = fit_to_points(problem, subject, unique)
+    if rough is None:
+        states = fit_to_points(problem, subject, unique)
+    else:
+        states = rough.states.select(index(np.searchsorted(rough.frames, unique), rough.states.z))
     first, second = np.split(np.asarray(inverse).reshape(-1), 2)
     residual, t = constant(np.zeros((layout.num_keys, 21, 3)), states.z), constant(share, states.z)
     quat = quat_from_matrix(states.root)

@@ -14,7 +14,7 @@ from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
 from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
+from solver_backend.fitters.model.tangent import JOINTS_DOF, KEY, PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -42,7 +42,8 @@ class KeyframeNormalEquations:
     diagonal: Array
     """(N + 1, 2 D, 2 D), single precision: it only steers the steps."""
     upper: Array
-    """(N, 2 D, D + 36), single precision: residual rotations of a middle key meet those of its own window alone."""
+    """(N, 2 D, D + n), single precision: residual rotations of a middle key meet those of its own window alone, and the
+    n other unknowns those of the next key too."""
     g: Array
     """(N + 1, 2 D)."""
     dof: int
@@ -55,7 +56,8 @@ class KeyframeNormalEquations:
         floor = FLOOR * identity(2 * dof, like, single)
         diagonal = zeros((num_windows + 1, 2 * dof, 2 * dof), like, single) + floor
         diagonal[-1, dof:, dof:] += identity(dof, like, single)
-        upper = zeros((num_windows, 2 * dof, dof + KEY.dof()), like, single)
+        met = dof - JOINTS_DOF if dof > JOINTS_DOF else dof
+        upper = zeros((num_windows, 2 * dof, dof + met), like, single)
         return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), dof)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
@@ -194,14 +196,26 @@ def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) 
 
 
 def _mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 297, 297): ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` with the tangents P of each window's keys."""
+    """Return (N, 297, 297), the pose tangents of frames as those of their keys mixed."""
+    by_keys = d_pose_d_key(prior, keys.z, keys.residual)
+    return matrices_by_keys(rows, hessian, by_keys)
+
+
+def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> Array:
+    """Return (N, 3 D, 3 D): ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` with the tangents P of each window's keys.
+
+    Args:
+        rows: the frames of N windows whose Hessians are formed.
+        hessian: (N·n, 69, 69) of these frames.
+        d_pose_d_keys: (2 N + 1, 69, D) P, the pose tangents by the tangents of the keys.
+    """
     xp, dof = array_namespace(hessian), PoseTangent.DOF
     count, width = rows.frames.shape
     weight, shares = constant(rows.weight, hessian), lagrange(constant(rows.time, hessian))
     mixes = xp.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)
     mixed = xp.matmul(mixes, xp.reshape(hessian, (count, width, dof * dof)))
     mixed = xp.reshape(mixed, (count, len(_PAIRS), dof, dof))
-    return _by_keys(xp, mixed, xp.astype(d_pose_d_key(prior, keys.z, keys.residual), hessian.dtype))
+    return _by_keys(xp, mixed, xp.astype(d_pose_d_keys, hessian.dtype))
 
 
 def _by_keys(xp: Any, mixed: Array, d_pose_d_keys: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm
 from solver_backend.fitters.keyframes.normal_equations import (
     HESSIAN_FRAMES,
     FrameData,
@@ -20,6 +20,7 @@ from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.solution import Convergence
@@ -69,10 +70,17 @@ class BundleModel:
     """What is minimised."""
     residuals: bool = False
     """Free the residual rotations of each key."""
+    codes: bool = True
+    """Free the codes; see ``turned_keys`` for keys whose codes stay."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
+
+    def single(self) -> BundleModel:
+        """Return the model in single precision."""
+        objective = replace(self.objective, frames=single_objective(self.objective.frames))
+        return replace(self, subject=single_subject(self.subject), objective=objective)
 
     def poses(
         self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, blended: bool = False
@@ -99,17 +107,21 @@ class BundleModel:
                 term.add_to(equations, keys)
             return equations
 
-        cost = data.cost
-        for term in self.objective.keys:
-            at_keys = term.cost(keys)
-            cost = cost + at_keys[:-1:2] + at_keys[1::2]
-            cost[-1] += at_keys[-1]
-        return cost, form
+        return at_windows(data.cost, self.objective.keys, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
         rows = layout.rows()
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
+
+
+def at_windows(cost: Array, terms: tuple[KeyTerm, ...], keys: Keyframes) -> Array:
+    """Return the costs (N,) of windows with those of the terms on their keys added."""
+    for term in terms:
+        at_keys = term.cost(keys)
+        cost = cost + at_keys[:-1:2] + at_keys[1::2]
+        cost[-1] += at_keys[-1]
+    return cost
 
 
 def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:

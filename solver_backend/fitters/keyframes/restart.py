@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import pose
-from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.runs import true_runs
 
 BESIDE = 3
@@ -22,23 +23,24 @@ BESIDE = 3
 
 
 def restarted(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, start: Keyframes
+    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Callable[[], Keyframes]
 ) -> Keyframes | None:
     """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
 
     Args:
         measurements: what locates the points.
-        model: what makes poses of the keys.
         layout: windows of the keys.
-        keys: a solution.
-        start: keys fitted to the points of single frames.
+        points: (F, L, 3) landmarks of a solution.
+        keys: its keys.
+        start: makes keys fitted to the points of single frames.
     """
-    lost = _lost_windows(measurements, model, layout, keys)
-    return _anew(lost, keys, start) if lost.any() else None
+    lost = _lost_windows(measurements, layout, points)
+    return _anew(lost, keys, start()) if lost.any() else None
 
 
 def regained(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution, start: Keyframes,
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution,
+    start: Callable[[], Keyframes],
     schedule: Schedule,
 ) -> KeySolution:  # fmt: skip
     """Return a solution whose lost limbs were solved again, where that lowers the cost; the rest of the take stays.
@@ -50,10 +52,11 @@ def regained(
         model: what the keys are judged by.
         layout: windows of the keys.
         found: the solution.
-        start: keys fitted to the points of single frames.
+        start: makes keys fitted to the points of single frames.
         schedule: of the solution's last pass.
     """
-    lost, keys = _lost_windows(measurements, model, layout, found.keys), found.keys
+    keys = found.keys
+    lost = _lost_windows(measurements, layout, pose(model.subject, model.poses(keys, layout)).points)
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first >= CHUNK_WINDOWS:
@@ -61,7 +64,7 @@ def regained(
         part, some = layout.part(slice(first, last + 1)), slice(2 * first, 2 * last + 3)
         judged, number = model.part(some), np.arange(part.num_keys)
         fixed = (number < 3) & (first > 0) | (number >= part.num_keys - 3) & (last < layout.num_windows - 1)
-        again = _anew(lost[first : last + 1], keys.select(some), start.select(some))
+        again = _anew(lost[first : last + 1], keys.select(some), start().select(some))
         solved = solve_keys(judged, part, again, schedule, fixed)
         before = judged.equations(part.rows(schedule.stride), keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):
@@ -69,12 +72,9 @@ def regained(
     return replace(found, keys=hemisphere_aligned(keys))
 
 
-def _lost_windows(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes
-) -> np.ndarray:
+def _lost_windows(measurements: Measurements, layout: KeyframeLayout, points: Array) -> np.ndarray:
     """Return (N,) bool: a limb is lost in the window."""
-    points = to_numpy(pose(model.subject, model.poses(keys, layout)).points)
-    frames = lost_landmarks(points, measurements.points, measurements.covariance).any(axis=1)
+    frames = lost_landmarks(to_numpy(points), measurements.points, measurements.covariance).any(axis=1)
     lost = np.zeros(layout.num_windows, dtype=bool)
     lost[layout.positions(np.flatnonzero(frames))[0]] = True
     return lost

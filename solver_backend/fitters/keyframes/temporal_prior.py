@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.tangent import KEY
+from solver_backend.fitters.model.tangent import KEY, StateTangent
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
@@ -37,6 +37,8 @@ class MotionPrior:
     """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
     unseen: np.ndarray | None = None
     """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""
+    tangent: StateTangent = KEY
+    """Of the keys; codes that are no unknowns have no say."""
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
@@ -78,11 +80,13 @@ class MotionPrior:
         """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
         xp = array_namespace(keys.z)
         eye = identity(3, keys.z)
-        return [
-            (keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, KEY.latent.start),
-            (keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma, KEY.root.start),
-            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, KEY.transl.start),
+        placed = [
+            (keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma, self.tangent.root.start),
+            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, self.tangent.transl.start),
         ]
+        if self.tangent.latent_dof == 0:
+            return placed
+        return [(keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, self.tangent.latent.start), *placed]
 
     def _add_differences(
         self, equations: KeyframeNormalEquations, value: Array, tangents: Array, stencil: tuple[int, ...],

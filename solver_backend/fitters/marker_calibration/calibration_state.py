@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.codes import decoded
+from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.model.tangent import KEY
-from solver_backend.fitters.single_frame.fit import FrameStates
 from solver_backend.fitters.subject_calibration.shape import moved
 from solver_backend.geometry.arrays import Array, zeros
 from solver_backend.priors.base import PosePrior

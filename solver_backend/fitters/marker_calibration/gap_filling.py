@@ -5,6 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.landmarks import Landmarks
+from solver_backend.fitters.marker_calibration.gap_neighbours import (
+    LOOKED_AT,
+    joining_shares,
+    neighbours_by_distance,
+    told_by_neighbours,
+)
 from solver_backend.geometry.runs import true_runs
 
 LAG_S = 0.2
@@ -23,6 +29,8 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
     mean of an Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` where a gap has one end. τ follows
     from the take: what markers are off lasts in slow movement and changes within a stride.
 
+    Between two ends, what neighbours are off beside what joins their own ends is added (``told_by_neighbours``).
+
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
 
     Args:
@@ -34,18 +42,22 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
     found, missing = measured.copy(), ~np.isfinite(measured).all(-1)
     off = np.linalg.solve(bones, (measured - solved)[..., None])[..., 0]
     lasting = LONGER * lasting_frames(off, max(1, round(LAG_S * fps)))
+    order = neighbours_by_distance(solved)
     for m in np.flatnonzero(missing.any(axis=0)):
+        near = [m, *order[m, :LOOKED_AT]]
+        beside = np.einsum("fji,fmj->fmi", bones[:, m], measured[:, near] - solved[:, near])
         for first, last in true_runs(missing[:, m]):
             gap = np.arange(first, last + 1)
             ends = [end for end in (first - 1, last + 1) if 0 <= end < len(measured)]
             joined = np.zeros((len(gap), 3))
             for end in ends:
-                away = np.abs(gap - end) / lasting
-                span = (last - first + 2) / lasting
-                share = np.exp(-away)
-                if len(ends) == 2:  # sinh(span - away) / sinh(span), which no long gap overflows
-                    share *= np.expm1(-2 * (span - away)) / np.expm1(-2 * span)
+                away = np.abs(gap - end)
+                share = np.exp(-away / lasting)
+                if len(ends) == 2:
+                    share = joining_shares(away, last - first + 1, lasting)
                 joined += share[:, None] * off[end, m]
+            if len(ends) == 2:
+                joined += told_by_neighbours(beside, (first, last), lasting)
             found[gap, m] = solved[gap, m] + (bones[gap, m] @ joined[:, :, None])[..., 0]
     return found
 

@@ -65,7 +65,7 @@ def clean_labels(
         fps: frames per second.
     """
     points, flags, faults = points.copy(), np.zeros(points.shape[:2], np.uint8), []
-    shifted = expected + _shared_error(points - expected, around)
+    shifted = expected + shared_error(points - expected, around)
     pairs = {(min(a, b), max(a, b)) for a in np.flatnonzero(tested) for b in around[a]}
     gains = {pair: _gain(points, shifted, *pair) for pair in pairs}
     half = max(1, round(0.5 * WINDOW_S * fps))
@@ -89,7 +89,7 @@ def clean_labels(
     return CleanedLabels(points, flags, tuple(sorted(faults, key=lambda fault: (fault.first, fault.marker))))
 
 
-def _shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
+def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
     """Return (F, M, 3): how far the body is off around each marker, the median of its neighbours' (0 if unknown)."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3); what is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)

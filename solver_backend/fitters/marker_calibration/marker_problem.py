@@ -18,14 +18,20 @@ from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, C
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, findings_of
 from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
-from solver_backend.fitters.marker_calibration.rough_motion import rough_markers
+from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
+from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
+from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.types import MARKER_GHOST, MarkerCloud, MarkerSubject
+from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, Fault, FaultKind, MarkerCloud, MarkerSubject, Remedy
+
+EXCHANGED = "exchanged"
+"""What a person's provenance calls pairs of labels that name each other's markers."""
 
 
 def marker_problem(
@@ -48,8 +54,10 @@ def marker_problem(
         MarkersMirrored: they are a mirror image of a body's.
         SubjectInvalid: the person is of another body or wears other markers.
     """
+    found: list[Fault] = []
     if person is None:
         person = calibrated([cloud], body, prior, like, settings, progress)
+        found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
     person, columns = matched(person, cloud.labels or ())
     residual = None if cloud.residual is None else cloud.residual[:, columns]
     worn = replace(cloud, positions=cloud.positions[:, columns], labels=person.labels, residual=residual)
@@ -61,30 +69,46 @@ def marker_problem(
         measured = measured_at(markers, subject.landmarks, like, person.sigma_m)
         return Problem.of(body, prior, replace(measured, subject=subject, marker_sigma=person.sigma_m))
 
-    return _cleaned(ready(worn), worn, ready, progress)
+    return _cleaned(ready(worn), worn, ready, progress, found)
 
 
 def _cleaned(
-    problem: Problem, cloud: MarkerCloud, ready: Callable[[MarkerCloud], Problem], progress: Progress
-) -> Problem:
-    """Return the problem without the markers' wrong labels, if any marker jumps or stands still."""
+    problem: Problem, cloud: MarkerCloud, ready: Callable[[MarkerCloud], Problem], progress: Progress,
+    found: list[Fault],
+) -> Problem:  # fmt: skip
+    """Return the problem without the markers' wrong labels, and with what was found besides."""
     points, subject = problem.measurements.points, problem.measurements.subject
     assert subject is not None and cloud.labels is not None
     around = neighbours_of(points)
     still = frozen(points, around, cloud.fps)
     tested = jumping(points, around)
-    if not (still.any() or tested.any()):
-        return problem
     progress("Checking the labels", 0, 1)
     points = np.where(still[..., None], np.nan, points)
-    moving = ready(replace(cloud, positions=points))
-    cleaned = clean_labels(points, rough_markers(moving, subject), around, tested, cloud.fps)
+    moving = ready(replace(cloud, positions=points)) if still.any() else problem
+    rough = rough_motion(moving, subject)
+    expected = to_numpy(pose(subject, posed(problem.prior, rough.states)).points)
+    exchanged = exchanged_throughout(points[rough.frames], expected)
+    if not (still.any() or tested.any() or exchanged or found):
+        return replace(problem, measurements=replace(problem.measurements, rough=rough))
+    for a, b in exchanged:
+        points[:, [a, b]] = points[:, [b, a]]
+        found = [*found, _throughout(cloud, cloud.labels[a], cloud.labels[b])]
+    cleaned = clean_labels(points, rough_markers(moving, subject, rough), around, tested, cloud.fps)
     again = ready(replace(cloud, positions=cleaned.points))
     flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
-    found = [fault.as_dict() for fault in findings_of(still, cleaned.faults, cloud.labels)]
-    provenance = {**again.measurements.provenance, "findings": found}
+    for fault in found:
+        flags[:, [cloud.labels.index(label) for label in fault.detail.split(" and ")]] |= MARKER_SWAPPED
+    faults = [*found, *findings_of(still, cleaned.faults, cloud.labels)]
+    provenance = {**again.measurements.provenance, "findings": [fault.as_dict() for fault in faults]}
     progress("Checking the labels", 1, 1)
-    return replace(again, measurements=replace(again.measurements, marker_flags=flags, provenance=provenance))
+    measured = replace(again.measurements, marker_flags=flags, rough=rough, provenance=provenance)
+    return replace(again, measurements=measured)
+
+
+def _throughout(cloud: MarkerCloud, *labels: str) -> Fault:
+    """Return that two labels are exchanged in all of a take."""
+    last, names = len(cloud.positions) - 1, " and ".join(sorted(labels))
+    return Fault(FaultKind.MARKERS_EXCHANGED, "", 0, last, 0.0, Remedy.REPAIRED, names)
 
 
 def calibrated(
@@ -103,8 +127,16 @@ def calibrated(
     known = known_markers_of(cloud, own)
     problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
+    labels, places = known.labels or (), problem.measurements.landmarks.names
+    exchanged = exchanged_labels(problem, like)
+    if exchanged:
+        for a, b in exchanged:
+            own = {**own, labels[a]: places[b], labels[b]: places[a]}
+        problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     found = calibrate(problem, like, settings, progress)
     record = {"frames": found.frames.tolist(), **(provenance or {})}
+    if exchanged:
+        record[EXCHANGED] = [sorted((labels[a], labels[b])) for a, b in exchanged]
     person = record_of(found.subject, known.labels or (), found.sigma_m, record)
     names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     return with_attached(person, found, cloud, names.unknown)

@@ -3,25 +3,65 @@
 from __future__ import annotations
 
 import numpy as np
+from array_api_compat import array_namespace
 
+from solver_backend.fitters.measurements.base import RoughMotion
+from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import bridged_states, fit_frames, posed
 from solver_backend.fitters.single_frame.start import fit_to_points
-from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.arrays import constant, index, to_numpy
+from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.solver.levenberg_marquardt import LMSettings
 
-RATE_HZ = 10.0
-"""Frames a second that are fitted."""
-SCALE, ITERATIONS = 6.0, 6
-"""Robust scale and linearisations: a wrong label must not bend a limb."""
+RATE_HZ, ANCHORS_HZ = 10.0, 2.0
+"""Frames a second that are fitted, and those of them that start from nothing; the others start between two of them."""
+SCALES, STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
+"""Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
+STRAYED = 6.0
+"""A frame whose cost is so many times the median's did not come home from between its anchors."""
+BLOCK_FRAMES = 64
+"""Frames fitted at a time."""
 
 
-def rough_markers(problem: Problem, subject: Subject) -> np.ndarray:
-    """Return (F, L, 3) where a body has its markers, some centimetres off where it moves fast."""
+def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
+    """Return poses of about ``RATE_HZ`` frames a second: every few from nothing, the others from those between."""
     seen = np.flatnonzero(problem.measurements.seen)
-    frames = np.unique(seen[:: max(1, round(problem.fps / RATE_HZ))])
-    states = fit_to_points(problem, subject, frames)
-    objective = problem.objective.select(frames)
-    states = fit_frames(subject, problem.prior, objective, states, (SCALE,), LMSettings(ITERATIONS, 1e-2)).state
-    return to_numpy(pose(subject, posed(problem.prior, bridged_states(states, frames, problem.num_frames))).points)
+    frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
+    chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))
+    anchors = _fitted(problem, subject, frames[chosen], fit_to_points(problem, subject, frames[chosen]))[0]
+    states, cost = _fitted(problem, subject, frames, bridged_states(anchors, chosen, len(frames)))
+    strayed = np.flatnonzero(cost > STRAYED * np.median(cost))
+    if len(strayed):
+        again, anew = _fitted(problem, subject, frames[strayed], fit_to_points(problem, subject, frames[strayed]))
+        better = np.zeros(len(frames), dtype=bool)
+        better[strayed] = anew < cost[strayed]
+        place = np.zeros(len(frames), dtype=int)
+        place[strayed] = np.arange(len(strayed))
+        states = again.select(index(place, states.z)).where(constant(better, states.z) > 0, states)
+    return RoughMotion(frames, states)
+
+
+def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
+    """Return (F, L, 3) where a body has its markers, some centimetres off where it moves fast."""
+    states = bridged_states(rough.states, rough.frames, problem.num_frames)
+    return to_numpy(pose(subject, posed(problem.prior, states)).points)
+
+
+def _fitted(
+    problem: Problem, subject: Subject, frames: np.ndarray, start: FrameStates
+) -> tuple[FrameStates, np.ndarray]:
+    """Return the poses of these frames and their costs (S,)."""
+    size = block_size(BLOCK_FRAMES, start.z)
+    parts = [slice(i, i + size) for i in range(0, len(frames), size)]
+
+    def fit(part: slice) -> tuple[FrameStates, np.ndarray]:
+        objective, begin = single_objective(problem.objective.select(frames[part])), start.select(part)
+        begin = begin.astype(array_namespace(start.z).float32)
+        found = fit_frames(single_subject(subject), problem.prior, objective, begin, SCALES, STEPS)
+        return found.state.astype(start.z.dtype), to_numpy(found.cost)
+
+    found = map_blocks(fit, parts, start.z)
+    return FrameStates.concatenate([state for state, _ in found]), np.concatenate([cost for _, cost in found])

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from solver_backend.body.landmarks import Landmarks
+from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.types import JointSet
@@ -19,6 +20,16 @@ class ResidualReport(Protocol):
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
         """Return (C, F, L) reprojection errors in pixels, if there are images, and statistics, of (F, L, 3) points."""
         ...
+
+
+@dataclass(frozen=True)
+class RoughMotion:
+    """Poses of some frames of a take."""
+
+    frames: np.ndarray
+    """(S,) frame numbers, ascending."""
+    states: FrameStates
+    """S poses as codes."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,8 @@ class Measurements:
     """(F, L) bit mask of ``MARKER_*``."""
     subject: Subject | None = None
     """The person, where they are known before the solve: markers are calibrated first."""
+    rough: RoughMotion | None = None
+    """Where to start from, where that was found with the person."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 

@@ -69,9 +69,9 @@ class KeyCotangents:
     def by_tangents(self, keys: Keyframes) -> Array:
         """Return (2 W + 1, 36 or 99): by the tangents of the keys, summed where neighbouring windows share one."""
         xp = array_namespace(self.z)
-        by_code = xp.matmul(xp.matrix_transpose(CODES.tangent_basis(keys.z)), _summed(self.z)[..., None])[..., 0]
-        parts = [by_code, by_turns(keys.quat, _summed(self.quat)), _summed(self.transl)]
-        return xp.concat(parts if self.residual is None else [*parts, _summed(self.residual)], axis=-1)
+        by_code = xp.matmul(xp.matrix_transpose(CODES.tangent_basis(keys.z)), summed_by_keys(self.z)[..., None])[..., 0]
+        parts = [by_code, by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
+        return xp.concat(parts if self.residual is None else [*parts, summed_by_keys(self.residual)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class KeyframeCurve:
 
     def poses(self, prior: PosePrior) -> PosedFrames:
         """Return the W·n poses."""
-        return self._placed(decoded(prior, _rows(self.codes.value), self.residual))
+        return self._placed(decoded(prior, rows_of(self.codes.value), self.residual))
 
     def poses_with_vjp(self, prior: PosePrior) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
@@ -144,7 +144,7 @@ class KeyframeCurve:
         It takes the derivative of a cost by the (W·n, 69) pose tangents and, if the cost has such terms, by the
         (W·n, d) codes.
         """
-        local, decoder_vjp = decoded_with_vjp(prior, _rows(self.codes.value), self.residual)
+        local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
 
         def vjp(by_poses: Array, by_codes: Array | None = None) -> KeyCotangents:
             xp, shape = array_namespace(by_poses), self.weights.shape[:2]
@@ -166,28 +166,28 @@ class KeyframeCurve:
     def jacobian(self, prior: PosePrior) -> Array:
         """Return (W·n, 69, k·D), the pose tangents by the tangents of the keys of each frame's window, D = 36 or 99."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
-        by_code, by_residual = decoder_jacobian(prior, _rows(self.codes.value), self.residual)
+        by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, quats = self.codes, self.quats
         assert isinstance(codes, KeyWeights) and isinstance(quats, KeyWeights)
-        basis, weights = CODES.tangent_basis(self.keys.z), _rows(self.weights)
+        basis, weights = CODES.tangent_basis(self.keys.z), rows_of(self.weights)
         G_T, G_keys = xp.matrix_transpose(quat_left_tangent(quats.value)), quat_left_tangent(self.keys.quat)
         parts = []
         for k in range(num_keys):
             of_code = xp.matmul(codes.jacobian(k), basis[:, None, k])
             # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
             by_root = 4.0 * xp.matmul(G_T, xp.matmul(quats.jacobian(k), G_keys[:, None, k]))
-            by_latent = xp.matmul(by_code, _rows(of_code))
-            parts.append(d_pose_d_state(by_latent, _rows(by_root), weights[:, k], by_residual))
+            by_latent = xp.matmul(by_code, rows_of(of_code))
+            parts.append(d_pose_d_state(by_latent, rows_of(by_root), weights[:, k], by_residual))
         return xp.concat(parts, axis=-1)
 
     def _placed(self, local: Array) -> PosedFrames:
         """Return the poses with these rotations of the joints."""
-        return PosedFrames(matrix_from_quat(_rows(self.quats.value)), local, self.transl)
+        return PosedFrames(matrix_from_quat(rows_of(self.quats.value)), local, self.transl)
 
     def _combined(self, values: Array) -> Array:
         """Return (W·n, d): ``Σ_k w_k x_k`` of the keys' values (W, k, d)."""
         if self.weights.shape[1] > 1:
-            return _rows(array_namespace(values).matmul(self.weights, values))
+            return rows_of(array_namespace(values).matmul(self.weights, values))
         # Single frames are summed key by key: how a BLAS adds three numbers has no say in them.
         return sum(self.weights[:, 0, k, None] * values[:, k] for k in range(values.shape[1]))
 
@@ -225,7 +225,7 @@ def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyfr
     """Return keys that stand at these frame numbers (K,) on the windows' own curves."""
     xp, vectors = array_namespace(keys.z), keys.residual
     curve = _curve_at(keys, *layout.positions(times), residuals=True)
-    codes, quats = _rows(curve.codes.value), _rows(curve.quats.value)
+    codes, quats = rows_of(curve.codes.value), rows_of(curve.quats.value)
     residual = curve.residual
     assert residual is not None
     return Keyframes(codes, quats, curve.transl, xp.reshape(residual, (-1, *vectors.shape[1:])))
@@ -236,12 +236,12 @@ def _curve_at(keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residual
     return KeyframeCurve.through(keys.triples(window), time[:, None], residuals=residuals)
 
 
-def _rows(values: Array) -> Array:
+def rows_of(values: Array) -> Array:
     """Return (W·n, ...) from (W, n, ...)."""
     return array_namespace(values).reshape(values, (-1, *values.shape[2:]))
 
 
-def _summed(values: Array) -> Array:
+def summed_by_keys(values: Array) -> Array:
     """Return (2 W + 1, d): the (W, 3, d) derivatives by each window's keys summed where windows share a key."""
     count = values.shape[0]
     summed = zeros((2 * count + 1, values.shape[-1]), values)

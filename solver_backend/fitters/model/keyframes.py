@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.tangent import KEY
-from solver_backend.geometry.arrays import Array, index
+from solver_backend.geometry.arrays import Array, astype, index
 from solver_backend.geometry.rotations import quat_from_rotvec, quat_multiply
 from solver_backend.geometry.sphere import spherical_normalisation
 
@@ -58,6 +59,10 @@ class Keyframes:
             return xp.concat([old[: keys.start], getattr(new, name), old[keys.stop :]])
 
         return Keyframes(*(spliced(name) for name in ("z", "quat", "transl", "residual")))
+
+    def astype(self, precision: Any) -> Keyframes:
+        """Return the keys in a precision."""
+        return Keyframes(*(astype(part, precision) for part in (self.z, self.quat, self.transl, self.residual)))
 
     def retract(self, step: Array) -> Keyframes:
         """Return the keys moved by (K, 36) or (K, 99) steps, see ``KEY``."""

@@ -53,11 +53,13 @@ class FrameEquations:
         return self._form()
 
 
-def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False) -> PosedLandmarks:
-    """Return the subject's landmarks in these poses."""
+def pose(
+    subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_shape: bool = True
+) -> PosedLandmarks:  # fmt: skip
+    """Return the subject's landmarks in these poses; see ``pose_landmarks``."""
     return pose_landmarks(
         subject.body, subject.landmarks, subject.betas, frames.root, frames.local, frames.transl,
-        offsets=subject.offsets, jacobian=jacobian,
+        offsets=subject.offsets, jacobian=jacobian, by_shape=by_shape,
     )  # fmt: skip
 
 
@@ -74,7 +76,7 @@ def frame_equations(
         scale: of Geman-McClure's penalty.
         hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all.
     """
-    posed = pose(subject, frames, jacobian=True)
+    posed = pose(subject, frames, jacobian=True, by_shape=False)
     xp = array_namespace(posed.points)
     count = posed.points.shape[0]
     data = objective.of_points(posed.points, scale)

@@ -8,12 +8,13 @@ from functools import cache
 import numpy as np
 
 from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.noise_aware.landmark_fit import BLOCK_FRAMES, CodedFrames, FitWeights, LandmarkFit
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.fit import FrameStates, bridged_states, posed
+from solver_backend.fitters.single_frame.fit import bridged_states, posed
 from solver_backend.fitters.single_frame.start import fit_to_points, sample_frames
 from solver_backend.fitters.solution import Convergence, MethodResult, SolvedFrames
 from solver_backend.geometry.arrays import Array, constant, to_numpy

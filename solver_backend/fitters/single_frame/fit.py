@@ -2,53 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.codes import CODES, d_pose_d_key, decoded
+from solver_backend.fitters.model.codes import d_pose_d_key, decoded
+from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.geometry.interpolation import slerp
-from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
-
-
-@dataclass(frozen=True)
-class FrameStates:
-    """Unknowns of F independent frames."""
-
-    z: Array
-    """(F, 32) unit zero-mean codes."""
-    root: Array
-    """(F, 3, 3) body to world."""
-    transl: Array
-    """(F, 3) metres."""
-
-    def retract(self, step: Array) -> FrameStates:
-        """Return the states moved by (F, 36) steps, see ``KEY``."""
-        xp = array_namespace(step)
-        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, KEY.latent, None])[..., 0]
-        root = xp.matmul(exp_so3(step[:, KEY.root]), self.root)
-        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, KEY.transl])
-
-    def where(self, mask: Array, other: FrameStates) -> FrameStates:
-        """Return these states where the (F,) mask is true, and the other's elsewhere."""
-        xp = array_namespace(mask)
-        pick = mask[:, None]
-        return FrameStates(
-            xp.where(pick, self.z, other.z),
-            xp.where(pick[..., None], self.root, other.root),
-            xp.where(pick, self.transl, other.transl),
-        )
 
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:

@@ -8,11 +8,12 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame.fit import FrameStates, fit_frames, posed
+from solver_backend.fitters.single_frame.fit import fit_frames, posed
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant, identity, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -72,11 +73,10 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
     """Fit poses to the located points of these frames, from where the lifter says or from the best start pose."""
-    xp = array_namespace(subject.betas)
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas)
-    return FrameStates(*(xp.concat([getattr(part, name) for part in parts]) for name in ("z", "root", "transl")))
+    return FrameStates.concatenate(parts)
 
 
 def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.residuals.point_term import DataTerm
 
 WINDOW_S = 0.5
@@ -17,9 +15,7 @@ RANGE = (0.2, 25.0)
 """Least and largest variance, as a share of the first."""
 
 
-def with_window_variances(
-    term: DataTerm, subject: Subject, frames: PosedFrames, fps: float, scale: float, dof: float
-) -> DataTerm:
+def with_window_variances(term: DataTerm, points: Array, fps: float, scale: float, dof: float) -> DataTerm:
     """Return the term with a variance for every landmark and stretch of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
@@ -30,15 +26,13 @@ def with_window_variances(
 
     Args:
         term: landmarks measured once, all F frames.
-        subject: the person.
-        frames: F poses of a solution.
+        points: (F, L, 3) landmarks of a solution.
         fps: frames per second.
         scale: landmarks beyond this many standard deviations are left out.
         dof: unknowns of a solution for each frame.
 
     Reference: Kendall and Gal 2017, eq. 8, whose minimum by a variance this is.
     """
-    points = pose(subject, frames).points
     found = term.residuals(points)
     inlier, squared = to_numpy(found.inliers(scale)).sum(0), to_numpy(found.squared).sum(0)
     used = inlier.astype(np.float64)

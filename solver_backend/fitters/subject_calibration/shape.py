@@ -8,11 +8,12 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.single_frame.fit import FrameStates, posed
+from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.fitters.keyframes.initial_keys import _neighbours
-from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
+from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_keys
 from solver_backend.fitters.keyframes.restart import regained, restarted
 from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.subject import pose
 from tests.support.stick_scene import ROTATIONS, StickScene
 
 
@@ -20,13 +22,18 @@ def _measured(scene: StickScene) -> Measurements:
     )
 
 
+def _restarted(scene: StickScene, measured: Measurements, model: BundleModel, keys: Keyframes) -> Keyframes | None:
+    points = pose(model.subject, model.poses(keys, scene.layout)).points
+    return restarted(measured, scene.layout, points, keys, lambda: scene.start)
+
+
 def test_a_limb_that_residual_rotations_threw_away_is_started_anew():
     scene = StickScene()
     model, measured = scene.model(ROTATIONS), _measured(scene)
-    assert restarted(measured, model, scene.layout, scene.truth, scene.start) is None
+    assert _restarted(scene, measured, model, scene.truth) is None
     thrown = scene.truth.residual.copy()
     thrown[3, [15, 17]] += 1.5
-    keys = restarted(measured, model, scene.layout, replace(scene.truth, residual=thrown), scene.start)
+    keys = _restarted(scene, measured, model, replace(scene.truth, residual=thrown))
     assert keys is not None
     for name in ("z", "transl", "residual"):
         found = getattr(keys, name)
@@ -38,12 +45,12 @@ def test_a_lost_limb_is_solved_again_alone_and_only_for_a_lower_cost():
     scene = StickScene()
     model, measured, schedule = scene.model(ROTATIONS), _measured(scene), Schedule((3.0,), 20)
     solution = solve_keys(model, scene.layout, scene.truth, schedule)
-    assert regained(measured, model, scene.layout, solution, scene.start, schedule).cost == solution.cost
+    assert regained(measured, model, scene.layout, solution, lambda: scene.start, schedule).cost == solution.cost
     thrown = solution.keys.residual.copy()
     thrown[3, [15, 17]] += 1.5
     lost = replace(solution, keys=replace(solution.keys, residual=thrown))
-    found = regained(measured, model, scene.layout, lost, scene.start, schedule).keys
-    assert restarted(measured, model, scene.layout, found, scene.start) is None
+    found = regained(measured, model, scene.layout, lost, lambda: scene.start, schedule).keys
+    assert _restarted(scene, measured, model, found) is None
     np.testing.assert_allclose(found.transl, solution.keys.transl, atol=0.01)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from solver_backend.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters.marker_calibration.gap_filling import filled, lasting_frames
+from solver_backend.fitters.marker_calibration.gap_neighbours import joining_shares, told_by_neighbours
 from solver_backend.geometry.rotations import exp_so3
 
 FRAMES, FPS = 400, 60.0
@@ -73,3 +74,19 @@ def test_the_trades_filling_is_exact_for_a_rigid_cluster():
     np.testing.assert_allclose(fill_rigidly(measured), truth, atol=1e-9)
     measured[30:50] = np.nan
     assert np.isfinite(fill_rigidly(measured)).all()
+
+
+def test_what_neighbours_are_off_tells_what_a_hidden_marker_is_off():
+    rng = np.random.default_rng(9)
+    frames, gap = 400, (180, 219)
+    shared = np.cumsum(0.002 * rng.normal(size=(frames, 1, 3)), axis=0)
+    off = shared * np.array([1.0, 0.9, 1.1, 0.2])[:, None] + 0.0003 * rng.normal(size=(frames, 4, 3))
+    truth, off[gap[0] : gap[1] + 1, 0] = off[gap[0] : gap[1] + 1, 0].copy(), np.nan
+    times = np.arange(1, 41)
+    ends = [joining_shares(t, 40, 100.0)[:, None] * off[f, 0] for t, f in ((times, 179), (41 - times, 220))]
+    told = told_by_neighbours(off, gap, 100.0)
+    alone, with_others = (np.linalg.norm(sum(ends) + more - truth, axis=-1).mean() for more in (0.0, told))
+    assert with_others < 0.4 * alone
+    independent = rng.normal(size=off.shape) * 0.005
+    independent[gap[0] : gap[1] + 1, 0] = np.nan
+    assert np.linalg.norm(told_by_neighbours(independent, gap, 100.0), axis=-1).mean() < 0.004

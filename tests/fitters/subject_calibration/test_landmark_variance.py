@@ -35,7 +35,7 @@ def learned(person: Person, sigma: np.ndarray, seed: int = 0) -> np.ndarray:
 
 
 def weights(term: PositionTerm, subject: Subject, frames: PosedFrames, dof: float) -> np.ndarray:
-    found = with_window_variances(term, subject, frames, FPS, 4.0, dof)
+    found = with_window_variances(term, pose(subject, frames).points, FPS, 4.0, dof)
     assert isinstance(found, PositionTerm)
     return found.weight
 
