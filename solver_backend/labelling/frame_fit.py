@@ -68,7 +68,7 @@ class FrameFit:
         self.pose = None
 
     def step(
-        self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float
+        self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> tuple[LivePose, PosedLandmarks, float]:
         """Return the pose of a frame, where it has the landmarks, and the median distance of the markers in metres.
 
@@ -77,6 +77,7 @@ class FrameFit:
             guess: (53, 3) where the network has the markers.
             guess_sigma: (53,) metres.
             dt: seconds since the last frame.
+            steps: at least, of Gauss-Newton; as few as follow a person if None.
         """
         seen = np.isfinite(points[:, 0])
         target = np.where(seen[:, None], points, guess)
@@ -85,8 +86,8 @@ class FrameFit:
         pose = self._start(target) if starting else self.pose
         assert pose is not None
         fixed = pose
-        steps = START_STEPS if starting else 1 if dt < SHORT_S else STEPS
-        for _ in range(steps):
+        steps = steps or (1 if dt < SHORT_S else STEPS)
+        for _ in range(max(steps, START_STEPS) if starting else steps):
             pose = self._improved(pose, fixed, target, sigma, 1.0 if starting else dt)
         posed = pose_landmarks(
             self.body, self.landmarks, pose.betas, pose.root, pose.local, pose.transl, offsets=self.offsets

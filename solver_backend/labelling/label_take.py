@@ -11,6 +11,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import body_evidence
 from solver_backend.labelling.exclusive_labels import labels_of_stretches
+from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
@@ -25,9 +26,10 @@ MEMORY_S = 0.15
 SURE, SHARE, LEAST = 0.8, 0.5, 0.1
 """A label stands if the whole stretch makes it so probable, if in a frame it has at least this share of what no other
 stretch has taken, and at least this probability at all, on average."""
-BODY_ROUNDS = 2
-"""Times that a body is laid over what is sure, and all is voted again."""
-BODY_SHARE, BODY_MOST = 0.3, 20.0
+ROUNDS, BODY_FROM = 5, 2
+PASSING, PASSING_S = 5.0, 0.4
+NETWORK_MOST, DISTANCE_SHARE = 8.0, 1.5
+BODY_SHARE, BODY_MOST = 0.3, 2.5
 """Weight of the body's word against one reading, and the most readings it counts as."""
 TRUSTED, CERTAIN = 0.6, 0.9
 """Mean probability of labels that the body is laid over, and of those that it cannot shake."""
@@ -125,15 +127,19 @@ def label_take(
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
-    labels, sure = _voted(votes, tracklets, cloud.fps, bound, None)
-    for _ in range(BODY_ROUNDS):
-        trusted = (labels >= 0) & (votes.mean[np.arange(len(labels)), labels] >= TRUSTED)
+    spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
+    together, distances, table = _together(tracklets), distances_of(positions, frames, tracklets, cloud.fps), load_distances()
+    labels, sure = _voted(votes, together, cloud.fps, bound, None, None)
+    by_body = None
+    rows = np.arange(len(labels))
+    for turn in range(ROUNDS):
+        trusted = (labels >= 0) & (sure >= TRUSTED)
+        trusted &= (votes.mean[rows, labels] >= 0.5) if turn < 1 else True
         trusted[list(bound)] = True
-        spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
-        by_body = body_evidence(
-            positions, frames, landmarks[:, :GHOST], spread, tracklets, labels, trusted, cloud.fps
-        )  # fmt: skip
-        labels, sure = _voted(votes, tracklets, cloud.fps, bound, by_body)
+        by_distance = distance_evidence(distances, labels, trusted, table)
+        if turn >= BODY_FROM:
+            by_body = body_evidence(positions, frames, landmarks[:, :GHOST], spread, tracklets, labels, trusted, cloud.fps)
+        labels, sure = _voted(votes, together, cloud.fps, bound, by_distance, by_body)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
@@ -189,28 +195,27 @@ def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[in
 
 
 def _voted(
-    votes: Votes, tracklets: Tracklets, fps: float, bound: dict[int, int], by_body: _ByBody | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return label and confidence of every chain: what the network says, and a body where one was laid over them."""
+    votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray | None,
+    by_body: _ByBody | None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return label and confidence of every chain: what the network says, distances to others, and a body."""
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
-    tempered = votes.evidence * min(1.0, between / MEMORY_S)
     seconds = votes.count * between
-    log_likelihood, apart = by_body or (None, None)
-    if log_likelihood is not None:
-        tempered = tempered + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * log_likelihood
-    together = _together(tracklets)
-    labels = labels_of_stretches(tempered, together, bound)
+    readings = np.minimum(np.minimum(votes.count, seconds / MEMORY_S), NETWORK_MOST)
+    evidence = (readings / np.maximum(votes.count, 1.0))[:, None] * votes.evidence
+    if by_distance is not None:
+        evidence = evidence + DISTANCE_SHARE * by_distance
+    if by_body is not None:
+        evidence = evidence + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body[0]
+    evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
+    labels = labels_of_stretches(evidence, together, bound)
     free = _free_of_others(labels, together)
-    open_ = np.where(free, tempered, -np.inf)
+    open_ = np.where(free, evidence, -np.inf)
     shifted = np.exp(open_ - open_.max(1, keepdims=True))
     rows = np.arange(len(labels))
     sure = shifted[rows, labels] / shifted.sum(1)
     share = votes.mean[rows, labels] / np.maximum((votes.mean * free).sum(1), 1e-9)
-    enough = (share >= SHARE) & (votes.mean[rows, labels] >= LEAST)
-    if apart is not None:
-        off = apart[rows, labels]
-        enough = (enough | ((off < NEAR_M) & (share >= LEAST))) & ~((off > FAR_M) & (share < CERTAIN))
-    keep = (sure >= SURE) & enough & (votes.count > 0)
+    keep = (sure >= SURE) & (votes.count > 0)
     keep[list(bound)], sure[list(bound)] = True, 1.0
     return np.where(keep, labels, UNKNOWN), sure
 
