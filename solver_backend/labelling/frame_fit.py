@@ -63,6 +63,11 @@ class FrameFit:
         self._frames = 0
         self.pose: LivePose | None = None
 
+    @property
+    def settled_shape(self) -> np.ndarray | None:
+        """(10,) shape that will not change any more; None while it is learned."""
+        return self._shape if self.known_shape or self._frames >= _SHAPE_FRAMES else None
+
     def restart(self) -> None:
         """Forget the pose: the next frame starts from what the network sees."""
         self.pose = None

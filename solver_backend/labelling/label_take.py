@@ -28,7 +28,7 @@ SURE, SHARE, LEAST = 0.8, 0.5, 0.1
 stretch has taken, and at least this probability at all, on average."""
 ROUNDS, BODY_FROM = 5, 2
 PASSING, PASSING_S = 5.0, 0.4
-NETWORK_MOST, DISTANCE_SHARE = 8.0, 1.5
+NETWORK_MOST, DISTANCE_SHARE = 4.0, 1.5
 BODY_SHARE, BODY_MOST = 0.3, 2.5
 """Weight of the body's word against one reading, and the most readings it counts as."""
 TRUSTED, CERTAIN = 0.6, 0.9
