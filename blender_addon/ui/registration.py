@@ -32,6 +32,7 @@ from .operators import (
     solve_all,
     solver_operator,
     takes,
+    tell_points,
     views,
 )
 from .panels import cameras as cameras_panel
@@ -97,6 +98,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, retarget.CLASSES),
     Entry(lambda: None, live.live.abandon),
     *map(_class, live.CLASSES),
+    *map(_class, tell_points.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
     _class(run_panel.VIEW3D_PT_mocap_run),
