@@ -140,10 +140,9 @@ def read_pose_line(line: str) -> LivePose | None:
             return None
         rotvec = np.zeros((_ALL_JOINTS, 3))
         rotvec[0], rotvec[1 : 1 + _BODY_JOINTS] = root, pose.reshape(-1, 3)
-    is_number = isinstance(off, int | float) and not isinstance(off, bool)
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
-        float(off) if is_number else math.nan,
+        float(off) if isinstance(off, float | int) else math.nan,
     )  # fmt: skip
 
 

@@ -246,8 +246,8 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     settings = SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given})
     job = {
-        "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite), **reading(args),
-        "settings": settings, "resolve": _resolve(args),
+        "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite),
+        **reading(args), "settings": settings, "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
     if not trials:

@@ -29,8 +29,8 @@ _FEWEST = 12
 def body_evidence(
     positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
     labels: np.ndarray, trusted: np.ndarray, fps: float, body: Body | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return (C, 54) mean log likelihoods of each chain's labels by the body, and (C, 54) mean distances in metres.
+) -> np.ndarray:  # fmt: skip
+    """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it says nothing.
 
     Args:
         positions: (F, N, 3) metres, NaN where missing.
@@ -69,4 +69,4 @@ def body_evidence(
     distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)
     far = np.concatenate([distance, np.full((chains, 1), GHOST_M)], axis=1)
     log = -0.5 * (FREEDOM + 1.0) * np.log1p((np.nan_to_num(far) / SIGMA_M) ** 2 / FREEDOM)
-    return np.where(count[:, None] > 0, log, 0.0), far
+    return np.where(count[:, None] > 0, log, 0.0)

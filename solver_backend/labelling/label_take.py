@@ -10,52 +10,22 @@ import numpy as np
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import body_evidence
-from solver_backend.labelling.exclusive_labels import labels_of_stretches
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
+from solver_backend.labelling.voting import AGREED, FIRST_AGREED, TRUSTED, UNKNOWN, Votes, seen_together, voted
 from solver_backend.types import MarkerCloud
 
-UNKNOWN = -1
-"""Label of a point that nobody dares to name."""
 READ_FPS = 30.0
 """Frames a second that the network reads: votes nearer to each other say the same."""
-MEMORY_S = 0.15
-"""Readings nearer in time than this err alike, and count as one."""
-SURE, SHARE, LEAST = 0.8, 0.5, 0.1
-"""A label stands if the whole stretch makes it so probable, if in a frame it has at least this share of what no other
-stretch has taken, and at least this probability at all, on average."""
 ROUNDS, BODY_FROM = 5, 2
-PASSING, PASSING_S = 5.0, 0.4
-NETWORK_MOST, DISTANCE_SHARE = 4.0, 1.5
-BODY_SHARE, BODY_MOST = 0.3, 2.5
-"""Weight of the body's word against one reading, and the most readings it counts as."""
-TRUSTED, CERTAIN = 0.6, 0.9
-"""Mean probability of labels that the body is laid over, and of those that it cannot shake."""
-NEAR_M, FAR_M = 0.05, 0.12
-"""A label within the first of the body's place stands on less; one beyond the second needs to be certain."""
+"""Times that all is voted again with what the last vote named, and the first of them that a body is laid over."""
 FEWEST_POINTS = 6
 """Fewer do not make a person."""
 _FLOOR = -8.0
 """Least log probability that one reading may have: no single frame rules a label out."""
 _PART = 64
-_ByBody = tuple[np.ndarray, np.ndarray]
-"""Mean log likelihoods (C, 54), and mean distances in metres."""
-
-
-@dataclass(frozen=True)
-class Votes:
-    """What the network said of C chains in K frames."""
-
-    frames: np.ndarray
-    """(K,) frames read."""
-    evidence: np.ndarray
-    """(C, 54) sums of log probabilities."""
-    mean: np.ndarray
-    """(C, 54) mean probabilities."""
-    count: np.ndarray
-    """(C,) readings."""
 
 
 @dataclass(frozen=True)
@@ -127,19 +97,7 @@ def label_take(
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
-    spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
-    together, distances, table = _together(tracklets), distances_of(positions, frames, tracklets, cloud.fps), load_distances()
-    labels, sure = _voted(votes, together, cloud.fps, bound, None, None)
-    by_body = None
-    rows = np.arange(len(labels))
-    for turn in range(ROUNDS):
-        trusted = (labels >= 0) & (sure >= TRUSTED)
-        trusted &= (votes.mean[rows, labels] >= 0.5) if turn < 1 else True
-        trusted[list(bound)] = True
-        by_distance = distance_evidence(distances, labels, trusted, table)
-        if turn >= BODY_FROM:
-            by_body = body_evidence(positions, frames, landmarks[:, :GHOST], spread, tracklets, labels, trusted, cloud.fps)
-        labels, sure = _voted(votes, together, cloud.fps, bound, by_distance, by_body)
+    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
@@ -194,48 +152,26 @@ def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[in
     return found
 
 
-def _voted(
-    votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray | None,
-    by_body: _ByBody | None,
+def _named(
+    positions: np.ndarray, tracklets: Tracklets, votes: Votes, landmarks: np.ndarray, covariance: np.ndarray,
+    fps: float, bound: dict[int, int],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return label and confidence of every chain: what the network says, distances to others, and a body."""
-    between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
-    seconds = votes.count * between
-    readings = np.minimum(np.minimum(votes.count, seconds / MEMORY_S), NETWORK_MOST)
-    evidence = (readings / np.maximum(votes.count, 1.0))[:, None] * votes.evidence
-    if by_distance is not None:
-        evidence = evidence + DISTANCE_SHARE * by_distance
-    if by_body is not None:
-        evidence = evidence + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body[0]
-    evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
-    labels = labels_of_stretches(evidence, together, bound)
-    free = _free_of_others(labels, together)
-    open_ = np.where(free, evidence, -np.inf)
-    shifted = np.exp(open_ - open_.max(1, keepdims=True))
-    rows = np.arange(len(labels))
-    sure = shifted[rows, labels] / shifted.sum(1)
-    share = votes.mean[rows, labels] / np.maximum((votes.mean * free).sum(1), 1e-9)
-    keep = (sure >= SURE) & (votes.count > 0)
-    keep[list(bound)], sure[list(bound)] = True, 1.0
-    return np.where(keep, labels, UNKNOWN), sure
-
-
-def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
-    """Return (C, 54) whether each label could be a chain's: no chain that is seen with it has that label."""
-    held = np.zeros((len(labels), GHOST + 1), dtype=np.int64)
-    held[np.arange(len(labels)), labels] = 1
-    free = (together.astype(np.int64) @ held) == 0
-    free[:, GHOST] = True
-    free[np.arange(len(labels)), labels] = True
-    return free
-
-
-def _together(tracklets: Tracklets) -> np.ndarray:
-    """Return (C, C) whether two chains have stretches that are seen at one time."""
-    first, last, chain = tracklets.first, tracklets.last, tracklets.chain
-    both = (first[:, None] <= last[None]) & (first[None] <= last[:, None])
-    a, b = np.nonzero(both)
-    together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
-    together[chain[a], chain[b]] = True
-    np.fill_diagonal(together, False)
-    return together
+    """Return label and confidence of every chain: voted, and again with distances and a body among what was named."""
+    spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
+    together, table = seen_together(tracklets), load_distances()
+    distances = distances_of(positions, votes.frames, tracklets, fps)
+    labels, sure = voted(votes, together, fps, bound)
+    by_body = None
+    for turn in range(ROUNDS):
+        agreed = votes.mean[np.arange(len(labels)), labels]
+        trusted = (labels >= 0) & (sure >= TRUSTED) & ((agreed >= FIRST_AGREED) | (turn > 0))
+        trusted[list(bound)] = True
+        by_distance = distance_evidence(distances, labels, trusted, table)
+        if turn >= BODY_FROM:
+            laid = trusted & (agreed >= AGREED)
+            laid[list(bound)] = True
+            by_body = body_evidence(
+                positions, votes.frames, landmarks[:, :GHOST], spread, tracklets, labels, laid, fps
+            )  # fmt: skip
+        labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
+    return labels, sure

@@ -42,7 +42,7 @@ class CurrentLive:
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
     def tick(self) -> float | None:
-        """Show the newest pose; return seconds until the next look, None at the end. Nothing that it meets ends Blender."""
+        """Show the newest pose; return seconds until the next look, None at the end."""
         run, figure = self.run, self.figure
         if run is None or figure is None:
             return None
