@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
 from pathlib import Path
@@ -54,6 +55,9 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     recorder = Recorder() if args.record is not None else None
     statistics = LiveStatistics()
     stopped = False
+    # What is there by now stays; walking through it again and again would make frames late.
+    gc.collect()
+    gc.freeze()
     with _opened(args.lines, overwrite) as stream:
         try:
             for line in session.run(frames if recorder is None else recorder.watched(frames)):

@@ -24,7 +24,8 @@ ROBUST_M = 0.05
 """Markers farther off than this lose weight (Geman and McClure 1987)."""
 USUAL_SHAPE = 2.0
 """Pull towards the mean shape: places that are off by a centimetre must not make another person."""
-START_STEPS, STEPS = 25, 2
+START_STEPS, START_PART, STEPS = 24, 3, 2
+"""Steps of a start in all, those of a frame at its begin, so that none comes late by it, and those of later ones."""
 SHORT_S = 0.012
 """Frames that follow sooner need one step."""
 _ROTATIONS = 22
@@ -61,6 +62,7 @@ class FrameFit:
         self._shape = np.zeros(10) if betas is None else np.asarray(betas, dtype=np.float64)
         self._shape_precision = np.zeros((10, 10))
         self._frames = 0
+        self._to_start = 0
         self.pose: LivePose | None = None
 
     @property
@@ -87,12 +89,15 @@ class FrameFit:
         seen = np.isfinite(points[:, 0])
         target = np.where(seen[:, None], points, guess)
         sigma = np.where(seen, MARKER_SIGMA_M, np.maximum(guess_sigma, LEAST_SIGMA_M))
-        starting = self.pose is None
-        pose = self._start(target) if starting else self.pose
-        assert pose is not None
+        if self.pose is None:
+            self._to_start = START_STEPS
+        pose = self.pose or self._start(target)
         fixed = pose
-        steps = steps or (1 if dt < SHORT_S else STEPS)
-        for _ in range(max(steps, START_STEPS) if starting else steps):
+        starting = self._to_start > 0
+        usual = START_PART if starting else 1 if dt < SHORT_S else STEPS
+        count = usual if steps is None else max(steps, self._to_start)
+        self._to_start -= count
+        for _ in range(count):
             pose = self._improved(pose, fixed, target, sigma, 1.0 if starting else dt)
         posed = pose_landmarks(
             self.body, self.landmarks, pose.betas, pose.root, pose.local, pose.transl, offsets=self.offsets

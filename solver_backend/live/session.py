@@ -111,6 +111,8 @@ class LiveSession:
         markers = np.full((len(MARKERS), 3), np.nan)
         markers[labels[named]] = points[named]
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)
+        if self.fit.pose is None:
+            self._good = frame.time  # a start has as long to be good as a pose to be lost
         pose, _, off = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
         state = "tracking"
         if not off < BAD_M:

@@ -56,8 +56,8 @@ def test_distances_are_means_and_deviations_of_what_is_seen_together(moving):
     assert np.allclose(found.mean, found.mean.T)
 
 
-# Of the two sides of a wrist or an ankle distances tell little: they know no mirror image from the other.
-@pytest.mark.parametrize("name", ["LFIN", "LFRM", "RKNE", "LTOE", "RBHD", "LSHN", "LUPA"])
+# Of the two sides of a wrist, a knee or an ankle distances tell little: they know no mirror image from the other.
+@pytest.mark.parametrize("name", ["LFIN", "LFRM", "C7", "LTOE", "RBHD", "LSHN", "LUPA"])
 def test_one_marker_that_nobody_named_is_told_by_the_others(moving, table, name):
     mine = MARKERS.index(name)
     tracks = tracklets_of(moving, FPS)
