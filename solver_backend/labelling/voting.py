@@ -75,7 +75,8 @@ def voted(
         evidence = evidence + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body
     evidence[:, SELDOM] -= SELDOM_COST
     evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
-    labels = labels_of_stretches(evidence, together, bound)
+    # Where two want one marker, it is the one that is seen longer: most points are right then.
+    labels = labels_of_stretches((seconds + PASSING_S)[:, None] * evidence, together, bound)
     free = _free_of_others(labels, together)
     open_ = np.where(free, evidence, -np.inf)
     shifted = np.exp(open_ - open_.max(1, keepdims=True))
