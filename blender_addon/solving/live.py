@@ -104,7 +104,9 @@ class LiveRun:
     @property
     def failure(self) -> str:
         """What went wrong, for people; "" if nothing did."""
-        return sentence(self.error) if self.error is not None else ""
+        if self.error is None or self.error["code"] == "cancelled":  # it was asked to end before it had begun
+            return ""
+        return sentence(self.error)
 
     def _event(self, event: dict[str, Any]) -> None:
         kind, message = event.get("event"), event.get("message")

@@ -4,7 +4,8 @@ move when the take is solved from found labels instead of its own; time of the n
 
 Takes: CMU 02_01 and 135_02 (its first 20 s, every second frame), clips of UI-PRMD's held-out subjects 7 and 8, the
 nimble takes' markers that the superset has, and what is named of the unlabelled prone and kneeling take. Constants of
-the labelling were chosen on other takes, see docs/landmarks.md. The squat take's own MT1 and MT5 are exchanged (MT5 lies inside the foot), which is put right first. One process, one thread.
+the labelling were chosen on other takes, see docs/landmarks.md. The squat take's own MT1 and MT5 are exchanged (MT5
+lies inside the foot), which is put right first. One process, one thread.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ def test_a_table_of_few_windows_is_near_the_one_that_ships(tmp_path):
     assert apart.max() < 0.03 and (mine.mean == mine.mean.T).all()
     stiff = mine.change[MARKERS.index("LFHD"), MARKERS.index("RFHD")]
     assert stiff < mine.change[MARKERS.index("LFIN"), MARKERS.index("LANK")] - 0.5
-    assert path.read_bytes() == write_distance_table(
-        tmp_path / "again.npz", PoseTable({"training": poses}), windows=12
-    ).read_bytes()
+    assert (
+        path.read_bytes()
+        == write_distance_table(tmp_path / "again.npz", PoseTable({"training": poses}), windows=12).read_bytes()
+    )
