@@ -10,6 +10,7 @@ from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
+from .video_properties import VIDEO_CLASSES, MocapVideos
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
@@ -214,6 +215,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     solve: bpy.props.PointerProperty(type=MocapSolve)
     live: bpy.props.PointerProperty(type=MocapLive)
     retarget: bpy.props.PointerProperty(type=MocapRetarget)
+    videos: bpy.props.PointerProperty(type=MocapVideos)
 
     @property
     def capture_index(self) -> int:
@@ -247,5 +249,5 @@ class MocapSettings(bpy.types.PropertyGroup):
         self.shown, self.shown_at = index, active_object(self.id_data)
 
 
-CLASSES = (*CAPTURE_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)
+CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)
 """In the order of registration: what is pointed to comes first."""
