@@ -68,7 +68,7 @@ class Job(JobFile):
         missing = [key for key in ("capture", "out") if not values.get(key)]
         if missing:
             raise JobInvalid(f"The job lacks {' and '.join(missing)}.", where="job", hint="Both are paths of files.")
-        report, subject, name = (_typed(values, key, str) for key in ("report", "subject", "joint_set"))
+        report, subject, told, name = (_typed(values, key, str) for key in ("report", "subject", "told", "joint_set"))
         fps = _typed(values, "fps", (int, float))
         return cls(
             capture=folder / _typed(values, "capture", str),
@@ -83,6 +83,7 @@ class Job(JobFile):
             subject_prefix=_typed(values, "subject_prefix", str),
             person=_typed(values, "person", str),
             subject=None if subject is None else folder / subject,
+            told=None if told is None else folder / told,
             settings=_settings(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
         )

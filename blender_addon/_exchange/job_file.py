@@ -89,6 +89,8 @@ class JobFile:
     """Who is solved, by name or number, where the views show several people; "all" for each of them."""
     subject: Path | None = None
     """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
+    told: Path | None = None
+    """Names that a person gave to points of a recording of markers; they bind."""
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
     resolve: Any = None
@@ -104,11 +106,11 @@ class JobFile:
         earlier = None if self.resolve is None else self.resolve.motion
         # A motion that came without its recording is measured by itself: then it stands in for the capture.
         again = earlier is not None and earlier.resolve() == self.capture.resolve()
-        files = (self.capture, self.out, self.report, self.subject, None if again else earlier)
+        files = (self.capture, self.out, self.report, self.subject, self.told, None if again else earlier)
         places = [p.resolve() for p in files if p is not None]
         if len(set(places)) < len(places):
             raise JobInvalid(
-                "The capture, the motion, the report, a subject and an earlier motion must be different files.",
+                "The capture, the motion, the report, a subject, names and an earlier motion must be different files.",
                 where=str(self.out),
             )
 
@@ -118,6 +120,7 @@ class JobFile:
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)
+        given["told"] = self.told and str(self.told)
         given["joint_set"] = self.joint_set and str(self.joint_set)
         given["resolve"] = self.resolve and self.resolve.as_dict()
         values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}

@@ -128,6 +128,6 @@ def _event(line: str) -> str | dict[str, Any]:
         return text
     try:
         event = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
     return event if isinstance(event, dict) and "event" in event else text

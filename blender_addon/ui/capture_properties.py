@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .locations import RELATIVE
-from .marker_properties import MocapMarker
+from .marker_properties import NAME_ITEMS, MocapMarker, MocapToldPoint
 
 
 class MocapMessage(bpy.types.PropertyGroup):
@@ -133,6 +133,11 @@ class MocapCapture(bpy.types.PropertyGroup):
     markers: bpy.props.IntProperty(name="Markers")
     marker_items: bpy.props.CollectionProperty(type=MocapMarker)
     marker_index: bpy.props.IntProperty(name="Marker")
+    told: bpy.props.CollectionProperty(type=MocapToldPoint)
+    told_name: bpy.props.EnumProperty(
+        name="Is", description="What the chosen point is; the name holds for as long as its track goes on unbroken",
+        items=NAME_ITEMS, default="C7",
+    )  # fmt: skip
     subjects: bpy.props.StringProperty(name="Subjects", description="Prefixes of the markers' labels")
     cloud: bpy.props.PointerProperty(type=bpy.types.Object, name="Marker Object")
     show_names: bpy.props.BoolProperty(name="Names", description="Show the markers' names beside them in the viewport")
@@ -231,6 +236,7 @@ CAPTURE_CLASSES = (
     MocapCamera,
     MocapLeftOut,
     MocapMarker,
+    MocapToldPoint,
     MocapPin,
     MocapReview,
     MocapPerson,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..conventions.marker_names import MARKERS
 from ..conventions.skeleton import JOINTS
 
 MEANING_ITEMS = (
@@ -24,6 +25,21 @@ BONE_ITEMS = (
     ),
 )
 """What a marker may be attached to by hand; hands' ends are no bones that markers tell."""
+
+
+NAME_ITEMS = (
+    ("NONE", "No Marker", "The point is none of a person's markers"),
+    *((name, name, f"The point is {name}") for name in MARKERS),
+)
+"""What a point may be said to be."""
+
+
+class MocapToldPoint(bpy.types.PropertyGroup):
+    """What a person said of a point; its name is the track's label."""
+
+    point: bpy.props.IntProperty(name="Track", description="Column of the recording, from 0")
+    frame: bpy.props.IntProperty(name="Frame", description="Frame of the recording, from 0")
+    marker: bpy.props.StringProperty(name="Marker", description="What it is; empty for none of a person's markers")
 
 
 class MocapMarker(bpy.types.PropertyGroup):

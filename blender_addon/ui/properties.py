@@ -180,6 +180,22 @@ class MocapSolve(bpy.types.PropertyGroup):
         return {**{name: getattr(self, name) for name in CHOSEN_BY_PRESETS}, **chosen}
 
 
+class MocapLive(bpy.types.PropertyGroup):
+    """What a live run is started with."""
+
+    source: bpy.props.StringProperty(
+        name="Recording", subtype="FILE_PATH", options=RELATIVE,
+        description="Recording of markers to replay at its own rate (C3D, TRC, CSV, TSV); empty for the capture's own",
+    )  # fmt: skip
+    subject: bpy.props.StringProperty(
+        name="Subject", subtype="FILE_PATH", options=RELATIVE,
+        description="Calibrated person who wears the markers; empty to learn the shape while they move",
+    )  # fmt: skip
+    record: bpy.props.BoolProperty(
+        name="Record", description="Keep the points as a take, to be solved afterwards", default=True
+    )
+
+
 class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
@@ -197,6 +213,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     shown_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when it was chosen")
     held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
     solve: bpy.props.PointerProperty(type=MocapSolve)
+    live: bpy.props.PointerProperty(type=MocapLive)
     retarget: bpy.props.PointerProperty(type=MocapRetarget)
     videos: bpy.props.PointerProperty(type=MocapVideos)
 
@@ -232,5 +249,5 @@ class MocapSettings(bpy.types.PropertyGroup):
         self.shown, self.shown_at = index, active_object(self.id_data)
 
 
-CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, MocapReading, MocapSolve, MocapSettings)
+CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)
 """In the order of registration: what is pointed to comes first."""

@@ -26,12 +26,14 @@ from .operators import (
     import_capture,
     import_motion,
     limbs,
+    live,
     retarget,
     review,
     solve,
     solve_all,
     solver_operator,
     takes,
+    tell_points,
     videos,
     views,
 )
@@ -39,6 +41,7 @@ from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
 from .panels import limbs as limbs_panel
+from .panels import live as live_panel
 from .panels import markers as marker_panel
 from .panels import people as people_panel
 from .panels import retarget as retarget_panels
@@ -100,6 +103,9 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, clean_up.CLASSES),
     *map(_class, limbs.CLASSES),
     *map(_class, retarget.CLASSES),
+    Entry(lambda: None, live.live.abandon),
+    *map(_class, live.CLASSES),
+    *map(_class, tell_points.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
     _class(run_panel.VIEW3D_PT_mocap_run),
@@ -124,6 +130,8 @@ TABLE: tuple[Entry, ...] = (
     _class(limbs_panel.VIEW3D_PT_mocap_limbs),
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
+    _class(live_panel.VIEW3D_PT_mocap_live),
+    _handler(bpy.app.handlers.load_pre, live.before_load),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, adoption.on_load),

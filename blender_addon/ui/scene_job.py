@@ -51,13 +51,16 @@ def prepare_job(
     if mesh is not None and subject is None and (settings.solve.keep_shape or frames is not None):
         values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
     layout = written_layout(chosen, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
+    told = written_told(chosen, take.job.with_name(take.job.name.replace(".job.json", ".told.json")))
     if left_out := chosen.leave_out(scene_frame_rate(scene)):
         values["leave_out"] = left_out
     if layout is not None:
         values["layout"] = layout.name
     report = take.report if settings.solve.report and chosen.file else None
     whom = chosen.people[index].key if chosen.people else None
-    job = JobFile(capture=capture, out=take.motion, report=report, person=whom, subject=subject, settings=values)
+    job = JobFile(
+        capture=capture, out=take.motion, report=report, person=whom, subject=subject, told=told, settings=values
+    )
     if frames is not None:
         job = replace(job, resolve=resolve_of(frames))
     return job, take.job
@@ -74,8 +77,9 @@ def portable_job(job: JobFile, folder: Path) -> JobFile:
     resolve = job.resolve and replace(job.resolve, motion=Path(portable_path(job.resolve.motion, folder)))
     report = job.report and Path(portable_path(job.report, folder))
     subject = job.subject and Path(portable_path(job.subject, folder))
+    told = job.told and Path(portable_path(job.told, folder))
     capture, out = (Path(portable_path(path, folder)) for path in (job.capture, job.out))
-    return replace(job, capture=capture, out=out, report=report, subject=subject, resolve=resolve)
+    return replace(job, capture=capture, out=out, report=report, subject=subject, told=told, resolve=resolve)
 
 
 def capture_file(capture: bpy.types.PropertyGroup) -> Path:
@@ -103,6 +107,21 @@ def written_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
         return None
     values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
     return write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
+
+
+def written_told(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
+    """Write the names that were given to points, and return the file, None where there are none.
+
+    Raises:
+        OutputNotWritable: see ``write_text``.
+    """
+    import json
+
+    points = [{"point": item.point, "frame": item.frame, "marker": item.marker} for item in capture.told]
+    if not points:
+        return None
+    values = {"format": "manifold_mocap_told_points", "version": 1, "points": points}
+    return write_text(path, json.dumps(values, indent=1) + "\n", overwrite=True)
 
 
 def _subject(settings: bpy.types.PropertyGroup, capture: bpy.types.PropertyGroup) -> Path | None:

@@ -105,6 +105,7 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write; a session's folder")
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
+    solve.add_argument("--told", type=Path, metavar="TOLD.json", help="names of points from a person, which bind")
     solve.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
     solve.add_argument("--method", help="global (default), sliding, frame or noise-aware")
     solve.add_argument("--backend", help="numpy (default) or torch")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
 from pathlib import Path
 from typing import Any, TextIO
 
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
@@ -53,14 +54,22 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         frames, fps = replayed(cloud, paced=not args.fast), cloud.fps
     recorder = Recorder() if args.record is not None else None
     statistics = LiveStatistics()
+    stopped = False
+    # What is there by now stays; walking through it again and again would make frames late.
+    gc.collect()
+    gc.freeze()
     with _opened(args.lines, overwrite) as stream:
-        for line in session.run(frames if recorder is None else recorder.watched(frames)):
-            statistics.add(line)
-            if args.with_points and session.shown is not None and "frame" in line:
-                line = {**line, "cloud": session.shown.round(4).tolist()}
-            stream.write(json.dumps(line) + "\n")
-            stream.flush()
-    data: dict[str, Any] = statistics.summary()
+        try:
+            for line in session.run(frames if recorder is None else recorder.watched(frames)):
+                statistics.add(line)
+                if args.with_points and session.shown is not None and "frame" in line:
+                    line = {**line, "cloud": session.shown.round(4).tolist()}
+                stream.write(json.dumps(line) + "\n")
+                stream.flush()
+        except Cancelled:  # the usual end of what is live: what was recorded is kept
+            stopped = True
+            stream.write("\n")
+    data: dict[str, Any] = {**statistics.summary(), "stopped": stopped}
     if recorder is not None and args.record is not None and recorder.count:
         data["recorded"] = str(recorder.write(args.record, fps, session.to_metres, overwrite=overwrite))
     text = ", ".join(f"{name} {value}" for name, value in data.items())

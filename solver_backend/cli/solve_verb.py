@@ -87,6 +87,14 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     return Outcome(f"{text}\n  motion      {job.out}", {**files, **data, "problems": odd})
 
 
+def _told(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
+    from solver_backend.io.native.told_file import read_told
+
+    if capture.markers is None:
+        raise CommandLineInvalid("Names of points are for recordings of markers.", where=str(path))
+    return read_told(path, capture.markers)
+
+
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome:
     from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import resolve_range
@@ -96,7 +104,9 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.io.recognition.motion_checks import motion_problems
 
     start = time.monotonic()
-    if not job.settings.layout:
+    if job.told is not None:
+        capture, _ = labelled_capture(capture, progress, told=_told(job.told, capture), always=True)
+    elif not job.settings.layout:
         capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
@@ -235,7 +245,7 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
     files, chosen = (
-        ("capture", "out", "report", "subject", "overwrite"),
+        ("capture", "out", "report", "subject", "told", "overwrite"),
         ("method", "backend", "body", "layout", "leave_out"),
     )
     names = (*files, *READING, *chosen, "resolve", "frames")
@@ -250,8 +260,8 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     settings = SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given})
     job = {
-        "report": args.report, "subject": args.subject, "overwrite": bool(args.overwrite), **reading(args),
-        "settings": settings, "resolve": _resolve(args),
+        "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite),
+        **reading(args), "settings": settings, "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
     if not trials:

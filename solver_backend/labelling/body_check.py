@@ -13,8 +13,14 @@ CHECK_FPS = 8.0
 """Frames a second that a body is laid over."""
 SIGMA_M = 0.03
 """How far a marker is from where an uncalibrated body has it, per axis."""
-GHOST_M = 0.09
+GHOST_M = 0.12
 """A point this far from every place is as likely none of the markers."""
+GUESS_WIDER, STEPS = 3.0, 5
+"""Where the network has markers that are not sure counts for little; steps that a frame takes."""
+BAD_FIT_M = 0.06
+"""A body this far from its own markers in the median says nothing."""
+FREEDOM = 3.0
+"""Degrees of freedom of Student's distribution of these distances: where a limb is posed wrongly, all are off."""
 _FARTHEST_M = 0.2
 _FEWEST = 12
 """Sure markers that a frame needs."""
@@ -23,8 +29,8 @@ _FEWEST = 12
 def body_evidence(
     positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
     labels: np.ndarray, trusted: np.ndarray, fps: float, body: Body | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return (C, 54) mean log likelihoods of each chain's labels by the body, and (C, 54) mean distances in metres.
+) -> np.ndarray:  # fmt: skip
+    """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it says nothing.
 
     Args:
         positions: (F, N, 3) metres, NaN where missing.
@@ -52,11 +58,15 @@ def body_evidence(
         dt = 0.2 if before < 0 else min((frame - before) / fps, 0.5)
         if before < 0 or (frame - before) / fps > 1.0:
             fit.restart()
-        _, posed, _ = fit.step(markers, guesses[row], sigmas[row], dt)
+        _, posed, off = fit.step(markers, guesses[row], GUESS_WIDER * sigmas[row], dt, STEPS)
         before = frame
+        if not off < BAD_FIT_M:
+            before = -1
+            continue
         apart = np.linalg.norm(positions[frame, columns][:, None] - posed.points[0], axis=-1)
         np.add.at(total, chain, np.minimum(apart, _FARTHEST_M))
         np.add.at(count, chain, 1.0)
     distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)
     far = np.concatenate([distance, np.full((chains, 1), GHOST_M)], axis=1)
-    return np.where(count[:, None] > 0, -0.5 * (np.nan_to_num(far) / SIGMA_M) ** 2, 0.0), far
+    log = -0.5 * (FREEDOM + 1.0) * np.log1p((np.nan_to_num(far) / SIGMA_M) ** 2 / FREEDOM)
+    return np.where(count[:, None] > 0, log, 0.0)

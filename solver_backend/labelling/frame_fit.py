@@ -24,7 +24,8 @@ ROBUST_M = 0.05
 """Markers farther off than this lose weight (Geman and McClure 1987)."""
 USUAL_SHAPE = 2.0
 """Pull towards the mean shape: places that are off by a centimetre must not make another person."""
-START_STEPS, STEPS = 25, 2
+START_STEPS, START_PART, STEPS = 24, 3, 2
+"""Steps of a start in all, those of a frame at its begin, so that none comes late by it, and those of later ones."""
 SHORT_S = 0.012
 """Frames that follow sooner need one step."""
 _ROTATIONS = 22
@@ -61,14 +62,20 @@ class FrameFit:
         self._shape = np.zeros(10) if betas is None else np.asarray(betas, dtype=np.float64)
         self._shape_precision = np.zeros((10, 10))
         self._frames = 0
+        self._to_start = 0
         self.pose: LivePose | None = None
+
+    @property
+    def settled_shape(self) -> np.ndarray | None:
+        """(10,) shape that will not change any more; None while it is learned."""
+        return self._shape if self.known_shape or self._frames >= _SHAPE_FRAMES else None
 
     def restart(self) -> None:
         """Forget the pose: the next frame starts from what the network sees."""
         self.pose = None
 
     def step(
-        self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float
+        self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> tuple[LivePose, PosedLandmarks, float]:
         """Return the pose of a frame, where it has the landmarks, and the median distance of the markers in metres.
 
@@ -77,16 +84,20 @@ class FrameFit:
             guess: (53, 3) where the network has the markers.
             guess_sigma: (53,) metres.
             dt: seconds since the last frame.
+            steps: at least, of Gauss-Newton; as few as follow a person if None.
         """
         seen = np.isfinite(points[:, 0])
         target = np.where(seen[:, None], points, guess)
         sigma = np.where(seen, MARKER_SIGMA_M, np.maximum(guess_sigma, LEAST_SIGMA_M))
-        starting = self.pose is None
-        pose = self._start(target) if starting else self.pose
-        assert pose is not None
+        if self.pose is None:
+            self._to_start = START_STEPS
+        pose = self.pose or self._start(target)
         fixed = pose
-        steps = START_STEPS if starting else 1 if dt < SHORT_S else STEPS
-        for _ in range(steps):
+        starting = self._to_start > 0
+        usual = START_PART if starting else 1 if dt < SHORT_S else STEPS
+        count = usual if steps is None else max(steps, self._to_start)
+        self._to_start -= count
+        for _ in range(count):
             pose = self._improved(pose, fixed, target, sigma, 1.0 if starting else dt)
         posed = pose_landmarks(
             self.body, self.landmarks, pose.betas, pose.root, pose.local, pose.transl, offsets=self.offsets

@@ -10,50 +10,22 @@ import numpy as np
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import body_evidence
-from solver_backend.labelling.exclusive_labels import labels_of_stretches
+from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
+from solver_backend.labelling.voting import AGREED, FIRST_AGREED, TRUSTED, UNKNOWN, Votes, seen_together, voted
 from solver_backend.types import MarkerCloud
 
-UNKNOWN = -1
-"""Label of a point that nobody dares to name."""
 READ_FPS = 30.0
 """Frames a second that the network reads: votes nearer to each other say the same."""
-MEMORY_S = 0.15
-"""Readings nearer in time than this err alike, and count as one."""
-SURE, SHARE, LEAST = 0.8, 0.5, 0.1
-"""A label stands if the whole stretch makes it so probable, if in a frame it has at least this share of what no other
-stretch has taken, and at least this probability at all, on average."""
-BODY_ROUNDS = 2
-"""Times that a body is laid over what is sure, and all is voted again."""
-BODY_SHARE, BODY_MOST = 0.3, 20.0
-"""Weight of the body's word against one reading, and the most readings it counts as."""
-TRUSTED, CERTAIN = 0.6, 0.9
-"""Mean probability of labels that the body is laid over, and of those that it cannot shake."""
-NEAR_M, FAR_M = 0.05, 0.12
-"""A label within the first of the body's place stands on less; one beyond the second needs to be certain."""
+ROUNDS, BODY_FROM = 5, 2
+"""Times that all is voted again with what the last vote named, and the first of them that a body is laid over."""
 FEWEST_POINTS = 6
 """Fewer do not make a person."""
 _FLOOR = -8.0
 """Least log probability that one reading may have: no single frame rules a label out."""
 _PART = 64
-_ByBody = tuple[np.ndarray, np.ndarray]
-"""Mean log likelihoods (C, 54), and mean distances in metres."""
-
-
-@dataclass(frozen=True)
-class Votes:
-    """What the network said of C chains in K frames."""
-
-    frames: np.ndarray
-    """(K,) frames read."""
-    evidence: np.ndarray
-    """(C, 54) sums of log probabilities."""
-    mean: np.ndarray
-    """(C, 54) mean probabilities."""
-    count: np.ndarray
-    """(C,) readings."""
 
 
 @dataclass(frozen=True)
@@ -125,15 +97,7 @@ def label_take(
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
-    labels, sure = _voted(votes, tracklets, cloud.fps, bound, None)
-    for _ in range(BODY_ROUNDS):
-        trusted = (labels >= 0) & (votes.mean[np.arange(len(labels)), labels] >= TRUSTED)
-        trusted[list(bound)] = True
-        spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
-        by_body = body_evidence(
-            positions, frames, landmarks[:, :GHOST], spread, tracklets, labels, trusted, cloud.fps
-        )  # fmt: skip
-        labels, sure = _voted(votes, tracklets, cloud.fps, bound, by_body)
+    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
@@ -188,49 +152,26 @@ def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[in
     return found
 
 
-def _voted(
-    votes: Votes, tracklets: Tracklets, fps: float, bound: dict[int, int], by_body: _ByBody | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return label and confidence of every chain: what the network says, and a body where one was laid over them."""
-    between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
-    tempered = votes.evidence * min(1.0, between / MEMORY_S)
-    seconds = votes.count * between
-    log_likelihood, apart = by_body or (None, None)
-    if log_likelihood is not None:
-        tempered = tempered + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * log_likelihood
-    together = _together(tracklets)
-    labels = labels_of_stretches(tempered, together, bound)
-    free = _free_of_others(labels, together)
-    open_ = np.where(free, tempered, -np.inf)
-    shifted = np.exp(open_ - open_.max(1, keepdims=True))
-    rows = np.arange(len(labels))
-    sure = shifted[rows, labels] / shifted.sum(1)
-    share = votes.mean[rows, labels] / np.maximum((votes.mean * free).sum(1), 1e-9)
-    enough = (share >= SHARE) & (votes.mean[rows, labels] >= LEAST)
-    if apart is not None:
-        off = apart[rows, labels]
-        enough = (enough | ((off < NEAR_M) & (share >= LEAST))) & ~((off > FAR_M) & (share < CERTAIN))
-    keep = (sure >= SURE) & enough & (votes.count > 0)
-    keep[list(bound)], sure[list(bound)] = True, 1.0
-    return np.where(keep, labels, UNKNOWN), sure
-
-
-def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
-    """Return (C, 54) whether each label could be a chain's: no chain that is seen with it has that label."""
-    held = np.zeros((len(labels), GHOST + 1), dtype=np.int64)
-    held[np.arange(len(labels)), labels] = 1
-    free = (together.astype(np.int64) @ held) == 0
-    free[:, GHOST] = True
-    free[np.arange(len(labels)), labels] = True
-    return free
-
-
-def _together(tracklets: Tracklets) -> np.ndarray:
-    """Return (C, C) whether two chains have stretches that are seen at one time."""
-    first, last, chain = tracklets.first, tracklets.last, tracklets.chain
-    both = (first[:, None] <= last[None]) & (first[None] <= last[:, None])
-    a, b = np.nonzero(both)
-    together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
-    together[chain[a], chain[b]] = True
-    np.fill_diagonal(together, False)
-    return together
+def _named(
+    positions: np.ndarray, tracklets: Tracklets, votes: Votes, landmarks: np.ndarray, covariance: np.ndarray,
+    fps: float, bound: dict[int, int],
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return label and confidence of every chain: voted, and again with distances and a body among what was named."""
+    spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
+    together, table = seen_together(tracklets), load_distances()
+    distances = distances_of(positions, votes.frames, tracklets, fps)
+    labels, sure = voted(votes, together, fps, bound)
+    by_body = None
+    for turn in range(ROUNDS):
+        agreed = votes.mean[np.arange(len(labels)), labels]
+        trusted = (labels >= 0) & (sure >= TRUSTED) & ((agreed >= FIRST_AGREED) | (turn > 0))
+        trusted[list(bound)] = True
+        by_distance = distance_evidence(distances, labels, trusted, table)
+        if turn >= BODY_FROM:
+            laid = trusted & (agreed >= AGREED)
+            laid[list(bound)] = True
+            by_body = body_evidence(
+                positions, votes.frames, landmarks[:, :GHOST], spread, tracklets, labels, laid, fps
+            )  # fmt: skip
+        labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
+    return labels, sure

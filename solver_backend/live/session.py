@@ -51,6 +51,7 @@ class LiveSession:
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
         self._number = 0
+        self._shape_told = False
         self._turn: np.ndarray | None = None
         self.shown: np.ndarray | None = None
         """Points of the last frame that was fitted, metres, Z up."""
@@ -92,6 +93,9 @@ class LiveSession:
             yield self._nothing(frame, "the stream is frozen: the same points again and again", "frozen")
             return
         yield self._fitted(frame, points @ self._turn.T, dt)
+        if not self._shape_told and (shape := self.fit.settled_shape) is not None:
+            self._shape_told = True
+            yield {**self._event("shape", "The person's shape is known.", frame), "betas": _rounded(shape)}
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> dict[str, Any]:
         """Return the pose of a frame."""
@@ -107,6 +111,8 @@ class LiveSession:
         markers = np.full((len(MARKERS), 3), np.nan)
         markers[labels[named]] = points[named]
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)
+        if self.fit.pose is None:
+            self._good = frame.time  # a start has as long to be good as a pose to be lost
         pose, _, off = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
         state = "tracking"
         if not off < BAD_M:

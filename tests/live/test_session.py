@@ -184,3 +184,20 @@ def test_statistics_count_states_and_latency():
     found = statistics.summary()
     assert found["frames"] == 100 and found["events"] == {"restarted": 1}
     assert found["latency_ms"] == 49.5 and 98 <= found["latency_p99_ms"] <= 99
+
+
+def test_no_frame_of_a_start_takes_many_steps_and_a_bad_one_is_given_time(session, walk):
+    counted: list[int] = []
+    improved = session.fit._improved
+
+    def counting(*given):
+        counted[-1] += 1
+        return improved(*given)
+
+    session.fit._improved = counting
+    for i in range(12):
+        session.network.markers = walk[i]
+        counted.append(0)
+        lines = list(session.step(PointFrame(i / FPS, walk[i], time.perf_counter())))
+    assert counted == 8 * [3] + 4 * [1]
+    assert lines[-1]["state"] == "tracking" and lines[-1]["off_mm"] < 20

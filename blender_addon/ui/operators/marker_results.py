@@ -30,7 +30,12 @@ def take_markers(capture: bpy.types.PropertyGroup, result: dict[str, Any], stage
         return
     meaning = {label: kind for kind in _NAMED for label in said.get(kind, ())}
     gaps = {gap["marker"]: gap for gap in said.get("gaps", ())}
-    for label in labels_of(capture.cloud):
+    labels = labels_of(capture.cloud)
+    for index in reversed(range(len(capture.told))):
+        item = capture.told[index]
+        if not (item.point < len(labels) and labels[item.point] == item.name):  # it was read anew as another recording
+            capture.told.remove(index)
+    for label in labels:
         item, gap = capture.marker_items.add(), gaps.get(label, {})
         item.name, item.meaning = label, meaning.get(label, "unlabelled")
         item.bone = bones.get(label, "AUTO")

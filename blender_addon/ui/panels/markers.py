@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...conventions.counting import counted
+from ..operators.tell_points import MOCAP_OT_pick_point, MOCAP_OT_tell_point, MOCAP_OT_untell_point
 from ..properties import MocapCapture
 from .parts import MocapPanel, wrapped
 
@@ -85,6 +86,20 @@ class VIEW3D_PT_mocap_labels(MocapPanel, bpy.types.Panel):
         )
         if 0 <= capture.marker_index < len(capture.marker_items):
             self.layout.prop(capture.marker_items[capture.marker_index], "bone")
+        self._draw_told(capture)
+
+    def _draw_told(self, capture: MocapCapture) -> None:
+        """Draw what points are said to be: the solve labels the others around them."""
+        column = self.layout.column(align=True)
+        row = column.row(align=True)
+        row.operator(MOCAP_OT_pick_point.bl_idname, icon="EYEDROPPER")
+        row.prop(capture, "told_name", text="")
+        row.operator(MOCAP_OT_tell_point.bl_idname, text="", icon="CHECKMARK")
+        for index, item in enumerate(capture.told):
+            line = column.row(align=True)
+            text = f"{item.name} from frame {item.frame + capture.frame_start}: {item.marker or 'no marker'}"
+            line.label(text=text, icon="DOT", translate=False)
+            line.operator(MOCAP_OT_untell_point.bl_idname, text="", icon="X").index = index
 
 
 def recognised(capture: MocapCapture) -> list[str]:

@@ -94,7 +94,7 @@ class CloudStream:
         betas = 0.7 * _normal(count, 10, like=rotvec)
         betas = betas + _often(0.5, count, 1, like=rotvec) * (2.0 * torch.rand(count, 1, device=device) - 1.0)
         betas = torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=rotvec), betas)
-        places, joints = self.points(rotations[:, 0], rotations[:, 1:], betas, self._placement(count))
+        places, joints = self.points(rotations[:, 0], rotations[:, 1:], betas, self.placement(count))
         everything = torch.cat((places, joints), 1)
         mirrored = (everything * self.flip)[:, self.mirror]
         everything = torch.where(_often(0.5, count, 1, 1, like=rotvec) > 0, mirrored, everything)
@@ -102,7 +102,7 @@ class CloudStream:
         everything = everything * (0.88 + 0.24 * torch.rand(count, 1, 1, device=device))
         return everything[:, : len(PLACES)], everything[:, -NUM_JOINTS:]
 
-    def _placement(self, count: int) -> torch.Tensor:
+    def placement(self, count: int) -> torch.Tensor:
         """Return (B, P, 3) metres by which each person's markers are off their rules, along the skin and off it."""
         b = self.points
         if not self.variety.noise:

@@ -12,6 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.labelling.marker_distances import NAME as TABLE_NAME
 from solver_backend.labelling.point_network import NAME
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.priors.weights import PriorWeights, write_weights
@@ -19,11 +20,14 @@ from solver_backend.training.data.corpus import HELD_OUT
 from solver_backend.training.data.sources.clips import load_clips, load_far_clips
 from solver_backend.training.engine.devices import check_device
 from solver_backend.training.engine.recipe import Finished
+from solver_backend.training.landmarks.distance_table import write_distance_table
 from solver_backend.training.landmarks.loop import LandmarkTraining
 from solver_backend.training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
 from solver_backend.training.landmarks.rows import named_rows, train_row
 
 TABLE = "landmark_poses.npz"
+DISTANCES = "distances"
+"""Row that is no network: the table of markers' distances."""
 PUBLISHED_WIDTH = 32
 
 
@@ -37,7 +41,7 @@ def train_landmark_rows(
         data: folder that holds ``motion_cmu``, or a table of poses (``.npz``) that an earlier training left.
         out: folder of the weights.
         settings: steps or seconds, batch and the like.
-        row: one of ``named_rows``.
+        row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
         width: of the network; its own if 0 (ours 96, the published 32).
         work: folder of the checkpoint; ``out`` and the row's name if None.
         progress: called as recordings are read.
@@ -48,10 +52,13 @@ def train_landmark_rows(
         TrainingMismatch, FileDamaged: the checkpoint is another's, or cannot be read.
     """
     check_device(settings.device)
+    if row == DISTANCES:
+        out.mkdir(parents=True, exist_ok=True)
+        return Finished(write_distance_table(out / f"{TABLE_NAME}.npz", table_of(data, out, progress)), {})
     ours = row.startswith("ours")
     rows = named_rows(width or PUBLISHED_WIDTH, ours_width=width if ours and width else 0)
     if row not in rows:
-        raise JobInvalid(f"There is no row {row!r} of the tables (known: {', '.join(rows)}).")
+        raise JobInvalid(f"There is no row {row!r} of the tables (known: {', '.join((*rows, DISTANCES))}).")
     out.mkdir(parents=True, exist_ok=True)
     table = table_of(data, out, progress)
     work = work or out / f"{NAME}_{row.replace(' ', '_')}_run"

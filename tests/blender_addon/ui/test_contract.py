@@ -46,6 +46,7 @@ def test_operators_that_change_the_scene_can_be_undone(registered):
         "MOCAP_OT_open_video_picture",
         "MOCAP_OT_export_take",
         "MOCAP_OT_export_markers",
+        "MOCAP_OT_live_stop",
     }
     for cls in classes_of(bpy.types.Operator):
         undo = "UNDO" in getattr(cls, "bl_options", set())
@@ -64,6 +65,7 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
         "Review",
         "Export",
         "Retarget",
+        "Live",
     ]
     parents = {panel.bl_idname for panel in top}
     assert all(panel.bl_parent_id in parents for panel in panels if panel not in top)
@@ -72,7 +74,7 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
 
 def test_settings_hang_on_one_pointer_and_are_described(registered):
     assert isinstance(bpy.context.scene.mocap, properties.MocapSettings)
-    shown = (properties.MocapReading, properties.MocapSolve)
+    shown = (properties.MocapReading, properties.MocapSolve, properties.MocapLive)
     for cls in shown:
         for name, prop in cls.bl_rna.properties.items():
             assert name in ("rna_type", "name") or prop.description, f"{cls.__name__}.{name}"

@@ -1,0 +1,181 @@
+"""A live run: the solver's process that turns points into poses, read without waiting; only the newest pose counts."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._exchange.errors import sentence
+from .._exchange.plain_text import plain
+from ..backend_environment import backend_command, environment_for_child
+from .child import SolverProcess
+
+NUM_BETAS = 10
+_MOST_LINES = 100_000
+"""Taken at one poll: whatever has come; poses before the last one are dropped, not shown late."""
+_LOG_LINES = 200
+_BODY_JOINTS, _ALL_JOINTS = 21, 24
+
+
+@dataclass(frozen=True)
+class LivePose:
+    """A moment's body and points; metres, Z up."""
+
+    rotvec: np.ndarray | None
+    """(24, 3) axis-angle, the root first; None where there is no pose."""
+    transl: np.ndarray | None
+    """(3,) metres."""
+    points: np.ndarray
+    """(N, 3) metres, as recorded."""
+    state: str
+    """``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``."""
+    why: str
+    """Why there is no pose."""
+    off_mm: float
+    """How far markers are from the body in the median; NaN without a pose."""
+
+
+@dataclass
+class LiveRun:
+    """What is known about a run; ``poll`` brings it up to date and never raises for what the process says."""
+
+    process: SolverProcess
+    shown: int = 0
+    """Poses that were the newest when somebody looked."""
+    dropped: int = 0
+    """Poses that were not."""
+    betas: np.ndarray | None = None
+    """(10,) shape, once it is known."""
+    latest: LivePose | None = None
+    said: str = ""
+    """What the solver said last of what it does."""
+    ignored: int = 0
+    """Lines that made no sense."""
+    result: dict[str, Any] | None = None
+    error: dict[str, Any] | None = None
+    finished: bool = False
+    log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
+
+    def poll(self) -> LivePose | None:
+        """Take in what arrived; return the newest pose if there is one since the last call."""
+        code = self.process.exit_code  # read first: whatever came before the end is then in the queue
+        newest: str | None = None
+        for item in self.process.received(_MOST_LINES):
+            if isinstance(item, dict):
+                self._event(item)
+            elif item.startswith("{"):
+                self.dropped += newest is not None
+                newest = item
+            elif item.strip():
+                self.log.append(plain(item, keep="\t"))
+        if code is not None and newest is None and not self.finished:
+            self.finished = True
+            if self.result is None and self.error is None:
+                self.error = {
+                    "event": "error", "code": "solver_died", "where": "", "hint": "The log holds what it said last.",
+                    "message": f"The live solver ended without a word (exit code {code}).",
+                }  # fmt: skip
+        if newest is None:
+            return None
+        pose = read_pose_line(newest)
+        if pose is None:
+            self.ignored += 1
+            return None
+        self.shown, self.latest = self.shown + 1, pose
+        return pose
+
+    def stop(self) -> None:
+        """Ask the process to end; it writes what it recorded first."""
+        self.process.cancel()
+
+    @property
+    def recorded(self) -> Path | None:
+        """The recorded take, once it is written."""
+        path = (self.result or {}).get("recorded")
+        return Path(path) if isinstance(path, str) and path else None
+
+    @property
+    def failure(self) -> str:
+        """What went wrong, for people; "" if nothing did."""
+        if self.error is None or self.error["code"] == "cancelled":  # it was asked to end before it had begun
+            return ""
+        return sentence(self.error)
+
+    def _event(self, event: dict[str, Any]) -> None:
+        kind, message = event.get("event"), event.get("message")
+        if kind == "result":
+            self.result = event
+        elif kind == "error" and all(isinstance(event.get(key), str) for key in ("code", "message", "where", "hint")):
+            self.error = event
+        elif kind == "shape":
+            betas = _numbers(event.get("betas"), NUM_BETAS)
+            self.betas = self.betas if betas is None else betas
+        if kind not in ("result", "progress") and isinstance(message, str):
+            self.said = plain(message)
+            self.log.append(self.said)
+
+
+def read_pose_line(line: str) -> LivePose | None:
+    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/formats.md)."""
+    try:
+        values = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(values, dict) or not isinstance(values.get("state"), str):
+        return None
+    cloud = _numbers(values.get("cloud") or [], None)
+    if cloud is None:
+        return None
+    off = values.get("off_mm")
+    rotvec = transl = None
+    if "pose" in values:
+        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * _BODY_JOINTS)
+        transl = _numbers(values.get("trans"), 3)
+        if root is None or pose is None or transl is None:
+            return None
+        rotvec = np.zeros((_ALL_JOINTS, 3))
+        rotvec[0], rotvec[1 : 1 + _BODY_JOINTS] = root, pose.reshape(-1, 3)
+    return LivePose(
+        rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
+        float(off) if isinstance(off, float | int) else math.nan,
+    )  # fmt: skip
+
+
+def _numbers(values: Any, count: int | None) -> np.ndarray | None:
+    """Return a flat array of finite numbers, so many or a multiple of three; None if it is anything else."""
+    try:
+        array = np.asarray(values, dtype=np.float64).ravel()
+    except (TypeError, ValueError, OverflowError):
+        return None
+    fits = array.size % 3 == 0 if count is None else array.size == count
+    return array if fits and np.isfinite(array).all() and (np.abs(array) < 1e6).all() else None
+
+
+def start_live(
+    source: Path, python: Path | None, folder: Path, *, subject: Path | None = None, record: Path | None = None,
+    options: Sequence[str] = (),
+) -> LiveRun:  # fmt: skip
+    """Start a live run of a recording, replayed at its own rate.
+
+    Args:
+        source: the recording.
+        python: interpreter to use; None for Blender's own.
+        folder: working folder.
+        subject: calibrated person.
+        record: where the points are recorded.
+        options: further arguments of the verb.
+
+    Raises:
+        BackendMissing: solver or interpreter are not there.
+    """
+    command = [*backend_command(python), "live", str(source), "--with-points", "--json", "--parent-pipe", *options]
+    command += [] if subject is None else ["--subject", str(subject)]
+    command += [] if record is None else ["--record", str(record)]
+    return LiveRun(SolverProcess(command, environment_for_child(python), folder))

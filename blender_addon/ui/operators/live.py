@@ -1,0 +1,176 @@
+"""Live: a body that moves while points come, shown by a timer; stopped by a button, and recorded to be solved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ..._exchange.errors import MocapError
+from ...conventions.file_paths import absolute, stored
+from ..locations import files_folder, usable
+from ..preferences import chosen_python
+from .base import MocapOperator
+
+if TYPE_CHECKING:
+    from ...scene.live_figure import LiveFigure
+    from ...solving.live import LiveRun
+
+_INTERVAL_S = 1 / 30
+
+
+class CurrentLive:
+    """The live run of this Blender, and what shows it; there is at most one."""
+
+    def __init__(self) -> None:
+        self.run: LiveRun | None = None
+        self.figure: LiveFigure | None = None
+        self.failure = ""
+        self.recorded = ""
+        """The take that the last run recorded, as the scene stores paths."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run is under way."""
+        return self.run is not None
+
+    def begin(self, run: LiveRun, figure: LiveFigure) -> None:
+        """Show a run from now on."""
+        self.run, self.figure, self.failure, self.recorded = run, figure, "", ""
+        if not bpy.app.timers.is_registered(self.tick):
+            bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
+
+    def tick(self) -> float | None:
+        """Show the newest pose; return seconds until the next look, None at the end."""
+        run, figure = self.run, self.figure
+        if run is None or figure is None:
+            return None
+        pose = run.poll()
+        if run.betas is not None and not (run.betas == figure.betas).all():
+            figure.reshape(run.betas)
+        if pose is not None:
+            there = figure.show_points(pose.points)
+            if pose.rotvec is not None and pose.transl is not None:
+                there = figure.pose(pose.rotvec, pose.transl) and there
+            if not there and not run.process.cancelling:
+                self.failure = "The live body was taken away (by undo, or deleted): the run was stopped."
+                run.stop()
+        if run.finished:
+            self._ended(run)
+        _redraw()
+        return None if self.run is None else _INTERVAL_S
+
+    def _ended(self, run: LiveRun) -> None:
+        self.failure = self.failure or run.failure
+        self.recorded = "" if run.recorded is None else stored(run.recorded)
+        self.run = None
+
+    def abandon(self) -> None:
+        """End the run at once; for leaving a file or switching the add-on off."""
+        if bpy.app.timers.is_registered(self.tick):
+            bpy.app.timers.unregister(self.tick)
+        if self.run is not None:
+            self.run.process.kill()
+            self.run.process.wait()
+        self.run = self.figure = None
+        self.failure = self.recorded = ""
+
+
+live = CurrentLive()
+
+
+@bpy.app.handlers.persistent
+def before_load(*_: object) -> None:
+    """End the run when another file is opened."""
+    live.abandon()
+
+
+class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
+    """Starts the live run."""
+
+    bl_idname = "mocap.live_start"
+    bl_label = "Start Live"
+    bl_description = "Replay a recording of markers at its own rate: unnamed points become a moving body as they come"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """One run at a time, in object mode, and something to replay."""
+        if live.busy:
+            cls.poll_message_set("Live is running; stop it first")
+        elif context.mode != "OBJECT":
+            cls.poll_message_set("Change to object mode first")
+        elif not source_of(context.scene):
+            cls.poll_message_set("Choose a recording of markers, or import one")
+        else:
+            return True
+        return False
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start the solver's process and make what shows it."""
+        import numpy as np
+
+        from ..._exchange.errors import FileMissing
+        from ...body.body_file import default_body_path, read_body
+        from ...scene.live_figure import create_live_figure
+        from ...solving.live import start_live
+
+        settings = context.scene.mocap.live
+        source = absolute(source_of(context.scene))
+        subject = absolute(settings.subject) if settings.subject else None
+        for path in (source, *([] if subject is None else [subject])):
+            if not path.is_file():
+                raise FileMissing("The file is not there.", where=path.name, hint="Choose another one.")
+        folder = usable(files_folder(context.scene))
+        record = next_live_take(folder) if settings.record else None
+        run = start_live(source, chosen_python(context), folder, subject=subject, record=record)
+        try:
+            figure = create_live_figure(context.scene, read_body(default_body_path()), np.zeros(10))
+        except (MocapError, RuntimeError):
+            run.process.kill()
+            raise
+        live.begin(run, figure)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_live_stop(bpy.types.Operator):
+    """Stops the live run."""
+
+    bl_idname = "mocap.live_stop"
+    bl_label = "Stop Live"
+    bl_description = "End the live run; what it recorded is written first"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a run."""
+        return live.busy
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Ask the process to end."""
+        if live.run is not None:
+            live.run.stop()
+        return {"FINISHED"}
+
+
+def source_of(scene: bpy.types.Scene) -> str:
+    """Return the recording to replay: the chosen one, or that of the capture if it has markers; "" if none."""
+    capture = scene.mocap.capture
+    return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
+
+
+def next_live_take(folder: Path) -> Path:
+    """Return the first free ``live_01.c3d``, ``live_02.c3d``, ... of a folder."""
+    numbers = range(1, 10_000)
+    return next(path for n in numbers if not (path := folder / f"live_{n:02d}.c3d").exists())
+
+
+def _redraw() -> None:
+    """Let panels and viewports show what is new."""
+    for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+CLASSES = (MOCAP_OT_live_start, MOCAP_OT_live_stop)

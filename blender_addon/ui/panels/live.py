@@ -1,0 +1,58 @@
+"""Live: what is replayed, the button, how it goes, and the take that was recorded."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+
+from ..operators.import_capture import MOCAP_OT_import_capture
+from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
+from .parts import MocapPanel, wrapped
+
+_STATES = {
+    "tracking": ("Tracking", "CHECKMARK"), "unsure": ("Unsure", "QUESTION"), "waiting": ("Waiting", "TIME"),
+    "no_person": ("Nobody seen", "GHOST_DISABLED"), "frozen": ("Frozen", "FREEZE"),
+}  # fmt: skip
+
+
+class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
+    """Markers as they come."""
+
+    bl_idname = "VIEW3D_PT_mocap_live"
+    bl_label = "Live"
+    bl_order = 6
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings and Start, or the state and Stop."""
+        layout, settings = self.layout, context.scene.mocap.live
+        if live.busy:
+            self._draw_run(context)
+            return
+        column = layout.column(align=True)
+        column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
+        column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")
+        layout.prop(settings, "record")
+        layout.operator(MOCAP_OT_live_start.bl_idname, icon="PLAY")
+        if live.failure:
+            wrapped(layout, context, live.failure, "ERROR", alert=True)
+        if live.recorded:
+            row = layout.row()
+            row.label(text=live.recorded.replace("\\", "/").rpartition("/")[2], icon="FILE_TICK", translate=False)
+            row.operator(MOCAP_OT_import_capture.bl_idname, text="Import").filepath = live.recorded
+
+    def _draw_run(self, context: bpy.types.Context) -> None:
+        layout, run = self.layout, live.run
+        assert run is not None  # drawn only while it runs
+        pose = run.latest
+        text, icon = ("Starting", "TIME") if pose is None else _STATES.get(pose.state, (pose.state, "DOT"))
+        layout.label(text="Stopping" if run.process.cancelling else text, icon=icon)
+        if pose is not None:
+            off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
+            layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
+            if pose.why:
+                wrapped(layout, context, pose.why)
+        if run.said:
+            wrapped(layout, context, run.said, "INFO")
+        layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")

@@ -1,0 +1,157 @@
+"""How far markers are from one another over a whole take, and how much that changes: what names a stretch by others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.labelling.outputs import GHOST, MARKERS, OTHER_PLACES
+from solver_backend.labelling.tracklets import Tracklets
+from solver_backend.priors.weights import ASSETS, read_weights
+
+NAME = "marker_distances"
+FLOOR_M = 0.004
+"""Changes smaller than this are noise: logarithms of changes are of the change and this."""
+PLACED_M = 0.006
+"""What skin and glue add to the spread of a distance."""
+FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution: one partner that is named wrongly must not decide."""
+LONG_S = 3.0
+"""Time seen together from which the change of a distance tells as much as it ever does."""
+READINGS = 8.0
+"""Most partners that count as independent: where one marker sits moves all of its distances."""
+FEWEST_PARTNERS = 6
+_SHARE = 0.35
+_BLOCK = 256
+_SCALE_FROM_M = 0.3
+
+
+@dataclass(frozen=True)
+class DistanceTable:
+    """Normal distributions of P places' distances in windows of takes: the markers, then places of other layouts."""
+
+    mean: np.ndarray
+    """(P, P) metres, of a person of middle size."""
+    spread: np.ndarray
+    """(P, P) metres: between people, placements and windows."""
+    change: np.ndarray
+    """(P, P) mean logarithm of the standard deviation over a window and ``FLOOR_M``."""
+    change_spread: np.ndarray
+    """(P, P)"""
+
+
+@dataclass(frozen=True)
+class ChainDistances:
+    """Distances of C chains."""
+
+    mean: np.ndarray
+    """(C, C) metres, NaN for those never seen together."""
+    change: np.ndarray
+    """(C, C) standard deviation, metres."""
+    seconds: np.ndarray
+    """(C, C) seen together."""
+
+
+@lru_cache(maxsize=1)
+def load_distances(path: Path | None = None) -> DistanceTable:
+    """Return the table that ships, or that of a file.
+
+    Raises:
+        FileMissing, WeightsInvalid: there is no such file, or it is of other places.
+    """
+    arrays = read_weights(path or ASSETS / f"{NAME}.npz", NAME).arrays
+    places = len(MARKERS) + len(OTHER_PLACES)
+    pairs = places * (places - 1) // 2
+    if any(arrays[name].shape != (pairs,) for name in ("mean", "spread", "change", "change_spread")):
+        raise WeightsInvalid("The table of distances is of other places.")
+    own = {"mean": 0.0, "spread": PLACED_M, "change": np.log(FLOOR_M), "change_spread": 1.0}
+    return DistanceTable(*(_square(arrays[name].astype(np.float64), places, value) for name, value in own.items()))
+
+
+def _square(pairs: np.ndarray, size: int, own: float) -> np.ndarray:
+    full = np.zeros((size, size))
+    full[np.triu_indices(size, 1)] = pairs
+    return full + full.T + own * np.eye(size)
+
+
+def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets, fps: float) -> ChainDistances:
+    """Return the distances of chains over frames of (F, N, 3) positions."""
+    chains = tracklets.num_chains
+    between = float(np.median(np.diff(frames))) / fps if len(frames) > 1 else 1.0
+    sums = np.zeros((3, chains * chains))
+    for start in range(0, len(frames), _BLOCK):
+        part = frames[start : start + _BLOCK]
+        points, number = positions[part], tracklets.number[part]
+        chain = np.where(number >= 0, tracklets.chain[number], -1)
+        both = (chain[:, :, None] >= 0) & (chain[:, None] >= 0)
+        apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)[both]
+        pair = (chain[:, :, None] * chains + chain[:, None])[both]
+        for row, value in zip(sums, (np.ones_like(apart), apart, apart * apart), strict=True):
+            row += np.bincount(pair, value, chains * chains)
+    count, total, square = sums.reshape(3, chains, chains)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count
+        change = np.sqrt(np.maximum(square / count - mean * mean, 0.0))
+    return ChainDistances(mean, change, count * between)
+
+
+def distance_evidence(
+    found: ChainDistances, labels: np.ndarray, trusted: np.ndarray, table: DistanceTable
+) -> np.ndarray:  # fmt: skip
+    """Return (C, 54) log likelihoods of each chain's labels by its distances to the chains that are trusted.
+
+    ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, s the person's size over the table's, the sum
+    tempered to ``READINGS`` partners. None of them: places of other layouts, or anywhere on the body.
+
+    Args:
+        found: distances.
+        labels: (C,) label of each chain.
+        trusted: (C,) bool.
+        table: what distances are.
+    """
+    chains = len(labels)
+    partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
+    if len(partners) < FEWEST_PARTNERS:
+        return np.zeros((chains, GHOST + 1))
+    theirs = labels[partners]
+    size = _size(found.mean[np.ix_(partners, partners)], table.mean[np.ix_(theirs, theirs)])
+    mean, change = found.mean[:, partners] / size, found.change[:, partners] / size
+    weight = np.isfinite(mean) & (partners[None] != np.arange(chains)[:, None])
+    long = np.minimum(found.seconds[:, partners] / LONG_S, 1.0)
+    # A short look may fall on any moment of what the pair does.
+    moment = np.exp(2.0 * table.change[:, theirs])[None] * (1.0 - long[..., None].swapaxes(1, 2))
+    variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (C, P, partners)
+    log = _student(np.nan_to_num(mean)[:, None] - table.mean[:, theirs][None], variance)
+    off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
+    log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
+    # Whoever takes a partner's label gives it the own one: their distance stays that of the same two markers.
+    rows, them = np.arange(chains)[:, None], np.arange(len(partners))[None]
+    own = np.where((labels >= 0) & (labels < GHOST), labels, 0)[:, None]
+    exchanged = np.where(((labels >= 0) & (labels < GHOST))[:, None], log[rows, own, them], _log_mean_exp(log, axis=1))
+    log[rows, theirs[None], them] = exchanged
+    log = np.where(weight[:, None], log, 0.0)
+    tempered = np.minimum(_SHARE, READINGS / np.maximum(weight.sum(1), 1.0))[:, None]
+    by_place = tempered * log.sum(-1)
+    anywhere = tempered[:, 0] * (_log_mean_exp(log, axis=1).sum(-1))
+    none = np.logaddexp(anywhere, _log_mean_exp(by_place[:, GHOST:], axis=1))
+    return np.concatenate([by_place[:, :GHOST], none[:, None]], axis=1)
+
+
+def _size(found: np.ndarray, expected: np.ndarray) -> float:
+    """Return the median ratio of distances that are long enough to tell."""
+    far = np.isfinite(found) & (expected > _SCALE_FROM_M)
+    return float(np.clip(np.median(found[far] / expected[far]), 0.7, 1.4)) if far.any() else 1.0
+
+
+def _student(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return log densities of Student's distribution but for a constant."""
+    return -0.5 * (FREEDOM + 1.0) * np.log1p(error * error / (FREEDOM * variance)) - 0.5 * np.log(variance)
+
+
+def _log_mean_exp(x: np.ndarray, axis: int) -> np.ndarray:
+    most = x.max(axis, keepdims=True)
+    return np.log(np.exp(x - most).mean(axis)) + np.squeeze(most, axis)

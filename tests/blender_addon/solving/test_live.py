@@ -1,0 +1,81 @@
+"""What a live process says is taken for nothing that it is not."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from blender_addon.solving.child import SolverProcess
+from blender_addon.solving.live import LiveRun, read_pose_line
+
+POSE = {
+    "frame": 3, "t": 0.1, "state": "tracking", "root": [0.1, 0.2, 0.3], "pose": [0.0] * 63, "trans": [1, 2, 3],
+    "off_mm": 12.5, "cloud": [[0, 0, 1], [0, 1, 1]],
+}  # fmt: skip
+
+
+def run_of(lines: list[str], tmp_path) -> LiveRun:
+    """Return the run of a child that says these lines and ends."""
+    said = tmp_path / "said.txt"
+    said.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    program = "import sys; sys.stdout.write(open(sys.argv[1], encoding='utf-8').read())"
+    return LiveRun(SolverProcess([sys.executable, "-S", "-c", program, str(said)], {}, tmp_path))
+
+
+def finished(run: LiveRun) -> list:
+    """Return all poses that polls gave."""
+    poses = []
+    while not run.finished:
+        if (pose := run.poll()) is not None:
+            poses.append(pose)
+    return poses
+
+
+def test_the_newest_pose_is_shown_and_those_before_it_are_dropped(tmp_path):
+    lines = [json.dumps({**POSE, "trans": [i, 0, 0]}) for i in range(500)]
+    run = run_of([*lines, '{"event": "result", "verb": "live", "recorded": "take.c3d"}'], tmp_path)
+    run.process.wait()
+    poses = finished(run)
+    assert len(poses) == 1 and poses[0].transl.tolist() == [499, 0, 0]
+    assert run.shown + run.dropped == 500
+    assert run.recorded is not None and run.recorded.name == "take.c3d" and run.failure == ""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "{", "{}", "[]", '{"state": 3}', json.dumps({**POSE, "pose": [0.0] * 62}), json.dumps({**POSE, "root": "a"}),
+        json.dumps({**POSE, "cloud": [[1, 2]]}), json.dumps({**POSE, "trans": [math.nan, 0, 0]}),
+        json.dumps({**POSE, "trans": [1e300, 0, 0]}), '{"state": "tracking", "cloud": ' + "[" * 5000,
+        json.dumps({**POSE, "cloud": {"a": 1}}),
+    ],
+)  # fmt: skip
+def test_lines_that_are_no_poses_are_ignored(line, tmp_path):
+    assert read_pose_line(line) is None
+    run = run_of([json.dumps(POSE), line], tmp_path)
+    finished(run)
+    assert run.finished and "without a word" in run.failure
+
+
+def test_a_line_without_a_pose_says_why():
+    pose = read_pose_line('{"state": "frozen", "why": "the same again", "points": 41}')
+    assert pose is not None and pose.rotvec is None and pose.why == "the same again" and math.isnan(pose.off_mm)
+
+
+def test_events_tell_shape_and_faults(tmp_path):
+    betas = np.linspace(-1, 1, 10).tolist()
+    run = run_of(
+        [
+            json.dumps({"event": "shape", "message": "known", "betas": betas}),
+            json.dumps({"event": "shape", "message": "nonsense", "betas": [1, "x"]}),
+            json.dumps({"event": "line_ignored", "message": 7}),
+            json.dumps({"event": "error", "code": "x", "message": "It broke.", "where": "", "hint": ""}),
+        ],
+        tmp_path,
+    )
+    finished(run)
+    assert np.allclose(run.betas, betas) and run.said and "It broke" in run.failure
