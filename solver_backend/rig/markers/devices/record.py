@@ -1,0 +1,130 @@
+"""Writing a recording: one thread a sensor, a queue that drops rather than grows, and an end that a full disk may set."""
+
+from __future__ import annotations
+
+import queue
+import shutil
+import threading
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import OutputExists, OutputNotWritable
+from solver_backend.io.png import png_bytes
+from solver_backend.rig.formats.toml_files import pose2sim_toml
+from solver_backend.rig.markers.devices.device import Frame
+from solver_backend.rig.markers.devices.recording_files import (
+    ABOUT,
+    CALIBRATION,
+    EMPTY,
+    FRAMES,
+    HEADER,
+    INDEX,
+    RecordingAbout,
+    SensorFiles,
+)
+from solver_backend.types import Cameras
+
+WAITING = 8
+"""Frames that may wait to be written."""
+SPARE_BYTES = 64 << 20
+"""Recording ends while the disk still has this much, for whatever else needs it."""
+_ASK_EVERY = 32
+
+
+def begin_recording(folder: Path, about: RecordingAbout, cameras: Cameras, *, overwrite: bool = False) -> None:
+    """Make the folder of a recording, with what it is and where its sensors stand.
+
+    Raises:
+        OutputExists: a recording is there already.
+        OutputNotWritable: the folder cannot be made.
+    """
+    if (folder / ABOUT).exists() and not overwrite:
+        raise OutputExists(
+            "A recording is there already.", where=str(folder), hint="Name another folder, or pass --overwrite."
+        )
+    try:
+        for sensor in about.sensors:
+            (folder / sensor.name).mkdir(parents=True, exist_ok=True)
+        (folder / CALIBRATION).write_text(pose2sim_toml(cameras, None), encoding="utf-8", newline="\n")
+        (folder / ABOUT).write_text(about.text(), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise OutputNotWritable(
+            f"The recording cannot be begun: {error.strerror or error}.", where=str(folder),
+            hint="Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw.",
+        ) from error  # fmt: skip
+
+
+def write_empty(folder: Path, sensor: str, brightest: np.ndarray) -> None:
+    """Keep the brightest infrared of the empty scene beside a sensor's frames."""
+    (folder / sensor / EMPTY).write_bytes(png_bytes(brightest))
+
+
+class SensorRecorder:
+    """Writes the frames of one sensor in a thread of its own; what does not fit through is dropped and counted.
+
+    Args:
+        folder: of the recording, which has begun.
+        sensor: what its frames are like.
+        kind: 'raw' or 'png'.
+    """
+
+    def __init__(self, folder: Path, sensor: SensorFiles, kind: str) -> None:
+        self._folder, self._sensor, self._kind = folder / sensor.name, sensor, kind
+        self._queue: queue.Queue[Frame | None] = queue.Queue(WAITING)
+        self.written, self.dropped = 0, 0
+        self.ended = ""
+        """Why recording ended by itself, "" while it goes on."""
+        self._thread = threading.Thread(target=self._run, name=f"record {sensor.name}", daemon=True)
+        self._thread.start()
+
+    def __call__(self, frame: Frame) -> None:
+        """Take a frame to be written; it is dropped where the disk is slower than the sensor."""
+        if self.ended:
+            return
+        try:
+            self._queue.put_nowait(frame)
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with (
+                (self._folder / INDEX).open("w", encoding="utf-8", newline="\n") as index,
+                (self._folder / FRAMES).open("wb", buffering=0) as frames,
+            ):
+                index.write(HEADER)
+                index.flush()
+                while (frame := self._queue.get()) is not None:
+                    self._require_room()
+                    self._pictures(frame, frames)
+                    index.write(f"{frame.number},{frame.device_s:.7f},{frame.host_s:.7f}\n")
+                    index.flush()
+                    self.written += 1
+        except OSError as error:
+            self.ended = f"{error.strerror or error}"
+        while self.ended and self._queue.get() is not None:
+            self.dropped += 1
+
+    def _require_room(self) -> None:
+        if self.written % _ASK_EVERY == 0 and shutil.disk_usage(self._folder).free < SPARE_BYTES:
+            raise OSError("the disk is full")
+
+    def _pictures(self, frame: Frame, frames: object) -> None:
+        pictures = {"infrared": frame.infrared} | ({"depth": frame.depth} if frame.depth is not None else {})
+        if self._kind == "raw":
+            for picture in pictures.values():
+                data = memoryview(np.ascontiguousarray(picture).astype(picture.dtype.newbyteorder("<"), copy=False))
+                if frames.write(data.cast("B")) != data.nbytes:  # type: ignore[attr-defined]
+                    raise OSError("the disk is full")
+            return
+        for what, picture in pictures.items():
+            folder = self._folder / what
+            folder.mkdir(exist_ok=True)
+            (folder / f"{self.written:06d}.png").write_bytes(png_bytes(picture, noisy=True))
