@@ -96,13 +96,13 @@ class Acquisition:
         settings, shapes = self.settings, shapes_of(blobs)
         if frame.depth is None:
             nothing = np.full(blobs.count, np.nan)
-            return shapes, RingDepths(nothing, np.zeros(blobs.count), nothing), np.zeros(blobs.count, dtype=bool)
+            return shapes, RingDepths(nothing, np.zeros(blobs.count), nothing, nothing), np.zeros(blobs.count, dtype=bool)
         counts = frame.infrared.reshape(-1)[blobs.pixel]
         saturated = counts >= settings.saturated * full_counts(frame.infrared, settings)
         ring = ring_of(blobs, frame.depth, saturated, self._scratch, settings)
         rings = ring_depths(ring, blobs.count, settings)
         self._learn_halo(shapes, rings.depth)
-        blobs, ring, parts = split_merged(blobs, shapes, ring, self._blob_radius(rings.depth), settings)
+        blobs, ring, parts = split_merged(blobs, shapes, ring, self._blob_radius(rings.rough), settings)
         if not parts.any():
             return shapes, rings, parts
         return shapes_of(blobs), ring_depths(ring, blobs.count, settings), parts
@@ -125,11 +125,12 @@ class Acquisition:
         flat = lens.undistorted(shapes.centre)
         length = np.sqrt(1.0 + (flat**2).sum(1))
         depth = rings.depth + settings.surface_radii * settings.marker_radius_m / length
-        radius = self._blob_radius(depth)
+        radius = self._blob_radius(rings.rough)
         with np.errstate(invalid="ignore"):
             share = shapes.area / (np.pi * radius**2)
             near, far = settings.range_m
-            depth = np.where((depth >= near) & (depth <= far), depth, np.nan)
+            believed = (depth >= near) & (depth <= far) & ((share >= settings.least_share) | parts)
+            depth = np.where(believed, depth, np.nan)
             odd = (share > settings.too_large) | (share < settings.too_small)
         keep = ~odd & np.isfinite(flat).all(1)
         hidden = np.nan_to_num(np.clip(1.0 - share, 0.0, 1.0), nan=0.0)

@@ -40,6 +40,8 @@ class RingDepths:
     """(N,) depths that agree."""
     spread: np.ndarray
     """(N,) metres, standard deviation of them by their median absolute deviation."""
+    rough: np.ndarray
+    """(N,) metres, the ring's middle even where it agrees on nothing; tells a blob's size, no marker's place."""
 
 
 def ring_of(
@@ -51,15 +53,16 @@ def ring_of(
     Args:
         blobs: the blobs.
         depth_mm: (h, w) uint16, 0 where there is none.
-        saturated: (P,) whether a pixel of a blob is saturated; those and the ones without depth are blind.
+        saturated: (P,) whether a pixel of a blob is saturated; those are blind, or without any the ones without depth.
         scratch: (h * w,) int32, any content; spares a new array for each frame.
         settings: the constants.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
-    blind = saturated | (flat[blobs.pixel] == 0)
-    # A blob that is dim all over has its depth in itself.
-    has_patch = np.bincount(blobs.owner, blind, minlength=blobs.count) > 0
-    core = blind | ~has_patch[blobs.owner]
+    core = saturated
+    # What does not saturate is blind where it has no depth; a blob that is dim all over has its depth in itself.
+    for other in (flat[blobs.pixel] == 0, np.ones(len(core), dtype=bool)):
+        without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
+        core = core | (other & without[blobs.owner])
     y, x = np.divmod(blobs.pixel[core], width)
     reach = np.arange(-settings.ring_px, settings.ring_px + 1)
     dy, dx = (g.ravel() for g in np.meshgrid(reach, reach, indexing="ij"))
@@ -81,32 +84,66 @@ def ring_of(
 def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
     """Return the depth each of ``count`` rings agrees on: the mean within ``mad_limit`` spreads of its median.
 
+    A ring of which a part lies on another surface (an arm before the marker, the room behind it) has no use for its
+    median; there the closest half of its depths counts.
+
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
     """
     sizes = np.bincount(ring.owner, minlength=count)
-    median = medians(ring.depth, ring.owner, sizes)
-    off = np.abs(ring.depth - median[ring.owner])
-    spread = np.maximum(NORMAL_MAD * medians(off, ring.owner, sizes), settings.mad_floor_m)
-    good = off <= settings.mad_limit * spread[ring.owner]
-    kept = np.bincount(ring.owner[good], minlength=count)
+    ordered = np.lexsort((ring.depth, ring.owner))
+    owner, depth = ring.owner[ordered], ring.depth[ordered]
+    middle = sorted_medians(depth, sizes)
+    spread = _spread(depth, owner, middle, sizes, settings)
+    two = spread > settings.two_depths_m
+    if two.any():
+        middle = np.where(two, _closest_half(depth, owner, sizes), middle)
+        chosen = np.abs(depth - middle[owner]) <= settings.two_depths_m
+        of_chosen = np.bincount(owner[chosen], minlength=count)
+        narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen, settings)
+        # What is left of a ring on two surfaces must still be most of it.
+        spread = np.where(two, np.where(of_chosen * 2 > sizes, narrow, np.inf), spread)
+    with np.errstate(invalid="ignore"):
+        good = np.abs(depth - middle[owner]) <= settings.mad_limit * spread[owner]
+    kept = np.bincount(owner[good], minlength=count)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.bincount(ring.owner[good], ring.depth[good], minlength=count) / kept
-    return RingDepths(np.where(kept >= settings.least_ring, mean, np.nan), kept, spread)
+        mean = np.bincount(owner[good], depth[good], minlength=count) / kept
+    known = (kept >= settings.least_ring) & (spread <= settings.most_spread_m)
+    return RingDepths(np.where(known, mean, np.nan), kept, spread, middle)
 
 
-def medians(values: np.ndarray, owner: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+def _spread(
+    depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.ndarray, settings: AcquisitionSettings
+) -> np.ndarray:
+    """Return each ring's standard deviation by the median absolute deviation from its middle, at least a floor."""
+    off = np.abs(depth - middle[owner])
+    return np.maximum(NORMAL_MAD * sorted_medians(off[np.lexsort((off, owner))], sizes), settings.mad_floor_m)
+
+
+def _closest_half(depth: np.ndarray, owner: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the middle of the shortest interval that holds half of each group's sorted values (Rousseeuw 1984)."""
+    half = np.maximum((sizes + 1) // 2, 1)
+    last = np.arange(len(depth)) + half[owner] - 1
+    inside = last < np.cumsum(sizes)[owner]
+    last = np.minimum(last, len(depth) - 1)
+    width = np.where(inside, depth[last] - depth, np.inf)
+    best = np.lexsort((width, owner))
+    found = np.full(len(sizes), np.nan)
+    full = sizes > 0
+    first = best[(np.cumsum(sizes) - sizes)[full]]
+    found[full] = 0.5 * (depth[first] + depth[last[first]])
+    return found
+
+
+def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Return the median of each group, NaN of an empty one.
 
     Args:
-        values: (R,).
-        owner: (R,) group of each.
+        values: (R,) ordered by group, and rising within each.
         sizes: (N,) values of each group.
     """
     if not len(values):
         return np.full(len(sizes), np.nan)
-    ordered = values[np.lexsort((values, owner))]
-    first = np.cumsum(sizes) - sizes
-    last = len(values) - 1
+    first, last = np.cumsum(sizes) - sizes, len(values) - 1
     low, high = np.minimum(first + (sizes - 1) // 2, last), np.minimum(first + sizes // 2, last)
-    return np.where(sizes > 0, 0.5 * (ordered[low] + ordered[high]), np.nan)
+    return np.where(sizes > 0, 0.5 * (values[low] + values[high]), np.nan)

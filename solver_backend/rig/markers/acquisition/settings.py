@@ -48,6 +48,10 @@ class AcquisitionSettings:
     """Depths farther from the ring's median than this times their spread are left out (Leys et al. 2013)."""
     mad_floor_m: float = 0.003
     """Spread that a ring has at least, so that quantised depths are no outliers."""
+    two_depths_m: float = 0.010
+    """A ring with a larger spread lies on two surfaces: of its depths the closest half counts, not their median."""
+    most_spread_m: float = 0.020
+    """A ring that spreads more even so has no depth; the marker is a ray."""
     surface_radii: float = 2.0 / 3.0
     """How far before a sphere's middle its light comes from, in radii: 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)
@@ -67,8 +71,10 @@ class AcquisitionSettings:
     """A part whose area exceeds a marker's by this factor is none."""
     too_small: float = 0.12
     """And one whose area falls below this share."""
+    least_share: float = 0.35
+    """With less of its area a marker is hidden so far that the ring is its occluder's; the marker is a ray."""
 
-    sigma_px: float = 0.12
+    sigma_px: float = 0.08
     """Standard deviation of a centroid."""
     split_sigma_px: float = 0.5
     """Added for parts of a split blob."""
@@ -80,7 +86,7 @@ class AcquisitionSettings:
     """Added standard deviation at 1 m, growing with the square of the distance."""
     ring_noise: float = 1.5
     """Depths in a ring are noisier by this factor."""
-    depth_floor_m: float = 1.0e-3
+    depth_floor_m: float = 0.6e-3
     """Part of a ring's error that its pixels share."""
 
     def depth_sigma(self, depth: np.ndarray) -> np.ndarray:
