@@ -49,6 +49,14 @@ class RecordedSensor(OpenedDevice):
             rows = rows[:whole]
         return rows
 
+    def count(self) -> int:
+        """Return the number of frames.
+
+        Raises:
+            RecordingInvalid: the index cannot be read.
+        """
+        return len(self.index())
+
     def frames(self) -> Iterator[Frame]:
         """Yield the frames.
 
