@@ -129,7 +129,7 @@ class Acquisition:
         with np.errstate(invalid="ignore"):
             share = shapes.area / (np.pi * radius**2)
             near, far = settings.range_m
-            believed = (depth >= near) & (depth <= far) & ((share >= settings.least_share) | parts)
+            believed = (depth >= near) & (depth <= far) & (share >= settings.least_share)
             depth = np.where(believed, depth, np.nan)
             odd = (share > settings.too_large) | (share < settings.too_small)
         keep = ~odd & np.isfinite(flat).all(1)

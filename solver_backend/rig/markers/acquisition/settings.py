@@ -71,7 +71,7 @@ class AcquisitionSettings:
     """A part whose area exceeds a marker's by this factor is none."""
     too_small: float = 0.12
     """And one whose area falls below this share."""
-    least_share: float = 0.35
+    least_share: float = 0.45
     """With less of its area a marker is hidden so far that the ring is its occluder's; the marker is a ray."""
 
     sigma_px: float = 0.08

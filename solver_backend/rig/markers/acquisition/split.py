@@ -21,7 +21,8 @@ def split_merged(
 
     A disc of radius R has the variance ``R²/4`` along any axis; two whose middles are s apart have ``R²/4 + s²/4``
     along the line between them. So a blob is several where its longer variance exceeds ``merged`` times a disc's:
-    as many as its area holds, at first in a row on its axis, then moved by k-means (Lloyd 1982).
+    as many as its area holds, at first its pixels that are farthest apart (Gonzalez 1985), then moved by k-means
+    (Lloyd 1982).
 
     Args:
         blobs: N blobs.
@@ -38,11 +39,9 @@ def split_merged(
     for blob in merged.tolist():
         fits = round(float(shapes.area[blob] / (np.pi * radius_px[blob] ** 2)))
         number = min(max(fits, 2), settings.most_in_blob)
-        reach = np.sqrt(shapes.long[blob] - single[blob])
-        along = np.linspace(-1.0, 1.0, number) * reach * (1.0 if number == 2 else np.sqrt(1.5))
-        centres = shapes.middle[blob] + along[:, None] * shapes.axis[blob]
         mine = np.flatnonzero(blobs.owner == blob)
         xy = _xy(blobs.pixel[mine], blobs.width)
+        centres = _far_apart(xy, shapes.middle[blob], number)
         nearest = np.zeros(len(mine), np.int64)
         for _ in range(_STEPS):
             nearest = _nearest(xy, centres)
@@ -56,6 +55,17 @@ def split_merged(
         ring_owner[of_ring] = names[_nearest(_xy(ring.pixel[of_ring], blobs.width), centres)]
         parts[names] = True
     return replace(blobs, owner=owner, count=count), replace(ring, owner=ring_owner), parts[:count]
+
+
+def _far_apart(xy: np.ndarray, middle: np.ndarray, number: int) -> np.ndarray:
+    """Return the pixel farthest from the middle, then again and again the one farthest from those chosen."""
+    far = ((xy - middle) ** 2).sum(1)
+    chosen = [int(far.argmax())]
+    apart = np.full(len(xy), np.inf)
+    while len(chosen) < number:
+        apart = np.minimum(apart, ((xy - xy[chosen[-1]]) ** 2).sum(1))
+        chosen.append(int(apart.argmax()))
+    return xy[chosen]
 
 
 def _xy(pixel: np.ndarray, width: int) -> np.ndarray:

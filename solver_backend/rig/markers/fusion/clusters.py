@@ -48,6 +48,7 @@ def fuse(sightings: list[Sightings], settings: FusionSettings = DEFAULT) -> Fuse
         flat = np.flatnonzero(~np.isfinite(seen.depth))
         rest = found.join_rays(seen.origin, seen.direction[flat], seen.sigma_ray[flat], seen, settings)
         left.append((seen.origin, seen.direction[flat][rest], seen.sigma_ray[flat][rest]))
+    found.drop_doubles(settings)
     points, covariance = found.estimates()
     met, met_covariance = met_rays(left, settings)
     return FusedPoints(
@@ -122,6 +123,16 @@ class _Clusters:
         self.rays[ii] += 1
         rest[jj] = False
         return rest
+
+    def drop_doubles(self, settings: FusionSettings) -> None:
+        """Drop points too close to a surer one: slivers of a marker behind, depths that an edge has spoiled."""
+        at, spread = self.estimates()
+        variance = np.trace(spread, axis1=1, axis2=2)
+        off = at[:, None] - at
+        close = (off * off).sum(-1) < settings.closest_m**2
+        kept = ~(close & (variance[:, None] > variance)).any(1)
+        for name in ("information", "vector", "depths", "rays"):
+            setattr(self, name, getattr(self, name)[kept])
 
 
 def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
