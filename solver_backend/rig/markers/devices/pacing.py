@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 
-def due_frames(times: np.ndarray, start: float | None, *, repeat: bool = False) -> Iterator[tuple[int, float, float]]:
-    """Yield index, device's seconds and host's seconds of frames.
+def due_frames(times: np.ndarray, start: float | None, *, repeat: bool = False) -> Iterator[tuple[int, int, float, float]]:
+    """Yield index, lap, device's seconds and host's seconds of frames.
 
     Args:
         times: (F,) seconds of the frames on the device's clock.
@@ -18,13 +18,15 @@ def due_frames(times: np.ndarray, start: float | None, *, repeat: bool = False) 
     """
     if not len(times):
         return
-    period = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    lap = float(times[-1] - times[0]) + period
-    added, at = 0.0, 0
+    steps = np.diff(times)
+    steps = steps[steps > 0]
+    period = float(np.median(steps)) if len(steps) else 1.0
+    whole = float(times[-1] - times[0]) + period
+    lap, at = 0, 0
     while True:
-        device = float(times[at]) + added
+        device = float(times[at]) + lap * whole
         if start is None:
-            yield at, device, time.perf_counter()
+            yield at, lap, device, time.perf_counter()
         else:
             due, now = start + device, time.perf_counter()
             if due > now:
@@ -32,9 +34,9 @@ def due_frames(times: np.ndarray, start: float | None, *, repeat: bool = False) 
             last = not repeat and at + 1 == len(times)
             # What is due already is late: the sensor has the next picture, and this one is gone.
             if last or now < due + period:
-                yield at, device, due
+                yield at, lap, device, due
         at += 1
         if at == len(times):
             if not repeat:
                 return
-            at, added = 0, added + lap
+            at, lap = 0, lap + 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import shutil
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,27 +33,57 @@ SPARE_BYTES = 64 << 20
 _ASK_EVERY = 32
 
 
-def begin_recording(folder: Path, about: RecordingAbout, cameras: Cameras, *, overwrite: bool = False) -> None:
-    """Make the folder of a recording, with what it is and where its sensors stand.
+class Recording:
+    """The folder of a recording: what it is and where its sensors stand; sensors are added as they show up.
+
+    Args:
+        folder: made here.
+        kind: 'raw' or 'png', how pictures are kept.
+        fps: frames per second that the sensors were asked for.
+        cameras: the calibration.
+        overwrite: begin anew where a recording is there.
 
     Raises:
         OutputExists: a recording is there already.
         OutputNotWritable: the folder cannot be made.
     """
-    if (folder / ABOUT).exists() and not overwrite:
-        raise OutputExists(
-            "A recording is there already.", where=str(folder), hint="Name another folder, or pass --overwrite."
-        )
-    try:
-        for sensor in about.sensors:
-            (folder / sensor.name).mkdir(parents=True, exist_ok=True)
-        (folder / CALIBRATION).write_text(pose2sim_toml(cameras, None), encoding="utf-8", newline="\n")
-        (folder / ABOUT).write_text(about.text(), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise OutputNotWritable(
-            f"The recording cannot be begun: {error.strerror or error}.", where=str(folder),
-            hint="Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw.",
-        ) from error  # fmt: skip
+
+    def __init__(self, folder: Path, kind: str, fps: float, cameras: Cameras, *, overwrite: bool = False) -> None:
+        self.folder, self._about = folder, RecordingAbout(kind, fps, ())
+        if (folder / ABOUT).exists() and not overwrite:
+            raise OutputExists(
+                "A recording is there already.", where=str(folder), hint="Name another folder, or pass --overwrite."
+            )
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / CALIBRATION).write_text(pose2sim_toml(cameras, None), encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise _not_writable(folder, error) from error
+
+    @property
+    def kind(self) -> str:
+        """How pictures are kept."""
+        return self._about.kind
+
+    def add(self, sensor: SensorFiles) -> None:
+        """Make a sensor's folder and name it in the recording.
+
+        Raises:
+            OutputNotWritable: that cannot be written.
+        """
+        self._about = replace(self._about, sensors=(*self._about.sensors, sensor))
+        try:
+            (self.folder / sensor.name).mkdir(exist_ok=True)
+            (self.folder / ABOUT).write_text(self._about.text(), encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise _not_writable(self.folder, error) from error
+
+
+def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
+    return OutputNotWritable(
+        f"The recording cannot be written: {error.strerror or error}.", where=str(folder),
+        hint="Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw.",
+    )  # fmt: skip
 
 
 def write_empty(folder: Path, sensor: str, brightest: np.ndarray) -> None:
@@ -95,6 +126,7 @@ class SensorRecorder:
 
     def _run(self) -> None:
         try:
+            self._folder.mkdir(parents=True, exist_ok=True)
             with (
                 (self._folder / INDEX).open("w", encoding="utf-8", newline="\n") as index,
                 (self._folder / FRAMES).open("wb", buffering=0) as frames,

@@ -65,9 +65,11 @@ class RecordedSensor(OpenedDevice):
             SensorFailed: a picture is missing or damaged.
         """
         rows = self.index()
-        for at, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
+        count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
+        for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
             infrared, depth = self._pictures(at)
-            yield Frame(self.name, infrared, depth, device, host, int(rows[at, 0]))
+            arrived = float(rows[at, 2]) if self.start is None else host
+            yield Frame(self.name, infrared, depth, device, arrived, int(rows[at, 0]) + lap * count)
 
     def _pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
         if self.kind == "png":
@@ -115,9 +117,9 @@ class StudioSensor(OpenedDevice):
         """
         depth = (self.shot / "depth" / self.name).is_dir()
         times = np.arange(self.count()) / self.fps
-        for at, device, host in due_frames(times, self.start, repeat=self.repeat):
+        for at, lap, device, host in due_frames(times, self.start, repeat=self.repeat):
             pair = _png_pair(self.shot / "infrared" / self.name, self.shot / "depth" / self.name, at, has_depth=depth)
-            yield Frame(self.name, *pair, device, host, at)
+            yield Frame(self.name, *pair, device, host, at + lap * len(times))
 
 
 def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple[np.ndarray, np.ndarray | None]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.io.files import read_json
+from solver_backend.rig.markers.devices.device import Frame
 from solver_backend.rig.markers.errors import RecordingInvalid
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
@@ -48,6 +49,12 @@ class SensorFiles:
     def frame_bytes(self) -> int:
         """Bytes of one frame in ``frames.bin``."""
         return self.infrared_bytes + (2 * self.width * self.height if self.depth else 0)
+
+    @staticmethod
+    def of(frame: Frame) -> SensorFiles:
+        """Return what the frames of a sensor are like, by one of them."""
+        height, width = frame.infrared.shape
+        return SensorFiles(frame.sensor, width, height, str(frame.infrared.dtype), frame.depth is not None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,12 +12,14 @@ from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import read_png
 from solver_backend.rig.markers.devices.recorded import RecordedSensor, StudioSensor
-from solver_backend.rig.markers.devices.recording_files import ABOUT, CALIBRATION, EMPTY, SensorFiles, read_about
+from solver_backend.rig.markers.devices.recording_files import ABOUT, CALIBRATION, EMPTY, read_about
 from solver_backend.rig.markers.errors import RecordingInvalid, SensorUnknown
 from solver_backend.types import Cameras
 
 STUDIO_SHOT = ("clean.npz", "infrared")
 """What the folder of a studio's shot holds."""
+OTHER_CLOCK_S = 0.5
+"""A sensor whose clock differs by more from the others', by the host's, has a clock of its own."""
 
 
 @dataclass(frozen=True)
@@ -75,13 +75,24 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
     cameras = read_calibration(file).cameras
     found = {sensor.name: sensor for sensor in about.sensors}
     devices = [RecordedSensor(path / name, found[name], about.kind) for name in _named(cameras, set(found), path)]
-    firsts = [rows[0, 1] for device in devices if len(rows := device.index())]
-    zero = float(min(firsts)) if firsts else 0.0
+    zeros = _zeros([device.index() for device in devices])
     masks = [_empty(path / device.name / EMPTY) for device in devices]
     missing = tuple(name for name in cameras.names if name not in found)
     return SensorFolder(
-        path, cameras, tuple(replace(d, zero=zero) for d in devices), about.fps, tuple(masks), missing
+        path, cameras, tuple(replace(d, zero=z) for d, z in zip(devices, zeros, strict=True)), about.fps, tuple(masks), missing
     )
+
+
+def _zeros(indices: list[np.ndarray]) -> list[float]:
+    """Return what counts as 0 on each sensor's clock: one time for all, or the host's where a clock is another."""
+    firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
+    if not np.isfinite(firsts).any():
+        return [0.0] * len(indices)
+    ahead = firsts[:, 0] - firsts[:, 1]
+    common = float(np.nanmedian(ahead))
+    ahead = np.where(np.abs(ahead - common) > OTHER_CLOCK_S, ahead, common)
+    start = float(np.nanmin(firsts[:, 0] - ahead))
+    return np.nan_to_num(ahead + start).tolist()
 
 
 def _shot(path: Path, calibration: Path | None) -> SensorFolder:
@@ -108,12 +119,3 @@ def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
 
 def _empty(path: Path) -> np.ndarray | None:
     return read_png(path) if path.is_file() else None
-
-
-def sensor_files(sensor: Any) -> SensorFiles:
-    """Return what a frame's sensor is like on disk, from its first frame."""
-    height, width = sensor.infrared.shape
-    return SensorFiles(sensor.sensor, width, height, str(sensor.infrared.dtype), sensor.depth is not None)
-
-
-Told = Callable[[str], None]

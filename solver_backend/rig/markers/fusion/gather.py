@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from solver_backend.rig.markers.acquisition.sightings import Sightings
 
 SILENT_S = 0.25
-"""A sensor this far behind the others is waited for no longer."""
-JUMP_S = 1.0
-"""A step of a sensor's clock that is longer is told."""
+"""A sensor from which nothing came for so long is told, and not waited for."""
+JUMP_S = 0.5
+"""A step of a sensor's clock that differs by more from the host's is a jump; the host's step takes its place."""
 WAITING = 30
 """Frames of one sensor that may wait for the others; older ones are dropped."""
+MOST_FINDINGS = 1000
+"""Findings that are kept until somebody takes them."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Finding:
     """Something that happened to a sensor."""
 
     kind: str
-    """'sensor_silent', 'sensor_back', 'time_ran_back', 'time_jumped', 'sunlight' or 'frames_dropped'."""
+    """'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code."""
     sensor: int
     time: float
     """Seconds on the sensors' clock."""
@@ -39,7 +41,8 @@ class Gatherer:
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
         self._names, self._period, self._wait = names, period_s, wait_s
         self._queues: list[deque[Sightings]] = [deque() for _ in names]
-        self._last: list[float | None] = [None] * len(names)
+        self._last: list[Sightings | None] = [None] * len(names)
+        self._offset = [0.0] * len(names)
         self._expected = [True] * len(names)
         self._ended = [False] * len(names)
         self._gone: float | None = None
@@ -48,15 +51,8 @@ class Gatherer:
 
     def push(self, seen: Sightings) -> None:
         """Take a frame."""
-        index, before = seen.sensor, self._last[seen.sensor]
-        self._last[index] = seen.time
-        if before is not None and seen.time <= before:
-            self._tell("time_ran_back", seen, f"its clock ran back by {before - seen.time:.3f} s; it begins anew")
-            self._queues[index].clear()
-            if self._gone is not None and seen.time <= self._gone - JUMP_S:
-                self._gone = None
-        elif before is not None and seen.time - before > JUMP_S and self._expected[index]:
-            self._tell("time_jumped", seen, f"its clock jumped ahead by {seen.time - before:.1f} s")
+        seen = self._on_our_clock(seen)
+        index = seen.sensor
         if not self._expected[index]:
             self._expected[index] = True
             self._tell("sensor_back", seen, "it is back")
@@ -67,6 +63,24 @@ class Gatherer:
         self._queues[index].append(seen)
         if len(self._queues[index]) > WAITING:
             self._queues[index].popleft()
+
+    def _on_our_clock(self, seen: Sightings) -> Sightings:
+        """Return the frame with a time that goes on from the one before, whatever its clock does."""
+        index = seen.sensor
+        seen = replace(seen, time=seen.time + self._offset[index])
+        before, self._last[index] = self._last[index], seen
+        if before is None:
+            return seen
+        step, host = seen.time - before.time, max(seen.host_s - before.host_s, 0.0)
+        if step <= 0.0 or step > JUMP_S + host:
+            moved = max(host, self._period) - step
+            self._offset[index] += moved
+            self._last[index] = replace(seen, time=seen.time + moved)
+            self._tell("time_jumped", before, f"its clock jumped by {step:.3f} s; the host's goes on")
+            return replace(seen, time=seen.time + moved)
+        if step > SILENT_S and self._expected[index]:
+            self._tell("sensor_silent", before, f"nothing came from it for {step:.2f} s")
+        return seen
 
     def ended(self, index: int) -> None:
         """Say that a sensor has no more frames."""
@@ -83,13 +97,12 @@ class Gatherer:
         heads = [queue[0] for queue in self._queues if queue]
         if not heads:
             return None
-        newest = max(queue[-1].time for queue in self._queues if queue)
         lacking = [k for k, queue in enumerate(self._queues) if not queue and self._expected[k] and not self._ended[k]]
-        for k in lacking:
+        for k in lacking if now is not None else ():
             last = self._last[k]
-            if newest - (heads[0].time if last is None else last) > SILENT_S:
+            if last is not None and now - last.host_s > SILENT_S:
                 self._expected[k] = False
-                self._tell("sensor_silent", max(heads, key=lambda s: s.time), "nothing comes from it", k)
+                self._tell("sensor_silent", last, "nothing comes from it; the others go on")
         lacking = [k for k in lacking if self._expected[k]]
         first = min(head.time for head in heads)
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
@@ -99,8 +112,6 @@ class Gatherer:
         self._gone = first
         return moment
 
-    def _tell(self, kind: str, seen: Sightings, said: str, index: int | None = None) -> None:
-        index = seen.sensor if index is None else index
-        self.findings.append(Finding(kind, index, seen.time, f"Sensor {self._names[index]}: {said}."))
-        if len(self.findings) > 1000:
-            del self.findings[:-1000]
+    def _tell(self, kind: str, seen: Sightings, said: str) -> None:
+        self.findings.append(Finding(kind, seen.sensor, seen.time, f"Sensor {self._names[seen.sensor]}: {said}."))
+        del self.findings[:-MOST_FINDINGS]
