@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from solver_backend.rig.markers.fusion.clusters import fuse
 from solver_backend.rig.markers.fusion.gather import Finding, Gatherer
 from solver_backend.rig.markers.fusion.settings import DEFAULT as FUSION
 from solver_backend.rig.markers.fusion.settings import FusionSettings
-from solver_backend.rig.markers.fusion.tracks import MarkerTracks, TrackedPoints
+from solver_backend.rig.markers.fusion.tracks import MarkerTracks
 from solver_backend.types import MarkerCloud
 
 
@@ -40,22 +41,30 @@ class SensorTake:
 
 
 def cloud_of(
-    folder: SensorFolder, *, acquisition: AcquisitionSettings = ACQUISITION, fusion: FusionSettings = FUSION,
-    progress: Progress = silent,
+    folder: SensorFolder, *, masks: Mapping[str, np.ndarray] = MappingProxyType({}),
+    acquisition: AcquisitionSettings = ACQUISITION, fusion: FusionSettings = FUSION, progress: Progress = silent,
 ) -> SensorTake:  # fmt: skip
     """Return the point cloud of a folder of sensors.
+
+    Args:
+        folder: recorded or rendered sensors.
+        masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
+        acquisition: the constants of acquisition.
+        fusion: those of fusion.
+        progress: called as frames are done.
 
     Raises:
         NoMarkers: no sensor saw a marker in any frame.
         PicturesDiffer: infrared, depth and calibration are of different sizes.
         RecordingInvalid: an index cannot be read.
     """
+    finders = [Acquisition(folder.cameras, d.name, masks.get(d.name), acquisition) for d in folder.devices]
     gatherer = Gatherer(folder.cameras.names, 1.0 / folder.fps)
     tracks, builder = MarkerTracks(fusion), CloudBuilder()
     frames: Counter[str] = Counter()
     ended: list[str] = []
     expected = max((device.count() for device in folder.devices), default=0)
-    for moment in _moments(folder, gatherer, acquisition, frames, ended):
+    for moment in _moments(folder, gatherer, finders, frames, ended):
         builder.add(tracks.update(fuse(moment, fusion)))
         progress("Markers from sensors", len(builder.moments), max(len(builder.moments), expected))
     cloud, covariance = builder.cloud(folder.fps)
@@ -68,13 +77,6 @@ def cloud_of(
     return SensorTake(cloud, covariance, dict(frames), (*missing, *ended, *said_of(gatherer.findings)))
 
 
-def tracked(moments: Iterator[list[Sightings]], fusion: FusionSettings = FUSION) -> Iterator[TrackedPoints]:
-    """Yield the points of moments with their tracks."""
-    tracks = MarkerTracks(fusion)
-    for moment in moments:
-        yield tracks.update(fuse(moment, fusion))
-
-
 def said_of(findings: list[Finding]) -> list[str]:
     """Return what was found as sentences, each once, with how often."""
     count = Counter((finding.kind, finding.said) for finding in findings)
@@ -85,19 +87,19 @@ def said_of(findings: list[Finding]) -> list[str]:
     ]
 
 
-def masks_of(folder: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -> tuple[np.ndarray | None, ...]:
-    """Return each sensor's mask of what is bright with nobody there, None where the empty scene was not filmed."""
-    return tuple(None if empty is None else learned_mask([empty], settings) for empty in folder.masks)
+def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -> dict[str, np.ndarray]:
+    """Return each sensor's mask of what is bright in a recording of the scene with nobody there."""
+    return {
+        device.name: learned_mask((frame.infrared for frame in device.frames()), settings)
+        for device in empty.devices
+        if device.count()
+    }
 
 
 def _moments(
-    folder: SensorFolder, gatherer: Gatherer, settings: AcquisitionSettings, frames: Counter[str], ended: list[str]
+    folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[str]
 ) -> Iterator[list[Sightings]]:
     """Yield the moments of a folder; a sensor that fails in mid-take ends, the others go on."""
-    finders = [
-        Acquisition(folder.cameras, device.name, mask, settings)
-        for device, mask in zip(folder.devices, masks_of(folder, settings), strict=True)
-    ]
     for name in folder.missing:
         gatherer.ended(folder.cameras.names.index(name))
     going = {finder: iter(device.frames()) for finder, device in zip(finders, folder.devices, strict=True)}

@@ -17,7 +17,6 @@ from solver_backend.rig.markers.devices.device import Frame
 from solver_backend.rig.markers.devices.recording_files import (
     ABOUT,
     CALIBRATION,
-    EMPTY,
     FRAMES,
     HEADER,
     INDEX,
@@ -86,11 +85,6 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
     )  # fmt: skip
 
 
-def write_empty(folder: Path, sensor: str, brightest: np.ndarray) -> None:
-    """Keep the brightest infrared of the empty scene beside a sensor's frames."""
-    (folder / sensor / EMPTY).write_bytes(png_bytes(brightest))
-
-
 class SensorRecorder:
     """Writes the frames of one sensor in a thread of its own; what does not fit through is dropped and counted.
 
@@ -98,10 +92,11 @@ class SensorRecorder:
         folder: of the recording, which has begun.
         sensor: what its frames are like.
         kind: 'raw' or 'png'.
+        patient: wait for the disk; for sources that wait themselves.
     """
 
-    def __init__(self, folder: Path, sensor: SensorFiles, kind: str) -> None:
-        self._folder, self._sensor, self._kind = folder / sensor.name, sensor, kind
+    def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
+        self._folder, self._kind, self._patient = folder / sensor.name, kind, patient
         self._queue: queue.Queue[Frame | None] = queue.Queue(WAITING)
         self.written, self.dropped = 0, 0
         self.ended = ""
@@ -114,7 +109,7 @@ class SensorRecorder:
         if self.ended:
             return
         try:
-            self._queue.put_nowait(frame)
+            self._queue.put(frame, block=self._patient)
         except queue.Full:
             self.dropped += 1
 

@@ -20,9 +20,7 @@ from solver_backend.rig.markers.devices.device import Frame
 from solver_backend.rig.markers.errors import RecordingInvalid
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
-ABOUT, CALIBRATION, INDEX, FRAMES, EMPTY = (
-    "recording.json", "calibration.toml", "index.csv", "frames.bin", "empty.png",
-)  # fmt: skip
+ABOUT, CALIBRATION, INDEX, FRAMES = "recording.json", "calibration.toml", "index.csv", "frames.bin"
 KINDS = ("raw", "png")
 """How pictures are kept: 'raw' is fast and large, 'png' slow and about 2.5 times smaller."""
 HEADER = "number,device_s,host_s\n"

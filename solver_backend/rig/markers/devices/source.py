@@ -1,4 +1,4 @@
-"""A folder of recorded or rendered sensors, opened: its sensors, its calibration, what the empty scene looks like."""
+"""A folder of recorded or rendered sensors, opened: its sensors and its calibration."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 from solver_backend.exchange.errors import CalibrationMissing
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.native.capture_file import read_capture
-from solver_backend.io.png import read_png
 from solver_backend.rig.markers.devices.recorded import RecordedSensor, StudioSensor
-from solver_backend.rig.markers.devices.recording_files import ABOUT, CALIBRATION, EMPTY, read_about
+from solver_backend.rig.markers.devices.recording_files import ABOUT, CALIBRATION, read_about
 from solver_backend.rig.markers.errors import RecordingInvalid, SensorUnknown
 from solver_backend.types import Cameras
 
@@ -30,8 +29,6 @@ class SensorFolder:
     cameras: Cameras
     devices: tuple[RecordedSensor | StudioSensor, ...]
     fps: float
-    masks: tuple[np.ndarray | None, ...]
-    """(h, w) brightest infrared of the empty scene of each sensor, None where it was not filmed."""
     missing: tuple[str, ...] = ()
     """Sensors of the calibration that the folder has nothing of."""
 
@@ -76,10 +73,9 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
     found = {sensor.name: sensor for sensor in about.sensors}
     devices = [RecordedSensor(path / name, found[name], about.kind) for name in _named(cameras, set(found), path)]
     zeros = _zeros([device.index() for device in devices])
-    masks = [_empty(path / device.name / EMPTY) for device in devices]
     missing = tuple(name for name in cameras.names if name not in found)
     return SensorFolder(
-        path, cameras, tuple(replace(d, zero=z) for d, z in zip(devices, zeros, strict=True)), about.fps, tuple(masks), missing
+        path, cameras, tuple(replace(d, zero=z) for d, z in zip(devices, zeros, strict=True)), about.fps, missing
     )
 
 
@@ -104,7 +100,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
     names = _named(cameras, found, path)
     devices = tuple(StudioSensor(path, name, clean.fps) for name in names)
     missing = tuple(name for name in cameras.names if name not in found)
-    return SensorFolder(path, cameras, devices, clean.fps, (None,) * len(devices), missing)
+    return SensorFolder(path, cameras, devices, clean.fps, missing)
 
 
 def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
@@ -115,7 +111,3 @@ def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
             where=str(path), hint="Calibrate these sensors, or rename them in the calibration.",
         )  # fmt: skip
     return names
-
-
-def _empty(path: Path) -> np.ndarray | None:
-    return read_png(path) if path.is_file() else None

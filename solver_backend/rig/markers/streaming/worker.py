@@ -35,8 +35,8 @@ class SensorTask:
     record: Path | None = None
     """Folder of a recording that has begun, or None."""
     kind: str = "raw"
-    live: bool = False
-    """A sensor that goes away may come back; a recording that ends has ended."""
+    live: bool = True
+    """Frames come at their own time: a disk that is slow loses some, and a sensor that goes away may come back."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +91,19 @@ class _Run:
             self._out.send(("trouble", error.code, str(error)))
             return
         while not self._stop.is_set():
+            ended = False
             try:
                 task.device.open()
                 for frame in task.device.frames():
                     if self._stop.is_set():
                         return
                     self._take(frame, acquisition)
+                ended = True
             except MocapError as error:
                 self._out.send(("trouble", error.code, str(error)))
             finally:
                 task.device.close()
-            if not task.live or self._stop.wait(RETRY_S):
+            if ended or not task.live or self._stop.wait(RETRY_S):
                 return
 
     def _take(self, frame: Frame, acquisition: Acquisition) -> None:
@@ -112,7 +114,7 @@ class _Run:
         if self._recorder is None:
             like = SensorFiles.of(frame)
             self._out.send(("like", like))
-            self._recorder = SensorRecorder(self._task.record, like, self._task.kind)
+            self._recorder = SensorRecorder(self._task.record, like, self._task.kind, patient=not self._task.live)
         self._recorder(frame)
         if self._recorder.ended and not self._said:
             self._said = True
