@@ -88,7 +88,8 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     assert take.cloud.residual is not None
     sigma_mm = 1e3 * float(np.nanmedian(take.cloud.residual))
     data = {
-        "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps, "points": round(float(seen.sum(1).mean()), 2),
+        "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps,
+        "points": round(float(seen.sum(1).mean()), 2),
         "columns": seen.shape[1], "sigma_mm": round(sigma_mm, 3), "sensors": take.frames,
         "findings": list(take.findings),
     }  # fmt: skip

@@ -53,7 +53,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
         return _recording(path, calibration)
     if all((path / name).exists() for name in STUDIO_SHOT):
         return _shot(path, calibration)
-    shots = [p for p in (path / "shots").iterdir() if (p / STUDIO_SHOT[0]).is_file()] if (path / "shots").is_dir() else []
+    shots = [found.parent for found in path.glob(f"shots/*/{STUDIO_SHOT[0]}")]
     if len(shots) == 1:
         return _shot(shots[0], calibration)
     raise RecordingInvalid(
@@ -107,7 +107,7 @@ def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
     names = [name for name in cameras.names if name in found]
     if not names:
         raise SensorUnknown(
-            f"The calibration names {', '.join(cameras.names)}; the folder has {', '.join(sorted(found)) or 'nothing'}.",
+            f"The calibration names {', '.join(cameras.names)}, the folder {', '.join(sorted(found)) or 'nothing'}.",
             where=str(path), hint="Calibrate these sensors, or rename them in the calibration.",
         )  # fmt: skip
     return names

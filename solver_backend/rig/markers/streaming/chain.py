@@ -148,7 +148,8 @@ class MarkerChain:
     def _gone(self, connection: Connection) -> None:
         task = self._tasks[self._open.pop(connection)]
         connection.close()
-        self._gatherer.ended(task.cameras.names.index(task.device.name))
+        if task.device.name in task.cameras.names:
+            self._gatherer.ended(task.cameras.names.index(task.device.name))
         if task.device.name not in self.ends:
             self._tell("sensor_failed", task.device.name, "its process ended without a word; the others go on")
 
