@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,32 +11,14 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.live.frames import from_lines
-from solver_backend.rig.markers.devices.device import Frame, OpenedDevice
 from solver_backend.rig.markers.devices.record import Recording
 from solver_backend.rig.markers.devices.source import open_folder
-from solver_backend.rig.markers.errors import SensorFailed
 from solver_backend.rig.markers.fusion.gather import Finding
 from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
 from solver_backend.rig.markers.streaming.statistics import KEPT, ChainStatistics
 from solver_backend.rig.markers.streaming.worker import SensorTask
 from tests.support.recorded_markers import CAMERAS, FRAMES, POINTS, recorded
-
-
-@dataclass
-class Unplugged(OpenedDevice):
-    """A sensor that goes away after a few frames, once, and comes back."""
-
-    inner: OpenedDevice
-    name: str
-    frames_until: int
-    again: bool = False
-
-    def frames(self) -> Iterator[Frame]:
-        for frame in self.inner.frames():  # type: ignore[attr-defined]
-            if frame.number >= self.frames_until and not self.again:
-                self.again = True
-                raise SensorFailed("The cable is out.", where=self.name)
-            yield frame
+from tests.support.unplugged_sensor import Unplugged
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +47,7 @@ def test_frames_go_through_and_are_recorded(recording: Path, tmp_path: Path) -> 
 
 def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:
     folder = open_folder(recording)
-    first, second = (replace(device, repeat=True) for device in folder.replayed(time.perf_counter() + 1.0))
+    first, second = (replace(device, repeat=True) for device in folder.devices)
     wrong = replace(second, sensor=replace(second.sensor, name="nobody"))
     tasks = [
         SensorTask(Unplugged(first, first.name, 5), CAMERAS), SensorTask(second, CAMERAS),

@@ -32,10 +32,6 @@ class SensorFolder:
     missing: tuple[str, ...] = ()
     """Sensors of the calibration that the folder has nothing of."""
 
-    def replayed(self, start: float, *, repeat: bool = False) -> tuple[RecordedSensor | StudioSensor, ...]:
-        """Return the sensors at their recorded rate: time 0 is due at host's seconds ``start``."""
-        return tuple(replace(device, start=start, repeat=repeat) for device in self.devices)
-
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     """Open a recording, or the folder of one shot of the studio.
