@@ -54,7 +54,8 @@ class SensorEnd:
 def run_sensor(task: SensorTask, out: Connection) -> None:
     """Send what a sensor sees, until it ends or nobody reads.
 
-    First ``("ready",)`` is sent, and host's seconds are awaited at which a replay begins. Then are sent ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
+    First ``("ready",)`` is sent, and host's seconds are awaited at which a replay begins. Then are sent
+    ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
     ``("trouble", code, sentence)``, and at last ``("end", SensorEnd)``.
     """
     with suppress(ValueError):  # the one who began it ends it, and is told of Ctrl-C as well
