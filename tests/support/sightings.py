@@ -21,7 +21,8 @@ def sighted(
     if (id(cameras), sensor) not in _LENSES:
         _LENSES[id(cameras), sensor] = SensorLens(cameras, sensor)
     lens = _LENSES[id(cameras), sensor]
-    flat, depth = lens.pixels(points)
+    camera = points @ lens.R.T + lens.t
+    flat, depth = camera[:, :2] / camera[:, 2:], camera[:, 2].copy()
     flat = flat + rng.normal(0, SIGMA_PX, flat.shape) / lens.focal
     depth = depth + rng.normal(0, SIGMA_DEPTH_M, len(depth))
     depth[list(rays)] = np.nan

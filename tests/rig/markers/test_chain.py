@@ -12,6 +12,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.live.frames import from_lines
 from solver_backend.rig.markers.devices.record import Recording
+from solver_backend.rig.markers.devices.recorded import RecordedSensor
 from solver_backend.rig.markers.devices.source import open_folder
 from solver_backend.rig.markers.fusion.gather import Finding
 from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
@@ -48,6 +49,7 @@ def test_frames_go_through_and_are_recorded(recording: Path, tmp_path: Path) -> 
 def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:
     folder = open_folder(recording)
     first, second = (replace(device, repeat=True) for device in folder.devices)
+    assert isinstance(second, RecordedSensor)
     wrong = replace(second, sensor=replace(second.sensor, name="nobody"))
     tasks = [
         SensorTask(Unplugged(first, first.name, 5), CAMERAS), SensorTask(second, CAMERAS),

@@ -66,7 +66,7 @@ def ring_of(
     y, x = np.divmod(blobs.pixel[core], width)
     reach = np.arange(-settings.ring_px, settings.ring_px + 1)
     dy, dx = (g.ravel() for g in np.meshgrid(reach, reach, indexing="ij"))
-    far_first = np.argsort(-(dx * dx + dy * dy), kind="stable")
+    far_first = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
     dy, dx = dy[far_first, None], dx[far_first, None]
     inside = ((y + dy >= 0) & (y + dy < height) & (x + dx >= 0) & (x + dx < width)).ravel()
     pixel = ((y + dy) * width + x + dx).ravel()[inside]

@@ -73,9 +73,3 @@ class SensorLens:
         J[:, 2, 2] = sigma_depth
         turned = self.R.T @ J
         return turned @ np.swapaxes(turned, 1, 2)
-
-    def pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (N, 2) undistorted coordinates and (N,) depths of (N, 3) world points; NaN behind the sensor."""
-        camera = points @ self.R.T + self.t
-        z = np.where(camera[:, 2] > 0.05, camera[:, 2], np.nan)
-        return camera[:, :2] / z[:, None], z

@@ -6,6 +6,7 @@ import queue
 import shutil
 import threading
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -143,12 +144,12 @@ class SensorRecorder:
         if self.written % _ASK_EVERY == 0 and shutil.disk_usage(self._folder).free < SPARE_BYTES:
             raise OSError("the disk is full")
 
-    def _pictures(self, frame: Frame, frames: object) -> None:
+    def _pictures(self, frame: Frame, frames: FileIO) -> None:
         pictures = {"infrared": frame.infrared} | ({"depth": frame.depth} if frame.depth is not None else {})
         if self._kind == "raw":
             for picture in pictures.values():
-                data = memoryview(np.ascontiguousarray(picture).astype(picture.dtype.newbyteorder("<"), copy=False))
-                if frames.write(data.cast("B")) != data.nbytes:  # type: ignore[attr-defined]
+                data = np.ascontiguousarray(picture, picture.dtype.newbyteorder("<")).data
+                if frames.write(data) != data.nbytes:
                     raise OSError("the disk is full")
             return
         for what, picture in pictures.items():

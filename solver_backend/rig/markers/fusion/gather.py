@@ -98,9 +98,9 @@ class Gatherer:
         if not heads:
             return None
         lacking = [k for k, queue in enumerate(self._queues) if not queue and self._expected[k] and not self._ended[k]]
-        for k in lacking if now is not None else ():
+        for k in lacking:
             last = self._last[k]
-            if last is not None and now - last.host_s > SILENT_S:
+            if now is not None and last is not None and now - last.host_s > SILENT_S:
                 self._expected[k] = False
                 self._tell("sensor_silent", last, "nothing comes from it; the others go on")
         lacking = [k for k in lacking if self._expected[k]]
