@@ -64,7 +64,7 @@ def test_the_published_radius_averages_and_takes_apart_what_the_test_joins() -> 
 
 
 def test_two_close_markers_of_one_sensor_are_not_joined_by_the_test() -> None:
-    pair = np.array([[0.0, 0.0, 1.0], [0.0, 0.026, 1.0]])
+    pair = np.array([[0.0, 0.0, 1.0], [0.0, 0.032, 1.0]])
     found = fuse([sighted(CAMERAS, k, pair) for k in range(3)])
     assert len(found.points) == 2 and off_mm(found.points, pair).max() < 3.0
 

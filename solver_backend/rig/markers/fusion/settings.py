@@ -23,7 +23,7 @@ class FusionSettings:
     """The same of two rays: 0.99 with one; chance brings rays together more often than points."""
     reach_m: float = 0.05
     """Sightings farther apart are never one marker, however unsure."""
-    closest_m: float = 0.022
+    closest_m: float = 0.028
     """No two markers are closer: of two points that are, the surer one stays. Smaller for fingers."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
     """Where two rays may meet, from either sensor."""
