@@ -11,6 +11,7 @@ from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
+from solver_backend.cli.sensor_verbs import add_sensor_verbs
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.video_arguments import add_video_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -67,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     add_marker_verbs(verbs, reading, writing, common)
     add_camera_verbs(verbs, reading, writing, common)
     add_video_verbs(verbs, writing, common)
+    add_sensor_verbs(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)
     return parser
 

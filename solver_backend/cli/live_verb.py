@@ -58,7 +58,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     # What is there by now stays; walking through it again and again would make frames late.
     gc.collect()
     gc.freeze()
-    with _opened(args.lines, overwrite) as stream:
+    with Lines(args.lines, overwrite) as stream:
         try:
             for line in session.run(frames if recorder is None else recorder.watched(frames)):
                 statistics.add(line)
@@ -87,7 +87,7 @@ def _cloud(args: argparse.Namespace, progress: Progress) -> Any:
     return capture.markers
 
 
-class _opened:
+class Lines:
     """The stream that lines go to: a file, or the process's own standard output, which verbs do not print to."""
 
     def __init__(self, path: Path | None, overwrite: bool) -> None:

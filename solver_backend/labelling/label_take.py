@@ -60,16 +60,22 @@ class LabelledTake:
         """
         frames = len(self.labels)
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
-        positions = np.full((frames, len(named), 3), np.nan)
+        # The residual, where there is one, goes with its point as a fourth coordinate.
+        given = source.positions
+        if source.residual is not None:
+            given = np.concatenate([given, source.residual[..., None]], axis=-1)
+        values = np.full((frames, len(named), given.shape[-1]), np.nan)
         for column, label in enumerate(named):
             mine = np.where(self.labels == label, self.confidence, -1.0)
             best = mine.argmax(1)
             there = mine[np.arange(frames), best] >= 0
-            positions[there, column] = source.positions[there, best[there]]
-        rest = np.where(((self.labels < 0) | (self.labels == GHOST))[..., None], source.positions, np.nan)
-        rest = rest[:, np.isfinite(rest).all(-1).any(0)]
+            values[there, column] = given[there, best[there]]
+        rest = np.where(((self.labels < 0) | (self.labels == GHOST))[..., None], given, np.nan)
+        rest = rest[:, np.isfinite(rest[..., :3]).all(-1).any(0)]
+        values = np.concatenate([values, rest], axis=1)
+        residual = None if source.residual is None else values[..., 3]
         names = tuple(MARKERS[label] for label in named) + tuple(f"*{i}" for i in range(1, rest.shape[1] + 1))
-        return replace(source, positions=np.concatenate([positions, rest], axis=1), labels=names, residual=None)
+        return replace(source, positions=values[..., :3], labels=names, residual=residual)
 
 
 def label_take(

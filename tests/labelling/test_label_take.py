@@ -124,3 +124,17 @@ def test_a_told_file_that_makes_no_sense_is_refused(tmp_path, demo, item, error)
     path.write_text(json.dumps({"format": "manifold_mocap_told_points", "version": 1, "points": [item]}))
     with pytest.raises(error):
         read_told(path, demo)
+
+
+def test_a_points_residual_goes_with_its_label(demo):
+    rng = np.random.default_rng(0)
+    order = rng.permutation(demo.positions.shape[1])
+    residual = np.where(np.isfinite(demo.positions).all(-1), rng.uniform(1e-4, 3e-3, demo.positions.shape[:2]), np.nan)
+    bare = MarkerCloud(demo.positions[:, order], demo.fps, None, residual[:, order])
+    named = label_take(bare, load_network()).cloud(bare)
+    for column, label in enumerate(named.labels):
+        if label in demo.labels:
+            true = demo.labels.index(label)
+            same = (named.positions[:, column] == demo.positions[:, true]).all(-1)
+            assert same.any() and (named.residual[same, column] == residual[same, true]).all()
+    assert (np.isnan(named.residual) == np.isnan(named.positions[..., 0])).all()

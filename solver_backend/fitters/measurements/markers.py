@@ -69,7 +69,7 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     """Return what markers measure whose landmarks are known.
 
     Args:
-        cloud: F frames of L labelled markers.
+        cloud: F frames of L labelled markers; where it has residuals, ``σ² = σ_marker² + residual²``.
         landmarks: the L places of the markers on the body.
         like: array that says kind, type and device.
         sigma_m: (L,) standard deviation of each marker against the body, per axis.
@@ -83,11 +83,13 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     if not seen_frames(points).any():
         raise NoDetections("In no frame are there enough markers to place a body.", hint="Choose another recording.")
     filled = np.where(located[..., None], points, 0.0)
+    # What the tracker says of its own error, where it does, adds to that of the place.
+    own = 0.0 if cloud.residual is None else np.nan_to_num(np.maximum(cloud.residual, 0.0)) ** 2
     return Measurements(
         landmarks=landmarks,
         points=points,
         covariance=np.zeros((*points.shape, 3)),
-        term=PositionTerm(constant(filled, like), constant(located * sigma_m**-2, like)),
+        term=PositionTerm(constant(filled, like), constant(located / (sigma_m**2 + own), like)),
         fps=cloud.fps,
         report=MarkerReport(points),
         marker_labels=cloud.labels,

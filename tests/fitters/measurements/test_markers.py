@@ -113,3 +113,13 @@ def test_what_cannot_be_named_is_named(worn):
     nothing = replace(cloud, positions=np.full_like(cloud.positions, np.nan))
     with pytest.raises(NoDetections, match="In no frame are there enough markers"):
         measure_markers(nothing, body, np.zeros(1))
+
+
+def test_what_the_tracker_says_of_its_error_adds_to_the_places(worn):
+    cloud, _ = worn
+    body, known = load_body(), np.isfinite(cloud.positions).all(-1)
+    residual = np.where(known, np.linspace(0.0, 0.03, known.size).reshape(known.shape), np.nan)
+    plain = measure_markers(cloud, body, np.zeros(1), 0.01)
+    unsure = measure_markers(replace(cloud, residual=residual), body, np.zeros(1), 0.01)
+    expected = np.where(known, 1.0 / (0.01**2 + np.nan_to_num(residual) ** 2), 0.0)
+    assert np.allclose(unsure.term.weight, expected) and np.allclose(plain.term.weight, known / 0.01**2)

@@ -1,0 +1,191 @@
+"""Markers by three rendered infrared and depth sensors at 2 m (thesis 5.3.2): a walk and a choreography, 53 markers.
+
+Single sensors, fused clouds (chi-square test, and the published 1 cm), markers found of those of which some sensor sees
+half, ghosts (points farther than 3 cm from a marker that has none, or second ones), processor time a picture; then the
+way to joints: labelled by the network, the person calibrated on both takes and solved by the bundle, and beside it
+least squares and the published noise-aware fit without calibration. The walk needs the recordings (MOCAP_SHARED_DATA).
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.baselines.marker_fits import MoSh
+from solver_backend.fitters import SolveSettings, solve
+from solver_backend.fitters.label_first import labelled_capture
+from solver_backend.fitters.pipeline import calibrate_person
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.rig.markers.acquisition.acquire import Acquisition
+from solver_backend.rig.markers.devices.source import SensorFolder, open_folder
+from solver_backend.rig.markers.fusion.clusters import fuse
+from solver_backend.rig.markers.fusion.settings import FusionSettings
+from solver_backend.rig.markers.fusion.tracks import MarkerTracks
+from solver_backend.rig.markers.take import cloud_of
+from solver_backend.studio.data_set import SHOTS, make_data_set
+from solver_backend.studio.spec import spec_of
+from solver_backend.types import Capture, MarkerCloud, Motion
+from tests.benchmarks.metric import Metric
+from tests.support.recordings import recordings_folder
+
+FPS, FRAMES = 30, 80
+WALK = "bvh_samples/cmu_mb2_02_01.bvh"
+NEAR_M = 0.03
+"""A point farther from every marker is none of them."""
+HALF_SEEN = 0.5
+TIMED = 20
+"""Frames of each take that times are measured on."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A rendered take and its truth."""
+
+    folder: SensorFolder
+    markers: np.ndarray
+    """(F, 53, 3) metres."""
+    seen: np.ndarray
+    """(C, F, 53) share of each marker that each sensor sees."""
+    joints: np.ndarray
+    """(F, 24, 3) metres."""
+
+
+def run() -> list[Metric]:
+    """Film, measure, print."""
+    with tempfile.TemporaryDirectory() as place:
+        shots = filmed(Path(place))
+        metrics = [*_single(shots), *_times(shots)]
+        for kind in ("test", "radius"):
+            metrics += _fused(shots, kind)
+        return [*metrics, *_joints(shots)]
+
+
+def filmed(place: Path) -> list[Shot]:
+    """Render both takes."""
+    spec = spec_of({
+        "seed": 2, "fps": FPS, "frames": FRAMES, "motions": ["choreography", str(recordings_folder() / WALK)],
+        "rigs": ["azure_kinect_3"], "looks": ["suit"], "film": ["infrared", "depth"],
+    })  # fmt: skip
+    make_data_set(spec, place)
+    found = []
+    for path in sorted((place / SHOTS).iterdir()):
+        clean = read_capture(path / "clean.npz")
+        assert clean.markers is not None
+        with np.load(path / "truth.npz") as truth:
+            seen = truth["marker_seen"]
+        found.append(Shot(open_folder(path), clean.markers.positions, seen, clean.truth["joints"]))
+    return found
+
+
+def _single(shots: list[Shot]) -> list[Metric]:
+    error = []
+    for shot in shots:
+        for device in shot.folder.devices:
+            acquisition = Acquisition(shot.folder.cameras, device.name)
+            for frame in device.frames():
+                found = acquisition(frame)
+                points = found.points[np.isfinite(found.depth)]
+                off = np.linalg.norm(points[:, None] - shot.markers[frame.number], axis=-1).min(1)
+                error.append(off[off < NEAR_M])
+    return [Metric("single_sensor_rms_mm", _rms_mm(np.concatenate(error)), "mm", rel_tol=0.1)]
+
+
+def _fused(shots: list[Shot], kind: str) -> list[Metric]:
+    errors, found, visible, ghosts, frames = [], 0, 0, 0, 0
+    for shot in shots:
+        cloud = cloud_of(shot.folder, fusion=FusionSettings(clusters=kind)).cloud
+        for k, true in enumerate(shot.markers):
+            points = cloud.positions[k][np.isfinite(cloud.positions[k]).all(-1)]
+            off, which = _one_each(points, true)
+            errors.append(off)
+            ghosts += len(points) - len(which)
+            seen = (shot.seen[:, k] >= HALF_SEEN).any(0)
+            found, visible = found + int(seen[which].sum()), visible + int(seen.sum())
+        frames += len(shot.markers)
+    return [
+        Metric(f"fused_{kind}_rms_mm", _rms_mm(np.concatenate(errors)), "mm", rel_tol=0.1),
+        Metric(f"fused_{kind}_found", 100.0 * found / visible, "%", "higher", abs_tol=0.5, rel_tol=0.0),
+        Metric(f"fused_{kind}_ghosts", 100.0 * ghosts / frames, "/100 f", abs_tol=0.7),
+    ]
+
+
+def _one_each(points: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances and markers of the points that are the nearest to a marker, which has one point at most."""
+    off = np.linalg.norm(points[:, None] - true, axis=-1)
+    which, least = off.argmin(1), off.min(1)
+    order = np.argsort(least)
+    order = order[least[order] < NEAR_M]
+    _, first = np.unique(which[order], return_index=True)
+    kept = order[first]
+    return least[kept], which[kept]
+
+
+def _times(shots: list[Shot]) -> list[Metric]:
+    """Return processor time of a picture and of a moment; frames are read before, and once unmeasured."""
+    acquired, fused = [], []
+    for shot in shots:
+        finders = [Acquisition(shot.folder.cameras, device.name) for device in shot.folder.devices]
+        streams = [device.frames() for device in shot.folder.devices]
+        moments = [[next(stream) for stream in streams] for _ in range(TIMED)]
+        tracks = MarkerTracks()
+        for moment in moments:
+            start = time.process_time()
+            sightings = [finder(frame) for finder, frame in zip(finders, moment, strict=True)]
+            between = time.process_time()
+            tracks.update(fuse(sightings))
+            acquired.append((between - start) / len(moment))
+            fused.append(time.process_time() - between)
+    picture, moment = 1e3 * float(np.median(acquired)), 1e3 * float(np.median(fused))
+    return [
+        Metric("acquisition_cpu_ms", picture, "ms", rel_tol=0.8),
+        Metric("fusion_cpu_ms", moment, "ms", rel_tol=0.8),
+        Metric("three_sensors_two_cores", 2e3 / (3 * picture + moment), "frames/s", "higher", rel_tol=0.5),
+    ]
+
+
+def _joints(shots: list[Shot]) -> list[Metric]:
+    labelled = [
+        labelled_capture(Capture("take", markers=cloud_of(shot.folder).cloud), always=True)[0] for shot in shots
+    ]
+    settings = SolveSettings()
+    person = calibrate_person(labelled, settings)
+    plain = [Capture("take", markers=_without_residual(capture.markers)) for capture in labelled]
+    rows: dict[str, list[Motion]] = {
+        "bundle_calibrated": [solve(capture, settings, person=person).motion for capture in labelled],
+        "bundle_calibrated_no_residuals": [solve(capture, settings, person=person).motion for capture in plain],
+        "least_squares": [_least_squares(capture) for capture in labelled],
+        "noise_aware": [solve(capture, SolveSettings(method="noise-aware")).motion for capture in labelled],
+        "noise_aware_calibrated": [
+            solve(capture, SolveSettings(method="noise-aware"), person=person).motion for capture in labelled
+        ],
+    }
+    metrics = []
+    for name, motions in rows.items():
+        off = [
+            np.linalg.norm(motion.joints[:, :22] - shot.joints[: motion.num_frames, :22], axis=-1)
+            for motion, shot in zip(motions, shots, strict=True)
+        ]
+        each = "   ".join(f"{1e3 * float(part.mean()):5.2f}" for part in off)
+        sys.stdout.write(f"  {name:<32} joints, mean mm a take: {each}\n")
+        metrics.append(Metric(f"joints_{name}_mm", 1e3 * float(np.concatenate(off).mean()), "mm", rel_tol=0.15))
+    return metrics
+
+
+def _least_squares(capture: Capture) -> Motion:
+    motion = MoSh().solve(capture).motion
+    assert motion is not None
+    return motion
+
+
+def _without_residual(cloud: MarkerCloud | None) -> MarkerCloud:
+    assert cloud is not None
+    return MarkerCloud(cloud.positions, cloud.fps, cloud.labels)
+
+
+def _rms_mm(metres: np.ndarray) -> float:
+    return 1e3 * float(np.sqrt((metres**2).mean()))
