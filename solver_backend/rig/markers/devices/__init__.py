@@ -1,0 +1,1 @@
+"""Sensors behind one interface: recorded folders, the studio's renderings, devices that are plugged in."""

@@ -1,0 +1,77 @@
+"""What every sensor of the rig gives, and how it is asked for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What one sensor saw at one moment; infrared and depth are pixel-aligned."""
+
+    sensor: str
+    """The sensor's name, as in the calibration."""
+    infrared: np.ndarray
+    """(h, w) uint8 or uint16 counts."""
+    depth: np.ndarray | None
+    """(h, w) uint16 millimetres along the optical axis, 0 where there is none; None where the sensor has no depth."""
+    device_s: float
+    """Seconds of the exposure's middle on the device's clock, which sensors that are triggered together share."""
+    host_s: float
+    """Seconds when it arrived, on the host's monotonic clock (``time.perf_counter``)."""
+    number: int = 0
+    """The device's own count of frames; gaps are frames that were lost."""
+
+
+@runtime_checkable
+class Device(Protocol):
+    """A sensor: opened, asked for frames until it ends, closed; as a context manager it opens and closes itself."""
+
+    @property
+    def name(self) -> str:
+        """The sensor's name, as in the calibration."""
+        ...
+
+    def open(self) -> None:
+        """Begin.
+
+        Raises:
+            MocapError: the device is not there or cannot be used; the error says which.
+        """
+        ...
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames as they come until the device ends; a frame that nobody took in time is left out.
+
+        Raises:
+            SensorFailed: the device went away.
+        """
+        ...
+
+    def close(self) -> None:
+        """End; may be called several times, and from another thread."""
+        ...
+
+
+class OpenedDevice:
+    """Base of devices: ``with`` opens and closes them."""
+
+    def __enter__(self) -> OpenedDevice:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Begin; nothing to do unless a device says otherwise."""
+
+    def close(self) -> None:
+        """End; nothing to do unless a device says otherwise."""
