@@ -13,6 +13,7 @@ from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.video_arguments import add_video_verbs
+from solver_backend.cli.wand_verbs import add_wand_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
 
 
@@ -66,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     add_pose_verbs(verbs, writing, common)
     add_marker_verbs(verbs, reading, writing, common)
     add_camera_verbs(verbs, reading, writing, common)
+    add_wand_verbs(verbs, writing, common)
     add_video_verbs(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)
     return parser

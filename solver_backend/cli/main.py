@@ -20,6 +20,7 @@ from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.pose_arguments import POSE_VERBS
 from solver_backend.cli.studio_verbs import STUDIO_VERBS
 from solver_backend.cli.video_arguments import VIDEO_VERBS
+from solver_backend.cli.wand_verbs import WAND_VERBS
 from solver_backend.exchange.errors import MocapError, SolverFailed
 from solver_backend.exchange.progress import Progress
 
@@ -78,7 +79,7 @@ def _verb(name: str) -> Verb:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
     groups = {
         "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS,
-        "studio_verbs": STUDIO_VERBS, "video_verbs": VIDEO_VERBS, "solve_verb": ("solve",),
+        "studio_verbs": STUDIO_VERBS, "video_verbs": VIDEO_VERBS, "wand_verbs": WAND_VERBS, "solve_verb": ("solve",),
     }  # fmt: skip
     module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")

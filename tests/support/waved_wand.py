@@ -22,10 +22,10 @@ RING_PIXELS = 12
 
 
 def sensors(count: int = 3, radius_m: float = 2.0) -> Cameras:
-    """Return depth sensors around the origin at 1.2 m that look at a point 1 m above it."""
+    """Return depth sensors around the origin at 1.2 m that look at a point 0.7 m above it."""
     angle = 2 * np.pi * np.arange(count) / count + 0.3
     centre = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), np.full(count, 1.2)], axis=1)
-    forward = np.array([0.0, 0.0, 1.0]) - centre
+    forward = np.array([0.0, 0.0, 0.7]) - centre
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right, axis=1, keepdims=True)

@@ -62,7 +62,7 @@ class Coverage:
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:
-        """Return a sentence: the sensor that saw least, and the part of its picture to wave in; "" when all is covered."""
+        """Return the part of a picture to wave in, of the sensor that saw least; "" when all is covered."""
         open_cells = self.pictures < LEAST_IN_CELL
         if not open_cells.any():
             return ""

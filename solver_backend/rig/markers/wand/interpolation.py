@@ -13,9 +13,9 @@ LONGEST_GAP = 1.5
 
 
 def values_and_velocities(
-    values: Float[np.ndarray, frames *rest], times_s: Float[np.ndarray, " frames"],
+    values: Float[np.ndarray, "frames ..."], times_s: Float[np.ndarray, " frames"],
     wanted_s: Float[np.ndarray, " moments"],
-) -> tuple[Float[np.ndarray, moments *rest], Float[np.ndarray, moments *rest]]:  # fmt: skip
+) -> tuple[Float[np.ndarray, "moments ..."], Float[np.ndarray, "moments ..."]]:  # fmt: skip
     """Return a track's values and their rates of change at wanted times.
 
     Values are those of the frame where a moment is one; else of Hermite's cubic between both neighbours, whose slopes

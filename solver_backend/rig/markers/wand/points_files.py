@@ -46,7 +46,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     files = points_files(folder)
     if not files:
         raise FileMissing("There is no table (.csv) of a wand here.", where=str(folder))
-    views = [_read(path, _lens(path, lenses)) for path in files]
+    views = [_view(path, lens_beside(path, lenses)) for path in files]
     if len({view.depth_m is None for view in views}) > 1:
         raise FileDamaged(
             "Some tables have depth, others three lights.", where=str(folder), hint="Keep them in folders of their own."
@@ -54,7 +54,12 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     return [with_growing_times(view) for view in views]
 
 
-def _lens(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
+def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
+    """Return the lens of a table's sensor: told by its name, or in a calibration file beside the table.
+
+    Raises:
+        CalibrationMissing: it is neither.
+    """
     name = path.stem
     if lenses is not None and name in lenses:
         return lenses[name]
@@ -67,7 +72,12 @@ def _lens(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
     return lens_of(read_calibration(beside).cameras, 0)
 
 
-def _read(path: Path, lens: Lens) -> WandView:
+def read_table(path: Path) -> tuple[np.ndarray, bool]:
+    """Return the numbers of a table, a row a moment or a marker, and whether it is of markers with depth.
+
+    Raises:
+        FileMissing, FileDamaged: there is no such file, or a row is of neither kind.
+    """
     text = read_text(path)
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
@@ -76,9 +86,12 @@ def _read(path: Path, lens: Lens) -> WandView:
             f"The first line is '{first[:60]}'.", where=str(path),
             hint=f"It is '{DEPTH_HEADER}' for a marker with depth, and left out for three lights.",
         )  # fmt: skip
-    columns = DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS
-    table = _table(text, columns, path, skip=int(with_depth))
-    return _with_depth(path.stem, lens, table) if with_depth else _lights(path.stem, lens, table)
+    return _table(text, DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, path, skip=int(with_depth)), with_depth
+
+
+def _view(path: Path, lens: Lens) -> WandView:
+    table, with_depth = read_table(path)
+    return (_with_depth if with_depth else _lights)(path.stem, lens, table)
 
 
 def _table(text: str, columns: int, path: Path, *, skip: int) -> np.ndarray:

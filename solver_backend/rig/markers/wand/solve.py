@@ -101,8 +101,9 @@ def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: 
 
 
 def held_out(count: int) -> np.ndarray:
-    """Return (M,) which of M moments in their order are held out: every fifth stretch of time, so that a wand that
-    moves slowly is not both learned and judged at one place.
+    """Return (M,) which of M moments in their order are held out: every fifth stretch of time.
+
+    Stretches, so that a wand that moves slowly is not both learned and judged at one place.
     """
     block = np.arange(count) * HELD_OUT_BLOCKS // max(count, 1)
     return block % 5 == 2

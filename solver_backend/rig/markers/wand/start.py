@@ -30,7 +30,7 @@ def robust_umeyama(
 ) -> tuple[Pose, np.ndarray]:  # fmt: skip
     """Return the rigid move that brings most points onto their partners, and which do, (n,).
 
-    Samples of three propose, Cauchy's penalty of ``|R x + t - y| / σ`` decides, and the best is refined with its weights.
+    Samples of three propose, Cauchy's penalty of ``|R x + t - y| / σ`` decides, the best is refined with its weights.
 
     Args:
         source: (n, 3) metres, n at least 3.
