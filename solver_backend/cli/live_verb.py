@@ -53,7 +53,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         frames, fps = replayed(cloud, paced=not args.fast), cloud.fps
     recorder = Recorder() if args.record is not None else None
     statistics = LiveStatistics()
-    with _opened(args.lines, overwrite) as stream:
+    with Lines(args.lines, overwrite) as stream:
         for line in session.run(frames if recorder is None else recorder.watched(frames)):
             statistics.add(line)
             if args.with_points and session.shown is not None and "frame" in line:
@@ -78,7 +78,7 @@ def _cloud(args: argparse.Namespace, progress: Progress) -> Any:
     return capture.markers
 
 
-class _opened:
+class Lines:
     """The stream that lines go to: a file, or the process's own standard output, which verbs do not print to."""
 
     def __init__(self, path: Path | None, overwrite: bool) -> None:

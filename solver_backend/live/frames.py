@@ -48,12 +48,12 @@ def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) ->
 def from_lines(stream: TextIO, fps: float = 120.0) -> Iterator[PointFrame]:
     """Yield a frame a line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers: the time, then x y z of each.
 
-    A line that is neither is yielded with its fault; empty lines are left out.
+    A line that is neither is yielded with its fault; empty lines are left out, and so are events of whoever sends them.
     """
     number = 0
     for line in stream:
         arrived, text = time.perf_counter(), line.strip()
-        if not text:
+        if not text or text.startswith('{"event":'):
             continue
         try:
             at, points = _parsed(text, number / fps)

@@ -20,7 +20,7 @@ from solver_backend.studio.judge.place_errors import place_errors
 from solver_backend.studio.perturbation import read_perturbation
 from solver_backend.studio.rigs import build_rig
 from solver_backend.studio.spec import spec_of
-from solver_backend.studio.writers.png import read_png
+from solver_backend.io.png import read_png
 from solver_backend.types import Motion
 
 RIG = {"preset": "azure_kinect_3", "scale": 0.3}

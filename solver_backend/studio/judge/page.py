@@ -18,7 +18,7 @@ from solver_backend.studio.judge.judge import Verdict
 from solver_backend.studio.judge.place_errors import PlaceErrors
 from solver_backend.studio.scene.z_buffer import in_camera
 from solver_backend.studio.writers.contact_sheet import shown
-from solver_backend.studio.writers.png import png_bytes, read_png
+from solver_backend.io.png import png_bytes, read_png
 from solver_backend.types import SMPL_PARENTS
 
 _COLUMNS = ("MPJPE", "PA-MPJPE", "acceleration", "time")

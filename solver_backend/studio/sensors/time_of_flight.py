@@ -1,7 +1,7 @@
 """A time-of-flight depth sensor: noise that grows with distance, flying pixels, and blind patches at markers.
 
 Chapter 5.3.2 of the thesis lives on the last: a retro-reflector saturates the pixels that see it, which then have no
-depth; light spilling from its rim gives the pixels around a "ring" at the sphere's own depth.
+depth; light spilling from it gives the pixels around a "ring" at the depth of the sphere's surface.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.studio.scene.marker_spheres import Spheres
+from solver_backend.studio.scene.marker_spheres import RADIUS_M, Spheres
 from solver_backend.studio.sensors.infrared import FULL
 
 
@@ -34,6 +34,8 @@ class TimeOfFlightModel:
     """Nearest and farthest depth."""
     ring_noise: float = 1.5
     """Times the noise in the ring of a marker."""
+    surface_radii: float = 2.0 / 3.0
+    """How far before its middle a sphere sends light back, in radii: the mean over its disc."""
 
     def sigma_m(self, depth: np.ndarray) -> np.ndarray:
         """Return the standard deviation in metres of a surface square on, at depths in metres."""
@@ -58,7 +60,7 @@ def measure_depth(
     true = np.minimum(depth, np.float32(100.0))
     blind = retro >= FULL
     if blind.any():
-        true, ring = _with_rings(true, blind, spheres)
+        true, ring = _with_rings(true, blind, spheres, model.surface_radii * RADIUS_M)
     else:
         ring = np.zeros_like(blind)
     slope = np.clip(1.0 / np.maximum(cosine, np.float32(0.1)), 1.0, 6.0) - 1.0
@@ -76,11 +78,16 @@ def measure_depth(
     return np.round(found * np.float32(1000.0)).astype(np.uint16)
 
 
-def _with_rings(depth: np.ndarray, blind: np.ndarray, spheres: Spheres) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depth with that of the nearest sphere two pixels around blind patches, and (h, w) where that is."""
+def _with_rings(
+    depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the depth with the nearest sphere's two pixels around blind patches, and (h, w) where that is.
+
+    A sphere's light comes from ``before_m`` before its middle.
+    """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)
-    np.minimum.at(owner, spheres.pixel, spheres.depth[spheres.owner].astype(np.float32))
+    np.minimum.at(owner, spheres.pixel, (spheres.depth[spheres.owner] - before_m).astype(np.float32))
     around = owner.reshape(height, width)
     grown = blind
     for step in range(3):

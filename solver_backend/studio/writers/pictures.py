@@ -9,7 +9,7 @@ from types import TracebackType
 
 import numpy as np
 
-from solver_backend.studio.writers.png import png_bytes
+from solver_backend.io.png import png_bytes
 
 _NOISY = ("infrared", "depth")
 _WAITING = 16

@@ -13,7 +13,7 @@ from blender_addon.studio.colour_film import film_in_colour
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
-from solver_backend.studio.writers.png import read_png
+from solver_backend.io.png import read_png
 from solver_backend.types import Cameras
 from tests.support.blob_reading import labelled, triangulated
 from tests.support.studio_shots import board, board_points, colour_shot, dots

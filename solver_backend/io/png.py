@@ -76,6 +76,8 @@ def _decoded(data: bytes) -> np.ndarray:
 
 
 def _unfiltered(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    if (kinds == _SUB).all():
+        return np.cumsum(rows, axis=1, dtype=np.uint8)
     out = np.zeros_like(rows)
     above = np.zeros_like(rows[0])
     for y, kind in enumerate(kinds.tolist()):

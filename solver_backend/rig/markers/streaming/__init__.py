@@ -1,0 +1,1 @@
+"""The chain while it happens: a process a sensor, one that fuses, and nothing that lags."""

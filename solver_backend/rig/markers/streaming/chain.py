@@ -1,0 +1,157 @@
+"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and says so."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from types import TracebackType
+from typing import Any
+
+from solver_backend.rig.markers.acquisition.sightings import Sightings
+from solver_backend.rig.markers.devices.record import Recording
+from solver_backend.rig.markers.fusion.clusters import fuse
+from solver_backend.rig.markers.fusion.gather import Finding, Gatherer
+from solver_backend.rig.markers.fusion.settings import DEFAULT, FusionSettings
+from solver_backend.rig.markers.fusion.tracks import MarkerTracks, TrackedPoints
+from solver_backend.rig.markers.streaming.statistics import ChainStatistics
+from solver_backend.rig.markers.streaming.worker import SensorEnd, SensorTask, run_sensor
+
+WAIT_S = 0.012
+"""A moment waits this long for its last sensor."""
+LISTEN_S = 0.005
+MOST_WAITING = 2
+"""Complete moments that are fused; of more, the newest."""
+END_S = 5.0
+"""Time that a sensor's process has for ending."""
+
+
+@dataclass(frozen=True)
+class LiveMoment:
+    """What came out of one moment."""
+
+    tracked: TrackedPoints
+    arrived: float
+    """Host's seconds when its first frame arrived."""
+
+
+class MarkerChain:
+    """Devices, acquisition and fusion, running; a context manager that ends its processes.
+
+    Args:
+        tasks: one a sensor, all of one calibration.
+        fps: frames per second of the sensors.
+        fusion: the constants.
+        recording: where the sensors' frames are recorded, None where they are not.
+    """
+
+    def __init__(
+        self, tasks: list[SensorTask], fps: float, fusion: FusionSettings = DEFAULT, recording: Recording | None = None
+    ) -> None:
+        self._tasks, self._fusion, self._recording = tasks, fusion, recording
+        names = tasks[0].cameras.names
+        self._gatherer = Gatherer(names, 1.0 / fps, WAIT_S)
+        present = {task.device.name for task in tasks}
+        for index, name in enumerate(names):
+            if name not in present:
+                self._gatherer.ended(index)
+        self._tracks = MarkerTracks(fusion)
+        self._number: dict[int, int] = {}
+        self._open: dict[Connection, int] = {}
+        self._processes: list[Any] = []
+        self.statistics = ChainStatistics()
+        self.ends: dict[str, SensorEnd] = {}
+        """How each sensor's process ended."""
+        self.cpu_s = 0.0
+        """Time that fusion computed for."""
+
+    def __enter__(self) -> MarkerChain:
+        context = multiprocessing.get_context("spawn")
+        for index, task in enumerate(self._tasks):
+            here, there = context.Pipe()
+            process = context.Process(target=run_sensor, args=(task, there), daemon=True)
+            process.start()
+            there.close()
+            self._open[here] = index
+            self._processes.append(process)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for connection in self._open:
+            with suppress(OSError):
+                connection.send("stop")
+        deadline = time.monotonic() + END_S
+        while self._open and time.monotonic() < deadline:
+            self._listen(0.1)
+        for process in self._processes:
+            process.join(max(0.1, deadline - time.monotonic()))
+            if process.is_alive():
+                process.terminate()
+                process.join()
+
+    def moments(self) -> Iterator[LiveMoment | Finding]:
+        """Yield moments, and what happened to sensors, until all of them have ended."""
+        while self._open:
+            self._listen(LISTEN_S)
+            yield from self._fused(time.perf_counter())
+        yield from self._fused(float("inf"))
+
+    def _fused(self, now: float) -> Iterator[LiveMoment | Finding]:
+        ready = self._gatherer.moments(now)
+        findings, self._gatherer.findings = self._gatherer.findings, []
+        yield from findings
+        if len(ready) > MOST_WAITING:
+            self.statistics.skipped += len(ready) - MOST_WAITING
+            ready = ready[-MOST_WAITING:]
+        for moment in ready:
+            begin = time.process_time()
+            tracked = self._tracks.update(fuse(moment, self._fusion))
+            self.cpu_s += time.process_time() - begin
+            arrived, done = min(s.host_s for s in moment), time.perf_counter()
+            self.statistics.add(done - arrived, len(tracked.points), done)
+            yield LiveMoment(tracked, arrived)
+
+    def _listen(self, seconds: float) -> None:
+        """Take all that sensors have sent, or wait for it."""
+        for connection in wait(list(self._open), seconds):
+            assert isinstance(connection, Connection)
+            try:
+                while connection.poll():
+                    self._take(connection.recv(), self._open[connection])
+            except (EOFError, OSError):
+                self._gone(connection)
+
+    def _take(self, message: tuple[Any, ...], index: int) -> None:
+        what, name = message[0], self._tasks[index].device.name
+        if what == "seen":
+            self._count(message[1], name)
+            self._gatherer.push(message[1])
+        elif what == "like" and self._recording is not None:
+            self._recording.add(message[1])
+        elif what == "trouble":
+            self._tell(message[1], name, message[2])
+        elif what == "end":
+            self.ends[name] = message[1]
+
+    def _count(self, seen: Sightings, name: str) -> None:
+        self.statistics.frames[name] += 1
+        before = self._number.get(seen.sensor)
+        self._number[seen.sensor] = seen.number
+        if before is not None and seen.number > before + 1:
+            self.statistics.lost[name] += seen.number - before - 1
+
+    def _gone(self, connection: Connection) -> None:
+        task = self._tasks[self._open.pop(connection)]
+        connection.close()
+        self._gatherer.ended(task.cameras.names.index(task.device.name))
+        if task.device.name not in self.ends:
+            self._tell("sensor_failed", task.device.name, "its process ended without a word; the others go on")
+
+    def _tell(self, kind: str, name: str, said: str) -> None:
+        index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
+        self._gatherer.findings.append(Finding(kind, index, float("nan"), f"Sensor {name}: {said}"))
