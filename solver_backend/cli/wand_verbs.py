@@ -39,6 +39,7 @@ def add_wand_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpars
         "--interleave", type=float, default=0.0, metavar="MICROSECONDS",
         help="by how much each exposes later than the one before; 160 of time-of-flight sensors",
     )  # fmt: skip
+    wand.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
     wand.add_argument("--every-sensor", action="store_true", help="only moments at which all sensors see the wand")
     wand.add_argument("--gamma", type=Path, metavar="FOLDER", help="the same sensors before the Γ on the floor")
     wand.add_argument(
@@ -55,6 +56,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.rig.markers.clock.trigger import triggered
     from solver_backend.rig.markers.gravity.gamma import Gamma, ground_from_gamma, on_ground
     from solver_backend.rig.markers.gravity.gamma_clouds import gamma_clouds
+    from solver_backend.rig.markers.wand.from_sensors import is_sensor_folder, sensor_clouds
     from solver_backend.rig.markers.wand.leds import Wand
     from solver_backend.rig.markers.wand.result import WandOptions, in_world
     from solver_backend.rig.markers.wand.session import calibrate_by_wand
@@ -71,14 +73,16 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     wand = None if args.wand is None else Wand(args.wand[0], args.wand[1])
     long_m, short_m = args.gamma_lengths
     gamma = Gamma(long_m, short_m, args.gamma_height)
-    views = wand_views(args.folder, args.lenses, lights=wand is not None, progress=progress)
+    views = wand_views(args.folder, args.lenses, lights=wand is not None, empty=args.empty, progress=progress)
     clocks = triggered(tuple(view.name for view in views), 1e-6 * args.interleave) if args.trigger else None
     found = calibrate_by_wand(views, WandOptions(wand, clocks, bool(args.every_sensor)), progress)
     ground = None
     if args.gamma is not None:
         progress("Up, by the Γ", 0, 1)
         cameras = found.rig.cameras
-        ground = ground_from_gamma(gamma_clouds(args.gamma, cameras), gamma, cameras.centres)
+        by_sensors = is_sensor_folder(args.gamma)
+        clouds = sensor_clouds(args.gamma, cameras, args.empty) if by_sensors else gamma_clouds(args.gamma, cameras)
+        ground = ground_from_gamma(clouds, gamma, cameras.centres)
         found = in_world(found, on_ground(found.rig, ground), ground)
     write_calibration(args.out, found.rig.cameras, kind, found.rig.rmse_px, overwrite=overwrite)
     if args.report is not None:

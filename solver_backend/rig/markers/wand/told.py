@@ -12,10 +12,8 @@ from solver_backend.rig.markers.wand.result import WandCalibration
 def told_lines(found: WandCalibration) -> list[str]:
     """Return what was found, a line each."""
     rig, cameras = found.rig, found.rig.cameras
-    lines = [
-        f"{len(cameras)} sensors by {rig.method} at {found.moments} moments, {rig.rmse_px:.2f} px, "
-        f"{found.held_out_px:.2f} px held out"
-    ]
+    held_out = f", {found.held_out_px:.2f} px held out" if np.isfinite(found.held_out_px) else ""
+    lines = [f"{len(cameras)} sensors by {rig.method} at {found.moments} moments, {rig.rmse_px:.2f} px{held_out}"]
     if np.isfinite(found.length_rmse_m).all():
         first, second, whole = 1e3 * found.length_rmse_m
         lines.append(f"  lengths     {first:.2f}, {second:.2f} and {whole:.2f} mm RMS, held out")
