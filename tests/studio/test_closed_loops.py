@@ -15,7 +15,7 @@ from solver_backend.studio.sensors.time_of_flight import TimeOfFlightModel, meas
 from solver_backend.studio.shots import list_shots
 from solver_backend.studio.spec import Spec, spec_of
 from solver_backend.studio.stage import Stage, set_up
-from tests.support.blob_reading import blob_centres, lift, ring_depths, triangulated
+from tests.support.blob_reading import lift, sightings, triangulated
 
 
 @cache
@@ -54,7 +54,7 @@ def test_blobs_triangulated_with_the_written_cameras_meet_the_markers_within_a_m
     rays: dict[tuple[int, int], list[tuple[int, np.ndarray]]] = {}
     for frame in range(stage.num_frames):
         for view in range(len(stage.cameras)):
-            blobs = blob_centres(pictures["infrared", view, frame])
+            blobs = sightings(stage.cameras, view, pictures["infrared", view, frame]).px
             for marker, blob in matched(stage, view, frame, blobs, seen[view, frame], 14.0).items():
                 rays.setdefault((frame, marker), []).append((view, blobs[blob]))
     error = np.array([
@@ -75,13 +75,11 @@ def test_ring_and_median_of_three_depth_sensors_give_markers_within_four_millime
     for frame in range(stage.num_frames):
         for view in range(3):
             infrared, depth = pictures["infrared", view, frame], pictures["depth", view, frame]
-            blobs, rings = blob_centres(infrared), ring_depths(infrared, depth)
-            for marker, blob in matched(stage, view, frame, blobs, seen[view, frame], 10.0).items():
-                centre = np.round(blobs[blob]).astype(int)
+            seen_here = sightings(stage.cameras, view, infrared, depth)
+            for marker, blob in matched(stage, view, frame, seen_here.px, seen[view, frame], 10.0).items():
+                centre = np.round(seen_here.px[blob]).astype(int)
                 assert depth[centre[1], centre[0]] == 0, "the patch is blind"
-                points.setdefault((frame, marker), []).append(
-                    lift(stage.cameras, view, blobs[blob : blob + 1], rings[blob : blob + 1])[0]
-                )
+                points.setdefault((frame, marker), []).append(seen_here.points[blob])
     off = np.array([np.mean(p, axis=0) - stage.markers[key] for key, p in points.items() if np.isfinite(p).all()])
     assert len(off) > 120
     error = 1e3 * np.linalg.norm(off, axis=1)
