@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     add_marker_verbs(verbs, reading, writing, common)
     add_camera_verbs(verbs, reading, writing, common)
     add_wand_verbs(verbs, writing, common)
-    add_oak_verbs(verbs, common)
+    add_oak_verbs(verbs, writing, common)
     add_video_verbs(verbs, writing, common)
     add_sensor_verbs(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)

@@ -121,8 +121,13 @@ class FakeDepthai:
             getConnectedCameras=lambda: list(self.sockets), getProductName=lambda: "OAK-1",
             setIrFloodLightIntensity=self._flood, close=self._close,
             setIrLaserDotProjectorIntensity=lambda v: self.kept.append(("dots", (v,), {})),
-            setExternalFrameSyncRole=self._role,
+            setExternalFrameSyncRole=self._role, readCalibration=lambda: self,
         )  # fmt: skip
+
+    def getCameraIntrinsics(self, socket: str, width: int, height: int) -> list[list[float]]:
+        if socket not in self.sockets:
+            raise RuntimeError("no such camera")
+        return [[400.0, 0, width / 2], [0, 400.0, height / 2], [0, 0, 1]]
 
     def _flood(self, value: float) -> bool:
         self.kept.append(("flood", (value,), {}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,19 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
-from solver_backend.exchange.errors import BackendMissing, CommandLineInvalid, MocapError, OutputExists
-from solver_backend.rig.markers.devices import oak, oak_colour, oak_module
+from solver_backend.exchange.errors import (
+    BackendMissing,
+    CalibrationMissing,
+    CommandLineInvalid,
+    MocapError,
+    OutputExists,
+)
+from solver_backend.rig.markers.devices import oak, oak_colour, oak_lenses, oak_module
 from solver_backend.rig.markers.devices.device import Device, Frame, OpenedDevice
 from solver_backend.rig.markers.devices.named import device_named
 from solver_backend.rig.markers.devices.oak import Oak, listed_oaks
 from solver_backend.rig.markers.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
+from solver_backend.rig.markers.devices.oak_lenses import oak_cameras
 from solver_backend.rig.markers.devices.oak_replay import OakReplay
 from solver_backend.rig.markers.devices.oak_settings import OakSettings
 from solver_backend.rig.markers.errors import PicturesDiffer, SensorFailed, SensorUnknown
@@ -37,7 +45,7 @@ def pair(number: int, seconds: float, depth_shape: tuple[int, int] = SHAPE) -> d
 def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeDepthai]:
     def plug(items: list[Any], **options: Any) -> FakeDepthai:
         module = FakeDepthai(items, **options)
-        for place in (oak, oak_colour):
+        for place in (oak, oak_colour, oak_lenses):
             monkeypatch.setattr(place, "depthai", lambda: module)
         return module
 
@@ -48,7 +56,8 @@ def test_a_device_is_set_and_gives_frames(plugged_in: Callable[..., FakeDepthai]
     pairs = [pair(n, 100.0 + n / 60) for n in range(3)]
     module = plugged_in(pairs)
     settings = OakSettings(exposure_us=500, iso=150, flood=0.7, sync="slave")
-    with device_named("oak:14442C10=left", settings) as device:
+    device = device_named("oak:14442C10=left", settings)
+    with device:
         frames = list(device.frames())
     assert isinstance(device, Device) and device.name == "left"
     assert [f.number for f in frames] == [0, 1, 2]
@@ -68,7 +77,8 @@ def test_a_device_is_set_and_gives_frames(plugged_in: Callable[..., FakeDepthai]
 
 def test_stamps_of_ptp_are_the_systems(plugged_in: Callable[..., FakeDepthai]) -> None:
     plugged_in([pair(0, 100.0)])
-    with Oak("a", "1", OakSettings(sync="ptp")) as device:
+    device = Oak("a", "1", OakSettings(sync="ptp"))
+    with device:
         assert [f.device_s for f in device.frames()] == [pytest.approx(5100.0, abs=1e-5)]
 
 
@@ -98,6 +108,33 @@ def test_what_can_go_wrong_is_named(
     assert "left" in caught.value.where
     device.close()
     assert module.closed == (0 if not module.there else 1)
+
+
+def test_lenses_are_the_devices_own_and_their_lack_is_named(plugged_in: Callable[..., FakeDepthai]) -> None:
+    module = plugged_in([])
+    cameras = oak_cameras([Oak("a", "1"), Oak("b", "2", OakSettings(fps=30.0, size=(1280, 800)))])
+    assert cameras.names == ("a", "b") and cameras.image_size.tolist() == [[640, 400], [1280, 800]]
+    assert cameras.K[:, 0, 2].tolist() == [320.0, 640.0]
+    assert module.closed == 2
+    plugged_in([], sockets=("a",))
+    with pytest.raises(CalibrationMissing, match="no calibration of its own"):
+        oak_cameras([Oak("a", "1")])
+    plugged_in([], there=False)
+    with pytest.raises(SensorFailed, match="cannot be opened"):
+        oak_cameras([Oak("a", "1")])
+
+
+def test_a_device_can_be_sent_to_the_process_that_opens_it() -> None:
+    device = Oak("a", "1", OakSettings(fps=30.0))
+    assert pickle.loads(pickle.dumps(device)) == device
+
+
+def test_names_on_the_command_line_are_told_apart(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for verb in ("record-oak", "record-colour"):
+        assert main([verb, str(tmp_path / "x"), "--oak", "1=a", "--oak", "2=a"]) == 2
+        assert main([verb, str(tmp_path / "x"), "--oak", "1=a", "--seconds", "0"]) == 2
+    assert "Two cameras have one name" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
 
 
 def test_impossible_settings_and_kinds_are_named() -> None:
@@ -152,7 +189,8 @@ class Prepared(OpenedDevice):
 def test_a_replay_goes_through_depthais_nodes_unchanged(kind: type) -> None:
     pytest.importorskip("depthai", reason="depthai is not installed: pip install manifold-mocap[oak]")
     source = Prepared(kind, lost=(7, 20))
-    with OakReplay(source, 60.0) as device:
+    device = OakReplay(source, 60.0)
+    with device:
         frames = list(device.frames())
     # A picture whose partner was lost is no frame.
     assert [f.number for f in frames] == [n for n in range(40) if n not in (7, 20)]
@@ -230,7 +268,8 @@ def test_colour_that_is_cut_off_can_be_read_up_to_there(tmp_path: Path) -> None:
 
 def test_the_colour_camera_is_set_and_its_loss_is_named(plugged_in: Callable[..., FakeDepthai]) -> None:
     module = plugged_in([Picture(b"jpeg", 3.0), None, RuntimeError("gone")])
-    with OakColour("a", "1", role="master") as camera:
+    camera = OakColour("a", "1", role="master")
+    with camera:
         found = camera.pictures()
         assert next(found) == ColourPicture(b"jpeg", 3.0)
         assert next(found) is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from solver_backend.rig.markers.devices.device import Device
 from solver_backend.rig.markers.devices.oak import Oak
 from solver_backend.rig.markers.devices.oak_settings import OakSettings
 from solver_backend.rig.markers.errors import SensorUnknown
@@ -10,7 +9,7 @@ from solver_backend.rig.markers.errors import SensorUnknown
 KINDS = ("oak",)
 
 
-def device_named(text: str, settings: OakSettings = OakSettings()) -> Device:
+def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
     """Return the device of ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, closed.
 
     The name is the identifier if left out.
