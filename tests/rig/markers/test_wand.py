@@ -50,7 +50,7 @@ def test_every_sensor_only_takes_moments_that_all_see() -> None:
 def test_clocks_are_found_from_how_the_wand_moves(wand: Wand | None, late: tuple[float, ...]) -> None:
     cameras = sensors(3)
     found = calibrate_by_wand(waved(cameras, Waving(seed=3, late_s=late), wand), WandOptions(wand))
-    assert np.abs(found.clocks.offset_s - late).max() < 0.0015
+    assert np.abs(found.clocks.offset_s - late).max() < 0.0003
     mm, degrees = pose_errors(found.rig.cameras, cameras)
     assert mm.max() < 2.0 and degrees.max() < 0.1
     assert sum("clock of" in word for word in found.rig.findings) == 2
