@@ -6,6 +6,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from solver_backend.rig.markers.streaming.chain import MarkerChain
 
 SENSOR_VERBS = ("markers-from-sensors", "rig-record", "rig-live")
-START_S = 1.5
-"""Time that the sensors' processes have for starting before a replay begins."""
 
 
 def add_sensor_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
@@ -88,7 +87,8 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     assert take.cloud.residual is not None
     sigma_mm = 1e3 * float(np.nanmedian(take.cloud.residual))
     data = {
-        "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps, "points": round(float(seen.sum(1).mean()), 2),
+        "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps,
+        "points": round(float(seen.sum(1).mean()), 2),
         "columns": seen.shape[1], "sigma_mm": round(sigma_mm, 3), "sensors": take.frames,
         "findings": list(take.findings),
     }  # fmt: skip
@@ -105,7 +105,7 @@ def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.rig.markers.streaming.chain import LiveMoment
 
     findings = []
-    with _chain(args, args.out, None) as chain:
+    with _chain(args, args.out, live=False) as chain:
         for moment in chain.moments():
             if isinstance(moment, LiveMoment):
                 progress("Recording", 0, 1)
@@ -124,7 +124,6 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         check_output(args.lines, overwrite=overwrite)
     if args.subject is not None and not args.poses:
         raise CommandLineInvalid("--subject says whose poses are fitted: it goes with --poses.")
-    start = time.perf_counter() + START_S
     session = statistics = None
     if args.poses:
         from solver_backend.live.recording import person_fit
@@ -133,9 +132,8 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
         network, fit = person_fit(args.subject)
         session, statistics = LiveSession(network, fit, unit="m", up_axis="z"), LiveStatistics()
-        start = time.perf_counter() + START_S
-    with _chain(args, args.record, start) as chain, Lines(args.lines, overwrite) as stream:
-        frames = _frames(chain, stream, None if args.seconds is None else start + args.seconds, progress)
+    with _chain(args, args.record, live=True) as chain, Lines(args.lines, overwrite) as stream:
+        frames = _frames(chain, stream, None if args.seconds is None else chain.start + args.seconds, progress)
         if session is not None and statistics is not None:
             for line in session.run(frames):
                 statistics.add(line)
@@ -167,22 +165,22 @@ def _frames(chain: MarkerChain, stream: TextIO, until: float | None, progress: P
             return
 
 
-def _chain(args: argparse.Namespace, record: Path | None, start: float | None) -> MarkerChain:
-    """Return the chain of a folder: paced from host's seconds ``start`` on, or all frames as fast as they are taken."""
+def _chain(args: argparse.Namespace, record: Path | None, *, live: bool) -> MarkerChain:
+    """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
     from solver_backend.rig.markers.devices.record import Recording
     from solver_backend.rig.markers.fusion.settings import FusionSettings
     from solver_backend.rig.markers.streaming.chain import MarkerChain
     from solver_backend.rig.markers.streaming.worker import SensorTask
     from solver_backend.rig.markers.take import masks_of
 
-    folder, paced = _folder(args), start is not None
+    folder = _folder(args)
     masks = {} if args.empty is None else masks_of(_folder(args, args.empty))
-    devices = folder.devices if start is None else folder.replayed(start, repeat=args.repeat)
+    devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     recording = None
     if record is not None:
         recording = Recording(record, args.pictures, folder.fps, folder.cameras, overwrite=bool(args.overwrite))
     tasks = [
-        SensorTask(device, folder.cameras, masks.get(device.name), record=record, kind=args.pictures, live=paced)
+        SensorTask(device, folder.cameras, masks.get(device.name), record=record, kind=args.pictures, live=live)
         for device in devices
     ]
     fusion = FusionSettings(clusters=getattr(args, "clusters", "test"))

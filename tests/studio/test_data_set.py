@@ -13,6 +13,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.io.load import load_capture, load_motion
 from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.png import read_png
 from solver_backend.studio.data_set import SHOTS, make_data_set, read_data_set
 from solver_backend.studio.judge.judge import judge
 from solver_backend.studio.judge.page import page_html, table
@@ -20,7 +21,6 @@ from solver_backend.studio.judge.place_errors import place_errors
 from solver_backend.studio.perturbation import read_perturbation
 from solver_backend.studio.rigs import build_rig
 from solver_backend.studio.spec import spec_of
-from solver_backend.io.png import read_png
 from solver_backend.types import Motion
 
 RIG = {"preset": "azure_kinect_3", "scale": 0.3}

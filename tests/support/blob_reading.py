@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from solver_backend.cameras.projection import undistort
 from solver_backend.rig.markers.acquisition.acquire import Acquisition
 from solver_backend.rig.markers.acquisition.sightings import Sightings

@@ -1,4 +1,4 @@
-"""Infrared and depth of retro-reflective spheres painted by hand: discs, no body, a wall behind, noise that is known."""
+"""Infrared and depth of retro-reflective spheres painted by hand: discs before a wall, noise that is known."""
 
 from __future__ import annotations
 

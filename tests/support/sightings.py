@@ -8,6 +8,7 @@ from solver_backend.rig.markers.acquisition.sensor_lens import SensorLens
 from solver_backend.rig.markers.acquisition.sightings import Sightings
 from solver_backend.types import Cameras
 
+_LENSES: dict[tuple[int, int], SensorLens] = {}
 SIGMA_PX, SIGMA_DEPTH_M = 0.15, 0.002
 
 
@@ -17,7 +18,9 @@ def sighted(
 ) -> Sightings:  # fmt: skip
     """Return what a sensor tells of (N, 3) points; those of ``rays`` without depth."""
     rng = np.random.default_rng([seed, sensor])
-    lens = SensorLens(cameras, sensor)
+    if (id(cameras), sensor) not in _LENSES:
+        _LENSES[id(cameras), sensor] = SensorLens(cameras, sensor)
+    lens = _LENSES[id(cameras), sensor]
     flat, depth = lens.pixels(points)
     flat = flat + rng.normal(0, SIGMA_PX, flat.shape) / lens.focal
     depth = depth + rng.normal(0, SIGMA_DEPTH_M, len(depth))

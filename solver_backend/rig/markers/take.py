@@ -121,4 +121,3 @@ def _moments(
             frames[frame.sensor] += 1
             gatherer.push(finder(frame))
         yield from gatherer.moments()
-

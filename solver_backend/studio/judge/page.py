@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.png import png_bytes, read_png
 from solver_backend.report import page as report_page
 from solver_backend.report.markup import heat_table, section, text
 from solver_backend.report.plots import Line, time_plot
@@ -18,7 +19,6 @@ from solver_backend.studio.judge.judge import Verdict
 from solver_backend.studio.judge.place_errors import PlaceErrors
 from solver_backend.studio.scene.z_buffer import in_camera
 from solver_backend.studio.writers.contact_sheet import shown
-from solver_backend.io.png import png_bytes, read_png
 from solver_backend.types import SMPL_PARENTS
 
 _COLUMNS = ("MPJPE", "PA-MPJPE", "acceleration", "time")

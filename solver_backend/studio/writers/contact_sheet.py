@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.io.png import png_bytes, read_png
 from solver_backend.studio.data_set import SHOTS, read_data_set
 from solver_backend.studio.scene.costume import LABELS
 from solver_backend.studio.spec import Spec
-from solver_backend.io.png import png_bytes, read_png
 
 SHEET, CARD = "contact_sheet.png", "card.md"
 _TILE = (208, 156)

@@ -96,7 +96,9 @@ def test_nobody_sees_anything() -> None:
 
 def moment(time: float, points: np.ndarray, depths: int = 2) -> FusedPoints:
     count = len(points)
-    return FusedPoints(time, points, np.tile(1e-6 * np.eye(3), (count, 1, 1)), np.full(count, depths), np.zeros(count, int))
+    return FusedPoints(
+        time, points, np.tile(1e-6 * np.eye(3), (count, 1, 1)), np.full(count, depths), np.zeros(count, int)
+    )
 
 
 def test_tracks_follow_swinging_markers_past_one_another() -> None:
@@ -145,7 +147,7 @@ def test_time_that_stands_still_begins_anew() -> None:
 
 def gathered(times: list[list[float]], hosts: list[list[float]] | None = None) -> tuple[list[list[int]], list[str]]:
     """Return which sensors each moment holds, and kinds of findings, of frames by sensor."""
-    gatherer = Gatherer(CAMERAS.names, 1 / 60)
+    gatherer = Gatherer(CAMERAS.names, 1 / 60, wait_s=0.05)
     order = sorted(
         (host, k, t)
         for k, sensor in enumerate(times)
@@ -154,7 +156,7 @@ def gathered(times: list[list[float]], hosts: list[list[float]] | None = None) -
     found = []
     for host, sensor, t in order:
         gatherer.push(sighted(CAMERAS, sensor, POINTS[:1], time=t, host_s=host))
-        found += gatherer.moments()
+        found += gatherer.moments(host)
     for sensor in range(3):
         gatherer.ended(sensor)
     found += gatherer.moments()
@@ -177,7 +179,7 @@ def test_a_frame_that_is_lost_leaves_the_others_together() -> None:
 def test_a_sensor_that_is_away_for_a_while_is_told() -> None:
     long = [k / 60 for k in range(90)]
     moments, findings = gathered([long, long[:10] + long[60:], long])
-    assert findings == ["sensor_silent"]
+    assert findings == ["sensor_silent", "sensor_back"]
     assert moments.count([0, 1, 2]) == 40 and moments.count([0, 2]) == 50
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from solver_backend.rig.markers.acquisition.blobs import Blobs, Shapes, find_blobs, shapes_of
@@ -46,6 +48,7 @@ class Acquisition:
         self.lens = SensorLens(cameras, self.index)
         self.settings = settings
         self._mask, self._halo = mask, settings.halo_px
+        self._beyond: deque[float] = deque(maxlen=settings.round_kept)
         width, height = self.lens.size
         if mask is not None and mask.shape != (height, width):
             raise PicturesDiffer(
@@ -96,7 +99,11 @@ class Acquisition:
         settings, shapes = self.settings, shapes_of(blobs)
         if frame.depth is None:
             nothing = np.full(blobs.count, np.nan)
-            return shapes, RingDepths(nothing, np.zeros(blobs.count), nothing, nothing), np.zeros(blobs.count, dtype=bool)
+            return (
+                shapes,
+                RingDepths(nothing, np.zeros(blobs.count), nothing, nothing),
+                np.zeros(blobs.count, dtype=bool),
+            )
         counts = frame.infrared.reshape(-1)[blobs.pixel]
         saturated = counts >= settings.saturated * full_counts(frame.infrared, settings)
         ring = ring_of(blobs, frame.depth, saturated, self._scratch, settings)
@@ -112,9 +119,9 @@ class Acquisition:
         settings = self.settings
         disc = np.sqrt(shapes.area / np.pi)
         known = (shapes.long < settings.round * shapes.area / (4.0 * np.pi)) & np.isfinite(depth)
-        if known.sum() >= settings.least_round:
-            beyond = disc[known] - self.lens.focal.mean() * settings.marker_radius_m / depth[known]
-            self._halo = max(float(np.median(beyond)), 0.0)
+        self._beyond.extend((disc - self.lens.focal.mean() * settings.marker_radius_m / depth)[known].tolist())
+        if self._beyond:
+            self._halo = max(float(np.median(self._beyond)), 0.0)
 
     def _blob_radius(self, depth: np.ndarray) -> np.ndarray:
         """Return the radius in pixels of a single marker's blob at depths in metres."""

@@ -61,10 +61,12 @@ class AcquisitionSettings:
     """How much larger than its sphere a blob is, by blur and saturation, until round blobs have told it."""
     round: float = 1.35
     """A blob is round if its variance along its axis exceeds that of a disc of its area by less than this factor."""
-    least_round: int = 8
-    """Round blobs of known depth that tell the halo."""
+    round_kept: int = 256
+    """The last so many round blobs of known depth tell the halo."""
     merged: float = 1.6
     """A blob whose variance along its axis exceeds a single disc's by this factor is two markers or more."""
+    merged_px2: float = 0.3
+    """Added to that: a few pixels make no smooth disc."""
     most_in_blob: int = 4
     """Markers that one blob is split into at most."""
     too_large: float = 3.5

@@ -33,7 +33,7 @@ def split_merged(
     """
     single = 0.25 * radius_px**2
     with np.errstate(invalid="ignore"):
-        merged = np.flatnonzero(shapes.long > settings.merged * single)
+        merged = np.flatnonzero(shapes.long > settings.merged * single + settings.merged_px2)
     owner, ring_owner, count = blobs.owner.copy(), ring.owner.copy(), blobs.count
     parts = np.zeros(count + (settings.most_in_blob - 1) * len(merged), dtype=bool)
     for blob in merged.tolist():

@@ -58,6 +58,15 @@ class Device(Protocol):
         ...
 
 
+@runtime_checkable
+class Replayed(Protocol):
+    """A sensor from disk, which can be played at its recorded rate."""
+
+    def starting(self, start: float) -> Device:
+        """Return it with its time 0 due at host's seconds ``start``."""
+        ...
+
+
 class OpenedDevice:
     """Base of devices: ``with`` opens and closes them."""
 

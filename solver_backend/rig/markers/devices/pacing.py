@@ -8,7 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 
-def due_frames(times: np.ndarray, start: float | None, *, repeat: bool = False) -> Iterator[tuple[int, int, float, float]]:
+def due_frames(
+    times: np.ndarray, start: float | None, *, repeat: bool = False
+) -> Iterator[tuple[int, int, float, float]]:
     """Yield index, lap, device's seconds and host's seconds of frames.
 
     Args:

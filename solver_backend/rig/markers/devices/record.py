@@ -1,4 +1,4 @@
-"""Writing a recording: one thread a sensor, a queue that drops rather than grows, and an end that a full disk may set."""
+"""Writing a recording: a thread a sensor, a queue that drops rather than grows, and an end that a full disk may set."""
 
 from __future__ import annotations
 

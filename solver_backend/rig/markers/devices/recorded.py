@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,10 @@ class RecordedSensor(OpenedDevice):
     def name(self) -> str:
         """The sensor's name."""
         return self.sensor.name
+
+    def starting(self, start: float) -> RecordedSensor:
+        """Return the sensor at its recorded rate: time 0 is due at host's seconds ``start``."""
+        return replace(self, start=start)
 
     def index(self) -> np.ndarray:
         """Return (F, 3) number, device's and host's seconds of the frames whose pictures are whole.
@@ -93,6 +97,10 @@ class StudioSensor(OpenedDevice):
     fps: float
     start: float | None = None
     repeat: bool = False
+
+    def starting(self, start: float) -> StudioSensor:
+        """Return the sensor at its recorded rate: time 0 is due at host's seconds ``start``."""
+        return replace(self, start=start)
 
     def count(self) -> int:
         """Return the number of frames.

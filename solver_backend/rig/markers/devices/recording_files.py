@@ -1,4 +1,4 @@
-"""A recording of sensors on disk: a folder with an index and the pictures of each sensor, readable up to its last frame.
+"""A recording of sensors: a folder with an index and the pictures of each sensor, readable up to its last frame.
 
 ``recording.json`` says what it is, ``calibration.toml`` where the sensors stand, and each sensor's folder holds
 ``index.csv`` (frame's number, device's and host's time) and either ``frames.bin`` (infrared and depth of each frame as

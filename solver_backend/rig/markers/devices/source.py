@@ -32,10 +32,6 @@ class SensorFolder:
     missing: tuple[str, ...] = ()
     """Sensors of the calibration that the folder has nothing of."""
 
-    def replayed(self, start: float, *, repeat: bool = False) -> tuple[RecordedSensor | StudioSensor, ...]:
-        """Return the sensors at their recorded rate: time 0 is due at host's seconds ``start``."""
-        return tuple(replace(device, start=start, repeat=repeat) for device in self.devices)
-
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     """Open a recording, or the folder of one shot of the studio.
@@ -53,7 +49,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
         return _recording(path, calibration)
     if all((path / name).exists() for name in STUDIO_SHOT):
         return _shot(path, calibration)
-    shots = [p for p in (path / "shots").iterdir() if (p / STUDIO_SHOT[0]).is_file()] if (path / "shots").is_dir() else []
+    shots = [found.parent for found in path.glob(f"shots/*/{STUDIO_SHOT[0]}")]
     if len(shots) == 1:
         return _shot(shots[0], calibration)
     raise RecordingInvalid(
@@ -107,7 +103,7 @@ def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
     names = [name for name in cameras.names if name in found]
     if not names:
         raise SensorUnknown(
-            f"The calibration names {', '.join(cameras.names)}; the folder has {', '.join(sorted(found)) or 'nothing'}.",
+            f"The calibration names {', '.join(cameras.names)}, the folder {', '.join(sorted(found)) or 'nothing'}.",
             where=str(path), hint="Calibrate these sensors, or rename them in the calibration.",
         )  # fmt: skip
     return names

@@ -145,9 +145,7 @@ def _within_radius(time: float, sightings: list[Sightings], settings: FusionSett
     deep = [np.flatnonzero(np.isfinite(s.depth)) for s in sightings]
     none = np.zeros((0, 3))
     points = np.concatenate([none, *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
-    covariance = np.concatenate(
-        [np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))]
-    )
+    covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
     off = points[:, None] - points
     i, j = np.nonzero(np.triu((off * off).sum(-1) < settings.radius_m**2, 1))
     cluster, count = joined(len(points), i, j)

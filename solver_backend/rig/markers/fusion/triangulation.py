@@ -48,7 +48,9 @@ def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, n
     far_a = (of_a[:, None] - cosine * of_b) / sine2
     far_b = (cosine * of_a[:, None] - of_b) / sine2
     near, far = settings.ray_range_m
-    inside = (far_a > near) & (far_a < far) & (far_b > near) & (far_b < far) & (sine2 > np.sin(settings.least_angle) ** 2)
+    inside = (
+        (far_a > near) & (far_a < far) & (far_b > near) & (far_b < far) & (sine2 > np.sin(settings.least_angle) ** 2)
+    )
     i, j = np.nonzero(inside)
     on_a = at_a + far_a[i, j, None] * way_a[i]
     on_b = at_b + far_b[i, j, None] * way_b[j]

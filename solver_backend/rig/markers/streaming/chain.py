@@ -25,6 +25,8 @@ WAIT_S = 0.012
 LISTEN_S = 0.005
 MOST_WAITING = 2
 """Complete moments that are fused; of more, the newest."""
+READY_S, AHEAD_S = 60.0, 0.05
+"""Time that sensors' processes have for starting, and from when all are ready until a replay begins."""
 END_S = 5.0
 """Time that a sensor's process has for ending."""
 
@@ -62,6 +64,9 @@ class MarkerChain:
         self._number: dict[int, int] = {}
         self._open: dict[Connection, int] = {}
         self._processes: list[Any] = []
+        self._waited_for: set[Connection] = set()
+        self.start = 0.0
+        """Host's seconds at which sensors began."""
         self.statistics = ChainStatistics()
         self.ends: dict[str, SensorEnd] = {}
         """How each sensor's process ended."""
@@ -77,6 +82,14 @@ class MarkerChain:
             there.close()
             self._open[here] = index
             self._processes.append(process)
+        self._waited_for = set(self._open)
+        deadline = time.monotonic() + READY_S
+        while self._waited_for & set(self._open) and time.monotonic() < deadline:
+            self._listen(0.1)
+        self.start = time.perf_counter() + AHEAD_S
+        for connection in self._open:
+            with suppress(OSError):
+                connection.send(self.start)
         return self
 
     def __exit__(
@@ -122,13 +135,15 @@ class MarkerChain:
             assert isinstance(connection, Connection)
             try:
                 while connection.poll():
-                    self._take(connection.recv(), self._open[connection])
+                    self._take(connection.recv(), connection)
             except (EOFError, OSError):
                 self._gone(connection)
 
-    def _take(self, message: tuple[Any, ...], index: int) -> None:
-        what, name = message[0], self._tasks[index].device.name
-        if what == "seen":
+    def _take(self, message: tuple[Any, ...], connection: Connection) -> None:
+        what, name = message[0], self._tasks[self._open[connection]].device.name
+        if what == "ready":
+            self._waited_for.discard(connection)
+        elif what == "seen":
             self._count(message[1], name)
             self._gatherer.push(message[1])
         elif what == "like" and self._recording is not None:
@@ -148,7 +163,8 @@ class MarkerChain:
     def _gone(self, connection: Connection) -> None:
         task = self._tasks[self._open.pop(connection)]
         connection.close()
-        self._gatherer.ended(task.cameras.names.index(task.device.name))
+        if task.device.name in task.cameras.names:
+            self._gatherer.ended(task.cameras.names.index(task.device.name))
         if task.device.name not in self.ends:
             self._tell("sensor_failed", task.device.name, "its process ended without a word; the others go on")
 

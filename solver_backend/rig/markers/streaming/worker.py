@@ -15,7 +15,7 @@ import numpy as np
 from solver_backend.exchange.errors import MocapError
 from solver_backend.rig.markers.acquisition.acquire import Acquisition
 from solver_backend.rig.markers.acquisition.settings import DEFAULT, AcquisitionSettings
-from solver_backend.rig.markers.devices.device import Device, Frame
+from solver_backend.rig.markers.devices.device import Device, Frame, Replayed
 from solver_backend.rig.markers.devices.record import SensorRecorder
 from solver_backend.rig.markers.devices.recording_files import SensorFiles
 from solver_backend.types import Cameras
@@ -54,14 +54,12 @@ class SensorEnd:
 def run_sensor(task: SensorTask, out: Connection) -> None:
     """Send what a sensor sees, until it ends or nobody reads.
 
-    Sent are ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
+    First ``("ready",)`` is sent, and host's seconds are awaited at which a replay begins. Then are sent ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
     ``("trouble", code, sentence)``, and at last ``("end", SensorEnd)``.
     """
     with suppress(ValueError):  # the one who began it ends it, and is told of Ctrl-C as well
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stop = threading.Event()
-    threading.Thread(target=_watch, args=(out, stop), daemon=True).start()
-    run = _Run(task, out, stop)
+    run = _Run(task, out, threading.Event())
     try:
         run.go()
     except (BrokenPipeError, ConnectionError, EOFError):
@@ -84,17 +82,24 @@ class _Run:
         self._frames, self._said = 0, False
 
     def go(self) -> None:
-        task = self._task
+        task, device = self._task, self._task.device
         try:
             acquisition = Acquisition(task.cameras, task.device.name, task.mask, task.settings)
         except MocapError as error:
             self._out.send(("trouble", error.code, str(error)))
             return
+        self._out.send(("ready",))
+        start = self._out.recv()
+        if not isinstance(start, float):
+            return
+        threading.Thread(target=_watch, args=(self._out, self._stop), daemon=True).start()
+        if isinstance(device, Replayed) and task.live:
+            device = device.starting(start)
         while not self._stop.is_set():
             ended = False
             try:
-                task.device.open()
-                for frame in task.device.frames():
+                device.open()
+                for frame in device.frames():
                     if self._stop.is_set():
                         return
                     self._take(frame, acquisition)
@@ -102,7 +107,7 @@ class _Run:
             except MocapError as error:
                 self._out.send(("trouble", error.code, str(error)))
             finally:
-                task.device.close()
+                device.close()
             if ended or not task.live or self._stop.wait(RETRY_S):
                 return
 

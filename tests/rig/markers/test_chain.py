@@ -1,0 +1,103 @@
+"""The live chain in real processes: from a recording at its own rate to points, recording on the way."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.live.frames import from_lines
+from solver_backend.rig.markers.devices.record import Recording
+from solver_backend.rig.markers.devices.source import open_folder
+from solver_backend.rig.markers.fusion.gather import Finding
+from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
+from solver_backend.rig.markers.streaming.statistics import KEPT, ChainStatistics
+from solver_backend.rig.markers.streaming.worker import SensorTask
+from tests.support.recorded_markers import CAMERAS, FRAMES, POINTS, recorded
+from tests.support.unplugged_sensor import Unplugged
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("chain") / "take")
+
+
+def test_frames_go_through_and_are_recorded(recording: Path, tmp_path: Path) -> None:
+    folder = open_folder(recording)
+    copy = Recording(tmp_path / "copy", "raw", folder.fps, folder.cameras)
+    tasks = [SensorTask(device, CAMERAS, record=copy.folder, live=False) for device in folder.devices]
+    with MarkerChain(tasks, folder.fps, recording=copy) as chain:
+        came = list(chain.moments())
+    assert chain.statistics.frames == dict.fromkeys(CAMERAS.names, FRAMES)
+    assert {name: (end.frames, end.written, end.dropped) for name, end in chain.ends.items()} == dict.fromkeys(
+        CAMERAS.names, (FRAMES, FRAMES, 0)
+    )
+    last = [m for m in came if isinstance(m, LiveMoment)][-1].tracked
+    off = np.linalg.norm(last.points[:, None] - POINTS - [0, 0, 0.002 * (FRAMES - 1)], axis=-1).min(1)
+    assert len(last.points) == 8 and off.max() < 0.01
+    again = open_folder(copy.folder)
+    for one, other in zip(folder.devices, again.devices, strict=True):
+        for a, b in zip(one.frames(), other.frames(), strict=True):
+            assert (a.infrared == b.infrared).all() and a.device_s == pytest.approx(b.device_s) and a.number == b.number
+
+
+def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:
+    folder = open_folder(recording)
+    first, second = (replace(device, repeat=True) for device in folder.devices)
+    wrong = replace(second, sensor=replace(second.sensor, name="nobody"))
+    tasks = [
+        SensorTask(Unplugged(first, first.name, 5), CAMERAS), SensorTask(second, CAMERAS),
+        SensorTask(wrong, CAMERAS),
+    ]  # fmt: skip
+    kinds: list[str] = []
+    with MarkerChain(tasks, folder.fps) as chain:
+        for came in chain.moments():
+            if isinstance(came, Finding):
+                kinds.append(came.kind)
+            if "sensor_back" in kinds or chain.statistics.moments > 600:
+                break
+    assert {"sensor_failed", "sensor_silent", "sensor_unknown", "sensor_back"} <= set(kinds)
+    assert chain.statistics.frames["sensor1"] > chain.statistics.frames["sensor0"] > 5
+
+
+def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines, take = tmp_path / "lines.jsonl", tmp_path / "take"
+    command = ["rig-live", str(recording), "--lines", str(lines), "--record", str(take), "--json"]
+    assert main([*command, "--seconds", "3"]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert said["event"] == "result" and said["moments"] > 0 and said["latency_ms"] > 0
+    with lines.open(encoding="utf-8") as stream:
+        frames = list(from_lines(stream))
+    assert frames and not any(frame.fault for frame in frames)
+    assert max(len(frame.points) for frame in frames) == 8
+    assert all(device.count() > 0 for device in open_folder(take).devices)
+
+
+def test_the_command_line_writes_a_cloud_and_names_its_errors(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "cloud.c3d"
+    assert main(["markers-from-sensors", str(recording), "--out", str(out), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert said["frames"] == FRAMES and said["points"] == 8.0 and 0 < said["sigma_mm"] < 5
+    for arguments, code, exit_code in (
+        ([str(recording), "--out", str(out)], "output_exists", 3),
+        ([str(recording), "--out", "a.xyz"], "command_line_invalid", 2),
+        ([str(tmp_path), "--out", str(tmp_path / "b.trc")], "recording_invalid", 3),
+    ):
+        assert main(["markers-from-sensors", *arguments, "--json"]) == exit_code
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code
+
+
+def test_statistics_do_not_grow() -> None:
+    statistics = ChainStatistics()
+    for k in range(3 * KEPT):
+        statistics.add(0.01, 53, k / 60)
+    assert statistics.summary()["fps"] == 60.0 and statistics.summary()["latency_p99_ms"] == 10.0
+    assert len(statistics._latency_ms) == KEPT

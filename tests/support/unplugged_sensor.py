@@ -1,0 +1,29 @@
+"""A sensor whose cable comes out; processes that are started need it in a module of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from solver_backend.rig.markers.devices.device import Frame, OpenedDevice
+from solver_backend.rig.markers.errors import SensorFailed
+
+
+@dataclass
+class Unplugged(OpenedDevice):
+    """A sensor that goes away after a few frames, once, and comes back."""
+
+    inner: OpenedDevice
+    name: str
+    frames_until: int
+    again: bool = False
+
+    def starting(self, start: float) -> Unplugged:
+        return replace(self, inner=self.inner.starting(start))  # type: ignore[attr-defined]
+
+    def frames(self) -> Iterator[Frame]:
+        for frame in self.inner.frames():  # type: ignore[attr-defined]
+            if frame.number >= self.frames_until and not self.again:
+                self.again = True
+                raise SensorFailed("The cable is out.", where=self.name)
+            yield frame
