@@ -98,11 +98,14 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
 
     Raises:
         CommandLineInvalid: names repeat, or times and rates are impossible.
+        SensorUnknown: a camera is of another kind, or has no identifier.
     """
-    told = [text.partition("=") for text in args.oak]
-    found = {name or identifier.replace(".", "_"): identifier for identifier, _, name in told}
-    if len(found) < len(told) or not all(found.values()):
-        raise CommandLineInvalid("Two cameras have one name, or one has no identifier.", hint="Say --oak ID=NAME.")
+    from solver_backend.rig.markers.devices.named import device_named
+
+    told = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
+    found = {oak.name: oak.identifier for oak in told}
+    if len(found) < len(told):
+        raise CommandLineInvalid("Two cameras have one name.", hint="Say --oak ID=NAME.")
     if not (0 < args.seconds <= 3600 and 0 < args.fps <= 120):
         raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")
     return found

@@ -133,6 +133,7 @@ def test_names_on_the_command_line_are_told_apart(capsys: pytest.CaptureFixture[
     for verb in ("record-oak", "record-colour"):
         assert main([verb, str(tmp_path / "x"), "--oak", "1=a", "--oak", "2=a"]) == 2
         assert main([verb, str(tmp_path / "x"), "--oak", "1=a", "--seconds", "0"]) == 2
+        assert main([verb, str(tmp_path / "x"), "--oak", "kinect:1"]) == 3
     assert "Two cameras have one name" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
 

@@ -10,6 +10,7 @@ import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, MocapError
 from solver_backend.rig.markers.clock.trigger import INTERLEAVE_S, triggered
+from solver_backend.rig.markers.wand.coverage import Coverage
 from solver_backend.rig.markers.wand.errors import TimesInvalid, WandAmbiguous, WandInvalid, WandNotSeen
 from solver_backend.rig.markers.wand.interpolation import values_and_velocities
 from solver_backend.rig.markers.wand.leds import Wand, distances, identified, middle_from_lights
@@ -131,6 +132,10 @@ def test_coverage_says_where_to_wave_next() -> None:
     assert 0.5 < found.volume_m3 < 10.0
     corner = next(c for c in range(2) if cameras.names[c] in found.next_place())
     assert found.shares[corner] == found.shares.min()
+    live = Coverage(cameras.names, cameras.image_size)
+    for frame in range(len(views[0])):
+        live.add(np.stack([view.px[[frame], 0] for view in views]))
+    assert (live.pictures >= found.pictures).all() and live.shares.min() >= found.shares.min()
     full = replace(found)
     full.pictures = np.full_like(found.pictures, 9)
     assert full.next_place() == ""
