@@ -59,7 +59,10 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Rig
 
 
 def judged(task: WandTask, found: Adjusted, moments: Moments, options: WandOptions) -> tuple[float, np.ndarray]:
-    """Return errors of stretches of time that a fit of its own did not see: px, and of the lights' distances (3,)."""
+    """Return errors of stretches of time that a fit of its own did not see: px, and of the lights' distances (3,).
+
+    Delays, one number a sensor, are those of the whole recording.
+    """
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.rig.adjustment.problem import CAMERA_PARAMETERS, Adjusted
 from solver_backend.rig.markers.clock.wand_clocks import coarse_clocks, common_moments, flat_of
@@ -53,6 +54,7 @@ def calibrate_by_wand(
         WandNotSeen: a sensor, or all others together, never saw it with another one.
         WandAmbiguous: something else shone in most frames.
         WandInvalid: the wand is not the one that was told.
+        CalibrationInvalid: lenses of different models are mixed.
 
     Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
     """
@@ -103,6 +105,11 @@ def _require_seen(views: Sequence[WandView]) -> None:
                 f"The wand is seen in {int(seen.sum())} of {len(view)} frames.", where=f"sensor {view.name}",
                 hint="Is its infrared on, its exposure fixed, the marker before it?",
             )  # fmt: skip
+    if len({view.lens.distortion_model for view in views}) > 1:
+        raise CalibrationInvalid(
+            "Fisheye and other lenses are mixed.", where=", ".join(view.name for view in views),
+            hint="Calibrate all lenses with one model.",
+        )  # fmt: skip
     if len(views) < 2:
         raise WandNotSeen(f"{len(views)} sensors saw a wand; two are needed.", where=", ".join(v.name for v in views))
 
