@@ -25,7 +25,7 @@ PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 LOCK = ROOT / "requirements-ci.lock"
 STAMP = VENV / "manifold_mocap.stamp"
 IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {(WANTED := (3, 11))})"
-EXTRAS = ("torch", "bpy", "capture", "train", "scale", "dev")
+EXTRAS = ("torch", "bpy", "capture", "oak", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
 VERBS = {

@@ -173,7 +173,7 @@ def test_set_up_installs_everything_in_one_step_and_only_once(tool, monkeypatch,
     installs = [(command, options) for command, options in tool.commands if "install" in command]
     assert [command[2] for command, _ in installs] == ["pip", "uv"]
     command, options = installs[1]
-    assert command[-2:] == ["--editable", f"{tmp_path}[torch,bpy,capture,train,scale,dev]"]
+    assert command[-2:] == ["--editable", f"{tmp_path}[torch,bpy,capture,oak,train,scale,dev]"]
     assert options["env"]["UV_FIND_LINKS"] == "some folder"
     before = len(tool.commands)
     tool.set_up()

@@ -10,10 +10,12 @@ from solver_backend import __version__
 from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
+from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.video_arguments import add_video_verbs
+from solver_backend.cli.wand_verbs import add_wand_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
 
 
@@ -67,6 +69,8 @@ def _parser() -> argparse.ArgumentParser:
     add_pose_verbs(verbs, writing, common)
     add_marker_verbs(verbs, reading, writing, common)
     add_camera_verbs(verbs, reading, writing, common)
+    add_wand_verbs(verbs, writing, common)
+    add_oak_verbs(verbs, writing, common)
     add_video_verbs(verbs, writing, common)
     add_sensor_verbs(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)

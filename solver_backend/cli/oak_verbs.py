@@ -1,0 +1,132 @@
+"""The verbs of OAK cameras: which are there, recordings of infrared and depth, and colour video of several in step."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.progress import Progress
+
+OAK_VERBS = ("oaks", "record-oak", "record-colour")
+
+
+def add_oak_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add oaks, record-oak and record-colour to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    verbs.add_parser("oaks", parents=[common], help="list the OAK cameras that are plugged in or on the network")
+    sensors = verbs.add_parser(
+        "record-oak", parents=[writing, common], help="record infrared and depth of OAK cameras, for markers and wands"
+    )
+    sensors.add_argument("--calibration", type=Path, metavar="FILE", help="else the lenses the devices have themselves")
+    sensors.add_argument("--sync", choices=("none", "wire", "ptp"), default="none", help="what keeps them in step")
+    sensors.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS")
+    sensors.add_argument("--flood", type=float, default=1.0, metavar="SHARE", help="of the infrared light, 0 to 1")
+    record = verbs.add_parser(
+        "record-colour", parents=[common], help="record colour video of OAK cameras in step, for the road from videos"
+    )
+    for verb in (sensors, record):
+        verb.add_argument("folder", type=Path, metavar="FOLDER", help="that is written")
+        verb.add_argument(
+            "--oak",
+            action="append",
+            required=True,
+            metavar="ID[=NAME]",
+            help="a camera; the first gives the pulse",
+        )
+        verb.add_argument("--seconds", type=float, default=10.0)
+        verb.add_argument("--fps", type=float, default=60.0)
+    record.add_argument("--wire", action="store_true", help="a sync wire joins them")
+
+
+def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """List the OAKs."""
+    from solver_backend.rig.markers.devices.oak import listed_oaks
+
+    found = listed_oaks()
+    return Outcome("\n".join(found) or "No OAK is plugged in.", {"oaks": found})
+
+
+def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Record infrared and depth of OAKs; markers are found meanwhile, so that it is seen whether there are any."""
+    from solver_backend.io.calibration import read_calibration
+    from solver_backend.rig.markers.devices.oak import Oak
+    from solver_backend.rig.markers.devices.oak_lenses import oak_cameras
+    from solver_backend.rig.markers.devices.oak_settings import OakSettings
+    from solver_backend.rig.markers.devices.record import Recording
+    from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
+    from solver_backend.rig.markers.streaming.worker import SensorTask
+
+    roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
+    oaks = [
+        Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
+        for c, (name, identifier) in enumerate(_named(args).items())
+    ]
+    cameras = oak_cameras(oaks) if args.calibration is None else read_calibration(args.calibration).cameras
+    recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=bool(args.overwrite))
+    # Slaves first, so that they wait when the master begins.
+    tasks = [SensorTask(oak, cameras, record=args.folder) for oak in reversed(oaks)]
+    findings, points, begin = [], [], 0.0
+    with MarkerChain(tasks, args.fps, recording=recording) as chain:
+        for moment in chain.moments():
+            progress("Recording OAKs", 0, 1)
+            if not isinstance(moment, LiveMoment):
+                findings.append(moment.said)
+                continue
+            begin = begin or moment.arrived
+            points.append(len(moment.tracked.points))
+            if moment.arrived - begin > args.seconds:
+                break
+    counts = {name: end.written for name, end in chain.ends.items()}
+    lines = [f"  {name:<11} {end.written} frames, {end.dropped} dropped" for name, end in chain.ends.items()]
+    lines += [f"  finding     {said}" for said in findings]
+    mean = sum(points) / max(len(points), 1)
+    text = f"Infrared and depth of {len(oaks)} OAKs in {args.folder}, {mean:.1f} points a frame"
+    return Outcome("\n".join([text, *lines]), {"recording": str(args.folder), "frames": counts, "findings": findings})
+
+
+def _named(args: argparse.Namespace) -> dict[str, str]:
+    """Return the identifiers of the cameras by their names.
+
+    Raises:
+        CommandLineInvalid: names repeat, or times and rates are impossible.
+        SensorUnknown: a camera is of another kind, or has no identifier.
+    """
+    from solver_backend.rig.markers.devices.named import device_named
+
+    told = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
+    found = {oak.name: oak.identifier for oak in told}
+    if len(found) < len(told):
+        raise CommandLineInvalid("Two cameras have one name.", hint="Say --oak ID=NAME.")
+    if not (0 < args.seconds <= 3600 and 0 < args.fps <= 120):
+        raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")
+    return found
+
+
+def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Record colour video of OAKs."""
+    from solver_backend.rig.markers.devices.oak_colour import OakColour
+    from solver_backend.rig.markers.devices.oak_colour import record_colour as record
+
+    role = ("master", "slave") if args.wire else ("none", "none")
+    cameras = {
+        name: OakColour(name, identifier, fps=args.fps, role=role[c > 0])
+        for c, (name, identifier) in enumerate(_named(args).items())
+    }
+    progress("Colour of OAKs", 0, 1)
+    with ExitStack() as stack:
+        # Slaves first, so that they wait when the master begins.
+        for camera in reversed(list(cameras.values())):
+            stack.enter_context(camera)
+        size = next(iter(cameras.values())).size
+        counts = record(cameras, args.folder, size, args.fps, args.seconds)
+    lines = [f"  {name:<11} {count} pictures" for name, count in counts.items()]
+    return Outcome("\n".join([f"Colour of {len(counts)} cameras in {args.folder}", *lines]), {"pictures": counts})

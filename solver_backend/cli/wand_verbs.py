@@ -1,0 +1,103 @@
+"""The verb that calibrates sensors by a waved wand, and lays them on the floor by a Γ."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.progress import Progress
+
+WAND_VERBS = ("calibrate-wand",)
+
+
+def add_wand_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add calibrate-wand to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    wand = verbs.add_parser(
+        "calibrate-wand", parents=[writing, common], help="find where sensors stand by a wand waved before them"
+    )
+    wand.add_argument("folder", type=Path, metavar="FOLDER", help="a table a sensor, or a recording of sensors")
+    wand.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    wand.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
+    wand.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the calibration")
+    wand.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
+    wand.add_argument(
+        "--wand", nargs=2, type=float, metavar=("FIRST", "SECOND"),
+        help="metres from light to light of a wand with three; a marker with depth if left out",
+    )  # fmt: skip
+    wand.add_argument("--trigger", action="store_true", help="one wire triggers all sensors: their clocks agree")
+    wand.add_argument(
+        "--interleave", type=float, default=0.0, metavar="MICROSECONDS",
+        help="by how much each exposes later than the one before; 160 of time-of-flight sensors",
+    )  # fmt: skip
+    wand.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
+    wand.add_argument("--every-sensor", action="store_true", help="only moments at which all sensors see the wand")
+    wand.add_argument("--gamma", type=Path, metavar="FOLDER", help="the same sensors before the Γ on the floor")
+    wand.add_argument(
+        "--gamma-lengths", nargs=2, type=float, default=(0.6, 0.4), metavar=("LONG", "SHORT"), help="its edges, metres"
+    )
+    wand.add_argument(
+        "--gamma-height", type=float, default=0.007, metavar="METRES", help="of its markers' middles above the floor"
+    )
+
+
+def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
+    from solver_backend.rig.formats.write import format_of, write_calibration
+    from solver_backend.rig.markers.clock.trigger import triggered
+    from solver_backend.rig.markers.gravity.gamma import Gamma, ground_from_gamma, on_ground
+    from solver_backend.rig.markers.gravity.gamma_clouds import gamma_clouds
+    from solver_backend.rig.markers.wand.from_sensors import is_sensor_folder, sensor_clouds
+    from solver_backend.rig.markers.wand.leds import Wand
+    from solver_backend.rig.markers.wand.result import WandOptions, in_world
+    from solver_backend.rig.markers.wand.session import calibrate_by_wand
+    from solver_backend.rig.markers.wand.source import wand_views
+
+    overwrite = bool(args.overwrite)
+    kind = args.format or format_of(args.out)
+    if kind != "colmap":
+        check_output(args.out, overwrite=overwrite)
+    if args.report is not None:
+        check_output(args.report, overwrite=overwrite)
+    if args.interleave and not args.trigger:
+        raise CommandLineInvalid("An interleave is told of sensors on one trigger.", hint="Add --trigger.")
+    wand = None if args.wand is None else Wand(args.wand[0], args.wand[1])
+    long_m, short_m = args.gamma_lengths
+    gamma = Gamma(long_m, short_m, args.gamma_height)
+    views = wand_views(args.folder, args.lenses, lights=wand is not None, empty=args.empty, progress=progress)
+    clocks = triggered(tuple(view.name for view in views), 1e-6 * args.interleave) if args.trigger else None
+    found = calibrate_by_wand(views, WandOptions(wand, clocks, bool(args.every_sensor)), progress)
+    ground = None
+    if args.gamma is not None:
+        progress("Up, by the Γ", 0, 1)
+        cameras = found.rig.cameras
+        by_sensors = is_sensor_folder(args.gamma)
+        clouds = sensor_clouds(args.gamma, cameras, args.empty) if by_sensors else gamma_clouds(args.gamma, cameras)
+        ground = ground_from_gamma(clouds, gamma, cameras.centres)
+        found = in_world(found, on_ground(found.rig, ground), ground)
+    write_calibration(args.out, found.rig.cameras, kind, found.rig.rmse_px, overwrite=overwrite)
+    if args.report is not None:
+        from solver_backend.rig.markers.wand.page import wand_page
+
+        write_text(args.report, wand_page(found, ground), overwrite=overwrite)
+    return _outcome(found, args.out, kind, args.report)
+
+
+def _outcome(found: Any, path: Path, kind: str, report: Path | None) -> Outcome:
+    from solver_backend.rig.markers.wand.told import told_lines, told_values
+
+    lines = [*told_lines(found), f"  written     {path} ({kind})"]
+    data = {"calibration": str(path), "format": kind, **told_values(found)}
+    if report is not None:
+        lines.append(f"  report      {report}")
+        data["report"] = str(report)
+    return Outcome("\n".join(lines), data)

@@ -1,0 +1,1 @@
+"""When sensors expose: by a trigger, or by how the wand moves."""
