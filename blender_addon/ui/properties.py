@@ -10,6 +10,7 @@ from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
+from .studio_properties import MocapStudio
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
@@ -197,6 +198,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
     solve: bpy.props.PointerProperty(type=MocapSolve)
     retarget: bpy.props.PointerProperty(type=MocapRetarget)
+    studio: bpy.props.PointerProperty(type=MocapStudio)
 
     @property
     def capture_index(self) -> int:

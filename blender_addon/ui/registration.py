@@ -16,6 +16,7 @@ from . import (
     project_files,
     properties,
     retarget_properties,
+    studio_properties,
 )
 from .operators import (
     calibrate_subject,
@@ -30,6 +31,7 @@ from .operators import (
     solve,
     solve_all,
     solver_operator,
+    studio,
     takes,
     views,
 )
@@ -43,6 +45,7 @@ from .panels import review as review_panels
 from .panels import run as run_panel
 from .panels import shape as shape_panel
 from .panels import solve as solve_panels
+from .panels import studio as studio_panels
 from .translation import in_our_context
 
 
@@ -72,6 +75,7 @@ def _pointer(owner: type, name: str, cls: type) -> Entry:
 
 TABLE: tuple[Entry, ...] = (
     *map(_class, retarget_properties.CLASSES),
+    *map(_class, studio_properties.CLASSES),
     *map(_class, properties.CLASSES),
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     _class(preferences.MOCAP_OT_test_python),
@@ -93,6 +97,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, cameras.CLASSES),
     *map(_class, clean_up.CLASSES),
     *map(_class, retarget.CLASSES),
+    *map(_class, studio.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
     _class(run_panel.VIEW3D_PT_mocap_run),
@@ -114,6 +119,7 @@ TABLE: tuple[Entry, ...] = (
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
+    *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, adoption.on_load),

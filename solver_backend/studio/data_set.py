@@ -61,21 +61,20 @@ def plan(spec: Spec) -> Plan:
     return Plan(shots, spec.frames * len(shots), pictures, int(total))
 
 
-def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Claim a folder for a data set after checking everything that can be checked before work begins.
+def check_data_set(spec: Spec, out: Path) -> Plan:
+    """Check everything that can be checked before work begins, and return what would be made; nothing is written.
 
     Raises:
         OtherDataSet: the folder holds another data set, or something else.
         DiskTooSmall: there is not enough room for what is not yet made.
         NobodySeen, CameraInsideBody: a shot cannot be filmed.
-        OutputNotWritable: the folder cannot be written to.
         MocapError: a motion cannot be read.
     """
     found = plan(spec)
     _require_own(spec, out)
     done = [shot for shot in found.shots if (out / SHOTS / shot.name / DONE).is_file()]
     needed = int(found.bytes * (1 - len(done) / len(found.shots))) + _SPARE
-    free = shutil.disk_usage(_existing(out)).free
+    free = free_bytes(out)
     if needed > free:
         raise DiskTooSmall(
             f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.", where=str(out),
@@ -84,6 +83,17 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
     left = [shot for shot in found.shots if shot not in done]
     for shot in _one_of_each(left):
         require_sight(set_up(spec, shot))
+    return found
+
+
+def open_data_set(spec: Spec, out: Path) -> Plan:
+    """Claim a folder for a data set that can be made.
+
+    Raises:
+        OutputNotWritable: the folder cannot be written to.
+        MocapError: see ``check_data_set``.
+    """
+    found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     text = json.dumps(
         {"format": _FORMAT, "version": __version__, "digest": digest(spec), "folder": str(spec.folder),
@@ -171,8 +181,9 @@ def _description(out: Path) -> dict[str, Any] | None:
     return values if isinstance(values, dict) and values.get("format") == _FORMAT else {}
 
 
-def _existing(path: Path) -> Path:
-    return next(p for p in (path.resolve(), *path.resolve().parents) if p.exists())
+def free_bytes(out: Path) -> int:
+    """Return how much room the disk of a folder has that need not be there yet."""
+    return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
 
 
 def _tidy(shots: Path) -> None:
@@ -184,4 +195,14 @@ def _size(count: float) -> str:
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.0f} MiB"
 
 
-__all__ = ["DESCRIPTION", "SHOTS", "Plan", "make_data_set", "open_data_set", "plan", "read_data_set"]
+__all__ = [
+    "DESCRIPTION",
+    "SHOTS",
+    "Plan",
+    "check_data_set",
+    "free_bytes",
+    "make_data_set",
+    "open_data_set",
+    "plan",
+    "read_data_set",
+]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +17,7 @@ from solver_backend.simulation.keypoint_detector import DetectorModel, Sight, de
 from solver_backend.simulation.occlusion import self_occluded
 from solver_backend.studio.motions import MotionSource
 from solver_backend.studio.perturbation import Perturbation
+from solver_backend.studio.rig_aim import aim_point
 from solver_backend.studio.rigs import Rig
 from solver_backend.studio.shots import seeded
 from solver_backend.types import Cameras, JointSet
@@ -39,6 +42,11 @@ class PlaceErrors:
     """(Y, X) mean number of cameras that see a keypoint."""
     cameras: np.ndarray
     """(C, 3) metres."""
+
+    @property
+    def median_mm(self) -> float | None:
+        """Median over the places where somebody is located, None where nobody is anywhere."""
+        return float(np.nanmedian(self.error_mm)) if np.isfinite(self.error_mm).any() else None
 
 
 def place_errors(
@@ -66,9 +74,8 @@ def place_errors(
     points, skin = still.landmarks(joint_set).points, still.skin(np.arange(_POSES))
     middle = still.landmarks(JointSet.SMPL_24).points[:, :1] * [1.0, 1.0, 0.0]
     points, skin = points - middle, skin - middle
-    target = np.zeros(3)
-    true = rig.around(target)
-    centre = true.centres[:, :2].mean(axis=0) if rig.fixed else target[:2]
+    true = rig.around(np.zeros(3))
+    centre = aim_point(true)[:2] if rig.fixed else np.zeros(2)
     rng = seeded(seed, rig.name, "places")
     room = np.array([*centre, 0.95])
     known = miscalibrated(true, room, faults.calibration_mm, rng) if faults.calibration_mm and len(true) > 1 else true
@@ -109,6 +116,17 @@ def _at_place(
     off = np.linalg.norm(located - np.tile(points, (_DRAWS, 1, 1)), axis=-1)
     good = np.isfinite(off)
     return (float(1e3 * np.sqrt((off[good] ** 2).mean())) if good.mean() > 0.5 else np.nan), seen_by
+
+
+def places_text(places: Sequence[PlaceErrors]) -> str:
+    """Return maps as JSON for programs that show them, with null where nobody is located."""
+    maps = [
+        {"rig": p.rig, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist(),
+         "views": p.views.tolist(), "median_mm": p.median_mm,
+         "error_mm": [[round(v, 3) if v == v else None for v in row] for row in p.error_mm.tolist()]}
+        for p in places
+    ]  # fmt: skip
+    return json.dumps({"format": "manifold_mocap_places", "version": 1, "places": maps}, allow_nan=False) + "\n"
 
 
 def with_count(rig: Rig, cameras: list[int]) -> Rig:

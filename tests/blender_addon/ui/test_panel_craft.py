@@ -38,7 +38,7 @@ class Layout:
 def test_no_word_of_ours_is_translated_as_one_of_blenders(mocap) -> None:
     preset = mocap.solve.bl_rna.properties["preset"]
     assert preset.translation_context == CONTEXT
-    groups = (mocap, mocap.solve, mocap.reading, mocap.capture, mocap.review, mocap.retarget)
+    groups = (mocap, mocap.solve, mocap.reading, mocap.capture, mocap.review, mocap.retarget, mocap.studio)
     for group in groups:
         own = [p for p in group.bl_rna.properties if p.identifier not in ("name", "rna_type")]
         assert own and all(p.translation_context == CONTEXT for p in own), group
