@@ -42,6 +42,7 @@ _WRITE = (
     ("coco", "COCO", "COCO keypoints"),
     ("c3d", "C3D", "Markers"),
     ("trc", "TRC", "Markers for OpenSim"),
+    ("exr", "EXR", "Depth before any sensor and normals, as floats"),
     ("video", "Videos", "One MP4 a camera, of colour pictures"),
 )
 FAULTS = (

@@ -21,7 +21,7 @@ from solver_backend.studio.stage import require_sight, set_up
 
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
-_BYTES_PER_PIXEL = {"infrared": 1.45, "depth": 0.85, "masks": 0.04, "normals": 0.25, "rgb": 1.6}
+_BYTES_PER_PIXEL = {"infrared": 1.45, "depth": 0.85, "masks": 0.04, "normals": 0.25, "rgb": 1.6, "exr": 9.0}
 """Of PNG, measured on the presets (RGB with its noise)."""
 _BYTES_PER_FRAME = {"pose2sim": 700, "coco": 450}
 """A view."""
@@ -55,8 +55,8 @@ def plan(spec: Spec) -> Plan:
         sizes = shot.rig.cameras.image_size
         views = len(sizes)
         area = float((sizes[:, 0] * sizes[:, 1]).sum())
-        pictures += views * spec.frames * len(spec.film)
-        total += spec.frames * area * sum(_BYTES_PER_PIXEL[kind] for kind in spec.film)
+        pictures += views * spec.frames * (len(spec.film) + ("exr" in spec.write))
+        total += spec.frames * area * sum(_BYTES_PER_PIXEL.get(kind, 0) for kind in (*spec.film, *spec.write))
         total += spec.frames * views * (_TRUTH_BYTES + sum(_BYTES_PER_FRAME.get(kind, 0) for kind in spec.write))
     return Plan(shots, spec.frames * len(shots), pictures, int(total))
 
