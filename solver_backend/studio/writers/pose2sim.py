@@ -19,6 +19,7 @@ _TRIANGULATION = """
 reproj_error_threshold_triangulation = 15
 likelihood_threshold_triangulation = 0.3
 min_cameras_for_triangulation = 2
+undistort_points = true
 interp_if_gap_smaller_than = 20
 interpolation = 'linear'
 remove_incomplete_frames = false
