@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import bpy
 import pytest
@@ -13,26 +12,7 @@ from blender_addon.ui.operators.import_results import take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import run, solve
 from blender_addon.ui.translation import CONTEXT
-
-
-class Layout:
-    """Takes down what a panel draws."""
-
-    def __init__(self) -> None:
-        self.drawn: list[str] = []
-
-    def __getattr__(self, name: str) -> Any:
-        def draw(*args: Any, **given: Any) -> Any:
-            if name in ("row", "column", "box", "split"):
-                return self
-            said = given.get("text", "") if name != "prop" else f"{type(args[0]).__name__}.{args[1]}"
-            self.drawn.append(f"{name}:{said}")
-            return SimpleNamespace()
-
-        return draw
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
+from tests.support.panel_layout import Layout
 
 
 def test_no_word_of_ours_is_translated_as_one_of_blenders(mocap) -> None:

@@ -23,7 +23,7 @@ from blender_addon.ui.studio_properties import FAULTS, PRESET_RIGS
 from solver_backend.studio.perturbation import PRESETS
 from solver_backend.studio.rigs import Rig, build_rig, rig_presets
 from solver_backend.studio.spec import ENGINES, FORMATS, KINDS, spec_of
-from tests.blender_addon.ui.test_panel_craft import Layout
+from tests.support.panel_layout import Layout
 
 
 def film_with(rig: Rig) -> None:
