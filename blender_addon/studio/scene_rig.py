@@ -50,9 +50,9 @@ def _camera(scene: bpy.types.Scene, obj: bpy.types.Object, depsgraph: bpy.types.
          [0.0, P[1, 1] * height / 2, (1 + P[1, 2]) * height / 2 - 0.5], [0.0, 0.0, 1.0]]
     )  # fmt: skip
     world = obj.evaluated_get(depsgraph).matrix_world
-    axes = np.array(world.to_quaternion().to_matrix())
+    axes = np.array(world.to_quaternion().to_matrix(), dtype=np.float64)
     R = _FLIP_YZ @ axes.T
-    t = -R @ np.array(world.translation)
+    t = R @ -np.array(world.translation, dtype=np.float64)
     return {
         "name": obj.name, "K": K.tolist(), "R": R.tolist(), "t": t.tolist(), "image_size": [int(width), int(height)],
     }  # fmt: skip
