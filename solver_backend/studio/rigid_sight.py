@@ -11,8 +11,8 @@ from solver_backend.body.landmarks import Landmarks
 from solver_backend.simulation.occlusion import stabbed_faces
 from solver_backend.types import SMPL_JOINTS
 
-_CELLS = 20
-"""Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 7 degrees."""
+_CELLS = 28
+"""Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees."""
 _FAR_M = 3.0
 _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
 
