@@ -39,8 +39,7 @@ def run_verb(
         MocapError: what ``stopped`` returned.
         Cancelled: it was cancelled.
     """
-    command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
-    run = Run(verb, SolverProcess(command, _environment(), Path.cwd()))
+    run = start_verb(verb, arguments, Path.cwd())
     try:
         while not run.finished:
             if error := stopped():
@@ -64,6 +63,23 @@ def run_verb(
     if event.get("code") == "solver_died":  # the process, whoever it was
         event = {**event, "message": event["message"].replace("The solver", f"Blender's process ({verb})")}
     raise SolverStopped(event, run.process.exit_code or _BROKEN)
+
+
+def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
+    """Start a verb and return its run, to be polled.
+
+    Args:
+        verb: of this command line.
+        arguments: what follows it.
+        folder: working folder.
+
+    Raises:
+        BackendMissing: it cannot be started.
+    """
+    command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
+    run = Run(verb, SolverProcess(command, _environment(), folder))
+    run.log.append(f"> {' '.join(command)}")
+    return run
 
 
 def command_line() -> list[str]:

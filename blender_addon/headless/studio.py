@@ -64,7 +64,7 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
         more = ["--places"] if request.places else []
         judged = run_solver("studio-judge", [str(request.out), *methods, *more], progress, python=request.python)
         outputs.append(judged["page"])
-        result |= {"table": judged["table"], "rows": judged["rows"]}
+        result |= {key: judged[key] for key in ("page", "table", "rows", "places") if key in judged}
     return {**result, "outputs": outputs, "frames": made["frames"], "seconds": round(time.monotonic() - start, 2)}
 
 

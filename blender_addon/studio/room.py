@@ -46,7 +46,7 @@ def light_room(
     warmth = rng.uniform(-0.15, 0.15)
     for _ in range(int(rng.integers(2, 5))):
         data = bpy.data.lights.new("lamp", "AREA")
-        data.energy = float(rng.uniform(4.0, 9.0) * area / 2)
+        data.energy = float(rng.uniform(4.0, 9.0) * area / 3.5)
         data.size = float(rng.uniform(0.5, 1.6))
         data.color = (1.0, float(1 - 0.3 * max(warmth, 0)), float(1 - max(warmth, 0)))
         lamp = bpy.data.objects.new("lamp", data)

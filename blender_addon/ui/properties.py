@@ -10,6 +10,7 @@ from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
+from .studio_properties import MocapStudio
 from .video_properties import VIDEO_CLASSES, MocapVideos
 
 AUTO = "AUTO"
@@ -216,6 +217,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     live: bpy.props.PointerProperty(type=MocapLive)
     retarget: bpy.props.PointerProperty(type=MocapRetarget)
     videos: bpy.props.PointerProperty(type=MocapVideos)
+    studio: bpy.props.PointerProperty(type=MocapStudio)
 
     @property
     def capture_index(self) -> int:

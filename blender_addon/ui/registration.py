@@ -16,6 +16,7 @@ from . import (
     project_files,
     properties,
     retarget_properties,
+    studio_properties,
 )
 from .operators import (
     calibrate_subject,
@@ -32,6 +33,7 @@ from .operators import (
     solve,
     solve_all,
     solver_operator,
+    studio,
     takes,
     tell_points,
     videos,
@@ -49,6 +51,7 @@ from .panels import review as review_panels
 from .panels import run as run_panel
 from .panels import shape as shape_panel
 from .panels import solve as solve_panels
+from .panels import studio as studio_panels
 from .panels import videos as videos_panel
 from .previews import previews
 from .translation import in_our_context
@@ -80,6 +83,7 @@ def _pointer(owner: type, name: str, cls: type) -> Entry:
 
 TABLE: tuple[Entry, ...] = (
     *map(_class, retarget_properties.CLASSES),
+    *map(_class, studio_properties.CLASSES),
     *map(_class, properties.CLASSES),
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     _class(preferences.MOCAP_OT_test_python),
@@ -106,6 +110,7 @@ TABLE: tuple[Entry, ...] = (
     Entry(lambda: None, live.live.abandon),
     *map(_class, live.CLASSES),
     *map(_class, tell_points.CLASSES),
+    *map(_class, studio.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
     _class(run_panel.VIEW3D_PT_mocap_run),
@@ -132,6 +137,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, retarget_panels.CLASSES),
     _class(live_panel.VIEW3D_PT_mocap_live),
     _handler(bpy.app.handlers.load_pre, live.before_load),
+    *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, adoption.on_load),

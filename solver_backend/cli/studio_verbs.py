@@ -41,17 +41,17 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or say what would be made."""
-    from solver_backend.studio.data_set import make_data_set, open_data_set, plan
+    from solver_backend.studio.data_set import check_data_set, free_bytes, make_data_set, plan
     from solver_backend.studio.spec import read_spec
     from solver_backend.studio.writers.contact_sheet import write_card
 
     spec = read_spec(args.description)
-    found = open_data_set(spec, args.out) if args.plan else plan(spec)
+    found = check_data_set(spec, args.out) if args.plan else plan(spec)
     said = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
     data = {
         "shots": [shot.name for shot in found.shots], "frames": found.frames, "pictures": found.pictures,
         "needed_mb": round(found.bytes / 2**20, 1), "film": list(spec.film), "engine": spec.rgb.engine,
-        "write": list(spec.write), "data_set": str(args.out),
+        "write": list(spec.write), "data_set": str(args.out), "free_mb": round(free_bytes(args.out) / 2**20, 1),
     }  # fmt: skip
     if args.plan:
         return Outcome(f"would make {said}", data)
@@ -67,28 +67,27 @@ def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.studio.data_set import read_data_set
     from solver_backend.studio.judge.judge import judge
     from solver_backend.studio.judge.page import page_html, table
-    from solver_backend.studio.judge.place_errors import place_errors
+    from solver_backend.studio.judge.place_errors import place_errors, places_text
 
     spec, _ = read_data_set(args.data_set)
     verdicts = judge(args.data_set, args.methods, args.inputs, args.faults, progress)
     places = [place_errors(rig, spec.perturb, progress=progress) for rig in spec.rigs] if args.places else []
     page = args.data_set / "judge.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
+    data = {"page": str(page), "table": table(verdicts)}
+    if places:
+        data["places"] = str(write_text(args.data_set / "places.json", places_text(places), overwrite=True))
     rows = [
-        {"shot": v.shot, "faults": v.faults, "input": v.source, "method": v.method, "mpjpe_mm": _plain(v.mpjpe_mm),
-         "pa_mpjpe_mm": _plain(v.pa_mpjpe_mm), "accel_m_s2": _plain(v.accel_m_s2), "seconds": _plain(v.seconds),
-         "error": v.error}
+        {"shot": v.shot, "rig": v.rig, "faults": v.faults, "input": v.source, "method": v.method,
+         "mpjpe_mm": _plain(v.mpjpe_mm), "pa_mpjpe_mm": _plain(v.pa_mpjpe_mm), "accel_m_s2": _plain(v.accel_m_s2),
+         "seconds": _plain(v.seconds), "error": v.error}
         for v in verdicts
     ]  # fmt: skip
-    return Outcome(
-        f"{table(verdicts)}\n  written     {page}", {"page": str(page), "table": table(verdicts), "rows": rows}
-    )
+    return Outcome(f"{data['table']}\n  written     {page}", data | {"rows": rows})
 
 
 def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Map the errors of a description's rigs over the floor."""
-    import numpy as np
-
     from solver_backend.exchange.outputs import check_output, write_text
     from solver_backend.studio.judge.page import page_html
     from solver_backend.studio.judge.place_errors import place_errors
@@ -98,7 +97,7 @@ def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     spec = read_spec(args.description)
     places = [place_errors(rig, spec.perturb, seed=spec.seed, progress=progress) for rig in spec.rigs]
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=bool(args.overwrite))
-    medians = {p.rig: float(np.nanmedian(p.error_mm)) if np.isfinite(p.error_mm).any() else None for p in places}
+    medians = {p.rig: p.median_mm for p in places}
     said = "\n".join(
         f"{name:<20} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
     )

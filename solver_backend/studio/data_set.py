@@ -21,7 +21,7 @@ from solver_backend.studio.stage import require_sight, set_up
 
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
-_BYTES_PER_PIXEL = {"infrared": 1.45, "depth": 0.85, "masks": 0.04, "normals": 0.25, "rgb": 1.6}
+_BYTES_PER_PIXEL = {"infrared": 1.45, "depth": 0.85, "masks": 0.04, "normals": 0.25, "rgb": 1.6, "exr": 9.0}
 """Of PNG, measured on the presets (RGB with its noise)."""
 _BYTES_PER_FRAME = {"pose2sim": 700, "coco": 450}
 """A view."""
@@ -55,27 +55,26 @@ def plan(spec: Spec) -> Plan:
         sizes = shot.rig.cameras.image_size
         views = len(sizes)
         area = float((sizes[:, 0] * sizes[:, 1]).sum())
-        pictures += views * spec.frames * len(spec.film)
-        total += spec.frames * area * sum(_BYTES_PER_PIXEL[kind] for kind in spec.film)
+        pictures += views * spec.frames * (len(spec.film) + ("exr" in spec.write))
+        total += spec.frames * area * sum(_BYTES_PER_PIXEL.get(kind, 0) for kind in (*spec.film, *spec.write))
         total += spec.frames * views * (_TRUTH_BYTES + sum(_BYTES_PER_FRAME.get(kind, 0) for kind in spec.write))
     return Plan(shots, spec.frames * len(shots), pictures, int(total))
 
 
-def open_data_set(spec: Spec, out: Path) -> Plan:
-    """Claim a folder for a data set after checking everything that can be checked before work begins.
+def check_data_set(spec: Spec, out: Path) -> Plan:
+    """Check everything that can be checked before work begins, and return what would be made; nothing is written.
 
     Raises:
         OtherDataSet: the folder holds another data set, or something else.
         DiskTooSmall: there is not enough room for what is not yet made.
         NobodySeen, CameraInsideBody: a shot cannot be filmed.
-        OutputNotWritable: the folder cannot be written to.
         MocapError: a motion cannot be read.
     """
     found = plan(spec)
     _require_own(spec, out)
     done = [shot for shot in found.shots if (out / SHOTS / shot.name / DONE).is_file()]
     needed = int(found.bytes * (1 - len(done) / len(found.shots))) + _SPARE
-    free = shutil.disk_usage(_existing(out)).free
+    free = free_bytes(out)
     if needed > free:
         raise DiskTooSmall(
             f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.", where=str(out),
@@ -84,6 +83,17 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
     left = [shot for shot in found.shots if shot not in done]
     for shot in _one_of_each(left):
         require_sight(set_up(spec, shot))
+    return found
+
+
+def open_data_set(spec: Spec, out: Path) -> Plan:
+    """Claim a folder for a data set that can be made.
+
+    Raises:
+        OutputNotWritable: the folder cannot be written to.
+        MocapError: see ``check_data_set``.
+    """
+    found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     text = json.dumps(
         {"format": _FORMAT, "version": __version__, "digest": digest(spec), "folder": str(spec.folder),
@@ -171,8 +181,9 @@ def _description(out: Path) -> dict[str, Any] | None:
     return values if isinstance(values, dict) and values.get("format") == _FORMAT else {}
 
 
-def _existing(path: Path) -> Path:
-    return next(p for p in (path.resolve(), *path.resolve().parents) if p.exists())
+def free_bytes(out: Path) -> int:
+    """Return how much room the disk of a folder has that need not be there yet."""
+    return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
 
 
 def _tidy(shots: Path) -> None:
@@ -184,4 +195,14 @@ def _size(count: float) -> str:
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.0f} MiB"
 
 
-__all__ = ["DESCRIPTION", "SHOTS", "Plan", "make_data_set", "open_data_set", "plan", "read_data_set"]
+__all__ = [
+    "DESCRIPTION",
+    "SHOTS",
+    "Plan",
+    "check_data_set",
+    "free_bytes",
+    "make_data_set",
+    "open_data_set",
+    "plan",
+    "read_data_set",
+]

@@ -13,6 +13,7 @@ from solver_backend.studio.sensors.picture_of import Backdrop, backdrop, look
 from solver_backend.studio.sensors.time_of_flight import TimeOfFlightModel, measure_depth
 from solver_backend.studio.spec import Spec
 from solver_backend.studio.stage import Stage
+from solver_backend.studio.writers.pictures import EXR
 
 Keep = Callable[[str, int, int, np.ndarray], None]
 """Takes kind, view, frame and picture."""
@@ -37,10 +38,10 @@ def film(spec: Spec, stage: Stage, keep: Keep, told: Callable[[int], None] = lam
         spec: what is filmed.
         stage: the shot.
         keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
-            uint8 in the camera's frame.
+            uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and metres before any sensor.
         told: is told each frame that is done.
     """
-    kinds = [kind for kind in spec.film if kind != "rgb"]
+    kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
     cameras = stage.cameras
     markers = np.zeros((len(cameras), stage.num_frames, stage.markers.shape[1]), np.float32)
     person = np.zeros(markers.shape[:2], np.float32)
@@ -65,7 +66,7 @@ def _shoot(
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """Film one picture; return the shares of markers seen and of the picture that shows the person."""
     view, frame = place
-    seen = look(stage, view, behind, surface, frame, normals="normals" in kinds)
+    seen = look(stage, view, behind, surface, frame, normals="normals" in kinds or EXR in kinds)
     rng = stage.shot.rng(spec, f"pixels {view} {frame}")
     model = InfraredModel()
     if "infrared" in kinds or "depth" in kinds:
@@ -79,6 +80,9 @@ def _shoot(
         keep("masks", view, frame, seen.label)
     if seen.normal is not None:
         turned = seen.normal @ stage.cameras.R[view].T.astype(np.float32)
-        keep("normals", view, frame, np.round(turned * 127.5 + 127.5).astype(np.uint8))
+        if "normals" in kinds:
+            keep("normals", view, frame, np.round(turned * 127.5 + 127.5).astype(np.uint8))
+        if EXR in kinds:
+            keep(EXR, view, frame, np.concatenate([turned, seen.depth[..., None]], axis=-1, dtype=np.float32))
     count = int(((seen.label > 0) & (seen.label < MARKER) & (seen.label != ROOM)).sum())
     return seen.spheres.seen.astype(np.float32), count / seen.label.size

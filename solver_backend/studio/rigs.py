@@ -14,13 +14,17 @@ import numpy as np
 from solver_backend.exchange.errors import CalibrationMissing
 from solver_backend.studio.checked_values import CheckedValues
 from solver_backend.studio.errors import StudioInvalid
+from solver_backend.studio.rig_aim import aim_point, scaled
 from solver_backend.types import Cameras
 
 PRESETS = Path(__file__).parents[1] / "assets" / "studio_rigs.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
+STANDS = ("world", "aim")
+"""Where the person is before cameras that stand fixed: where the motion says, or where the cameras look."""
 _KNOWN = (
     "name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m", "size",
-    "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale",
+    "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand",
+    "leave_out", "widest",
 )  # fmt: skip
 _TARGET_M = (0.0, 0.0, 0.95)
 
@@ -37,6 +41,8 @@ class Rig:
     """Nearest and farthest depth that its sensors measure."""
     fixed: bool
     """The cameras stand where they stand in the world, and do not move to the person."""
+    stand: np.ndarray | None = None
+    """(2,) metres: before fixed cameras the middle of the person's way is put there; None leaves it where it is."""
 
     def around(self, place: np.ndarray) -> Cameras:
         """Return the cameras moved along the floor so that the person at (3,) ``place`` is in their middle."""
@@ -84,7 +90,17 @@ def build_rig(description: Any, folder: Path = Path()) -> Rig:
     if not 0 <= low < high:
         raise StudioInvalid("range_m is empty; a nearest and a farther depth are expected.", where=f"rig {name}")
     cameras = _LAYOUTS[layout](values, folder)
-    return Rig(name, cameras, (low, high), layout in ("capture", "cameras"))
+    fixed = layout in ("capture", "cameras")
+    if fixed:
+        cameras = scaled(cameras, values.number("scale", 1.0, 0.05, 4.0))
+    fewer = len(cameras) - values.whole("leave_out", 0, 0, 64)
+    if fewer < 1:
+        raise StudioInvalid(f"leave_out leaves none of {len(cameras)} cameras.", where=f"rig {name}: leave_out")
+    cameras = cameras.subset(list(range(fewer)))
+    widest = int(cameras.image_size[:, 0].max())
+    cameras = scaled(cameras, min(1.0, values.whole("widest", widest, 16, 8192) / widest))
+    aimed = values.choice("stand", "world", STANDS) == "aim"
+    return Rig(name, cameras, (low, high), fixed, aim_point(cameras)[:2] if fixed and aimed else None)
 
 
 def _ring(values: CheckedValues, folder: Path) -> Cameras:

@@ -21,7 +21,7 @@ from solver_backend.types import JointSet
 VERSION = 1
 KINDS = ("infrared", "depth", "masks", "normals", "rgb")
 """What can be filmed."""
-FORMATS = ("pose2sim", "coco", "c3d", "trc", "video")
+FORMATS = ("pose2sim", "coco", "c3d", "trc", "video", "exr")
 """What can be written beside our own capture."""
 _KEYS = (
     "version", "name", "seed", "fps", "frames", "motions", "people", "rigs", "looks", "film", "write", "markers",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,8 +60,12 @@ def set_up(spec: Spec, shot: Shot) -> Stage:
     body, betas = cast(spec, shot.person)
     person = shot.motion.play(body, betas, spec.fps, spec.frames)
     joints = person.landmarks(JointSet.SMPL_24).points
+    middle = 0.5 * (joints[:, 0].min(axis=0) + joints[:, 0].max(axis=0))
+    if shot.rig.stand is not None:
+        move = np.array([*(shot.rig.stand - middle[:2]), 0.0])
+        person, joints, middle = replace(person, transl=person.transl + move), joints + move, middle + move
     pelvis = joints[:, 0]
-    cameras = shot.rig.around(0.5 * (pelvis.min(axis=0) + pelvis.max(axis=0)))
+    cameras = shot.rig.around(middle)
     rng = shot.rng(spec, "scene")
     clothes, hair = draw_outfit(shot.look.clothes, shot.look.hair, rng)
     costume = dress(body, clothes, hair, rng)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,14 +13,15 @@ from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.simulation.filming import Person
-from solver_backend.simulation.occlusion import own_faces, stabbed_faces
+from solver_backend.studio.body_sight import BodySight, pose_proxy
+from solver_backend.studio.sight import hidden_by_boxes, sight_lines
 from solver_backend.studio.stage import Stage
-from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_JOINTS, Cameras, JointSet, Motion
+from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet, Motion
 
 OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3
 """Visibility of a point: not in the picture, behind the person's own body, behind furniture, or seen."""
-SIGHT_HZ = 30.0
-"""Sight lines are cast at most so often; between, a point keeps its visibility."""
+_CHUNK = 32
+"""Frames that are looked at together."""
 _SOLE_M, _STANDING_M_S = 0.03, 0.15
 _SETS = tuple(JointSet)
 
@@ -62,26 +64,23 @@ def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
         sight: cast sight lines; without, a point in the picture counts as visible.
     """
     person, cameras = stage.person, stage.cameras
-    parts = [keypoint_landmarks(person.body, chosen) for chosen in _SETS]
-    names, every, columns = _each_once(parts)
+    every, columns = _keypoints(person.body)
     posed = pose_landmarks(person.body, every, person.betas, person.orient, person.local, person.transl).points
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed, cameras.distortion_model)
     with np.errstate(invalid="ignore"):
         within = ((px >= -0.5) & (px < cameras.image_size[:, None, None] - 0.5)).all(-1)
     visible = np.where(within, VISIBLE, OUTSIDE).astype(np.uint8)
-    step = max(1, round(fps / SIGHT_HZ))
-    frames = np.arange(0, stage.num_frames, step)
-    boxes, inside = np.full((len(cameras), len(frames), 4), np.nan), np.zeros((len(cameras), len(frames)))
+    boxes, inside = np.full((*px.shape[:2], 4), np.nan), np.zeros(px.shape[:2])
     if sight:
-        hidden = np.zeros((len(cameras), len(frames), len(names)), np.uint8)
-        own = own_parts(person.body, names)
-        for chunk in np.array_split(np.arange(len(frames)), -(-len(frames) // 16)):
-            skin = person.skin(frames[chunk])
-            boxes[:, chunk], inside[:, chunk] = _boxes(cameras, skin)
-            hidden[:, chunk] = _hidden(stage, skin, posed[frames[chunk]], own)
-        spread = np.repeat(hidden, step, axis=1)[:, : stage.num_frames]
-        visible = np.where((visible == VISIBLE) & (spread > 0), spread, visible).astype(np.uint8)
-    boxes, inside = (np.repeat(v, step, axis=1)[:, : stage.num_frames] for v in (boxes, inside))
+        body = BodySight(person.body, person.betas, every)
+        for start in range(0, stage.num_frames, _CHUNK):
+            chunk = slice(start, start + _CHUNK)
+            proxy = pose_proxy(body, person, chunk)
+            lines = sight_lines(cameras.centres, posed[chunk])
+            seen = np.swapaxes(visible[:, chunk], 0, 1)
+            seen[(seen == VISIBLE) & body.hidden(cameras.centres, lines, posed[chunk], proxy)] = SELF_HIDDEN
+            seen[(seen > OUTSIDE) & hidden_by_boxes(cameras.centres, lines, stage.room.furniture)] = FURNITURE_HIDDEN
+            boxes[:, chunk], inside[:, chunk] = _boxes(cameras, proxy.points, body.proxy.share)
     marker_xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, stage.markers, cameras.distortion_model)
     body25 = JointSet.BODY_25
     points = posed[:, columns[_SETS.index(body25)]]
@@ -103,18 +102,6 @@ def true_motion(person: Person, joints: np.ndarray, contacts: np.ndarray, fps: f
     )  # fmt: skip
 
 
-def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return (K, T) bool: the face is of a part that the point lies in; of SMPL's joints all parts that meet there."""
-    own = own_faces(body, names)
-    part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
-    for k, name in enumerate(names):
-        if name in SMPL_JOINTS and not own[k].any():
-            joint = body.smpl_joints[SMPL_JOINTS.index(name)]
-            meeting = [joint, body.parents[joint], *(j for j, p in enumerate(body.parents) if p == joint)]
-            own[k] = np.isin(part, meeting)
-    return own
-
-
 def _each_once(parts: list[Landmarks]) -> tuple[tuple[str, ...], Landmarks, list[list[int]]]:
     """Return the different landmarks of all sets, and each set's columns of them."""
     names: list[str] = []
@@ -134,34 +121,25 @@ def _each_once(parts: list[Landmarks]) -> tuple[tuple[str, ...], Landmarks, list
     return tuple(names), Landmarks.joined(chosen), columns
 
 
-def _hidden(stage: Stage, skin: np.ndarray, points: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return (C, f, K) what hides each point: 0 nothing, ``SELF_HIDDEN`` or ``FURNITURE_HIDDEN``."""
-    cameras, faces = stage.cameras, stage.person.body.faces
-    furniture, pieces = stage.room.furniture_mesh()
-    hidden = np.zeros((len(cameras), *points.shape[:2]), np.uint8)
-    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
-        still = furniture.astype(np.float32) @ R.T + t
-        for frame in range(len(points)):
-            targets = points[frame].astype(np.float32) @ R.T + t
-            face, target = stabbed_faces(skin[frame].astype(np.float32) @ R.T + t, faces, targets)
-            count = np.bincount(target, ~own[target, face], minlength=len(targets))
-            hidden[view, frame] = np.where(count > 0, SELF_HIDDEN, 0)
-            if len(pieces):
-                _, behind = stabbed_faces(still, pieces, targets)
-                hidden[view, frame, behind] = FURNITURE_HIDDEN
-    return hidden
+@lru_cache(maxsize=8)
+def _keypoints(body: Body) -> tuple[Landmarks, list[list[int]]]:
+    """Return the different landmarks of all joint sets, and each set's columns of them."""
+    _, every, columns = _each_once([keypoint_landmarks(body, chosen) for chosen in _SETS])
+    return every, columns
 
 
-def _boxes(cameras: Cameras, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, f, 4) boxes of (f, V, 3) skins, cut off at the picture's edges, and (C, f) shares inside."""
+def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C, f, 4) boxes of (f, P, 3) points, cut off at the picture's edges, and (C, f) shares inside."""
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, skin, cameras.distortion_model)
-    edge = cameras.image_size[:, None, None] - 0.5
+    # Axis by axis: reductions over two neighbours are slow.
+    x, y = (np.ascontiguousarray(px[..., i]) for i in (0, 1))
+    wide, high = (cameras.image_size[:, i, None, None] - 0.5 for i in (0, 1))
     with np.errstate(invalid="ignore"):
-        there = ((px >= -0.5) & (px < edge)).all(-1)
-    low = np.where(there[..., None], px, np.inf).min(axis=2)
-    high = np.where(there[..., None], px, -np.inf).max(axis=2)
-    box = np.concatenate([low, high], axis=-1)
-    return np.where(np.isfinite(box), box, np.nan), there.mean(axis=2)
+        there = (x >= -0.5) & (x < wide) & (y >= -0.5) & (y < high)
+    first = [np.where(there, side, np.inf).min(axis=-1) for side in (x, y)]
+    last = [np.where(there, side, -np.inf).max(axis=-1) for side in (x, y)]
+    box = np.stack([*first, *last], axis=-1)
+    return np.where(np.isfinite(box), box, np.nan), there @ share
 
 
 def _contacts(body25: np.ndarray, fps: float) -> np.ndarray:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +59,22 @@ def test_a_run_that_was_ended_goes_on_with_the_same_pixels(made: Path, tmp_path:
     make_data_set(spec_of(SMALL), tmp_path)
     assert digests(tmp_path / SHOTS) == digests(made / SHOTS)
     assert len(digests(made / SHOTS)) > 2 * 3 * 5 * 4
+
+
+def test_a_run_that_was_killed_goes_on_with_the_same_pixels(made: Path, tmp_path: Path) -> None:
+    spec, out = tmp_path / "spec.json", tmp_path / "set"
+    spec.write_text(json.dumps(SMALL))
+    command = [sys.executable, "-m", "solver_backend", "studio", str(spec), "--out", str(out)]
+    run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 120
+    while not list(out.rglob("*.png")) and run.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    run.kill()
+    run.wait()
+    assert not (out / "card.md").exists(), "it was at work"
+    make_data_set(spec_of(SMALL), out)
+    assert digests(out / SHOTS) == digests(made / SHOTS)
+    assert not list((out / SHOTS).glob(".unfinished*"))
 
 
 def test_every_format_reads_back_as_what_was_filmed(made: Path) -> None:

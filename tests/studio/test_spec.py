@@ -12,11 +12,13 @@ import pytest
 from solver_backend.exchange.errors import FileMissing, MocapError, MotionInvalid
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.studio import data_set
-from solver_backend.studio.data_set import make_data_set, open_data_set, plan
+from solver_backend.studio.data_set import check_data_set, make_data_set, open_data_set, plan
 from solver_backend.studio.errors import CameraInsideBody, DiskTooSmall, NobodySeen, OtherDataSet, StudioInvalid
+from solver_backend.studio.rig_aim import aim_point
 from solver_backend.studio.rigs import build_rig, rig_presets
 from solver_backend.studio.shots import cast, list_shots
 from solver_backend.studio.spec import read_spec, spec_of
+from solver_backend.studio.stage import set_up
 from solver_backend.synthetic.demo import demo_capture
 
 
@@ -115,6 +117,38 @@ def test_rigs_that_cannot_film_are_refused_before_anything_is_made(
     with pytest.raises(error, match="person"):
         make_data_set(spec, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_check_writes_nothing_and_says_what_a_rig_with_fewer_cameras_is(tmp_path: Path) -> None:
+    small = {"film": ["masks"], "write": ["exr"], "frames": 2, "rigs": [{"count": 3, "leave_out": 1, "widest": 320}]}
+    found = check_data_set(spec_of(small), tmp_path / "out")
+    assert found.pictures == 2 * 2 * 2 and not (tmp_path / "out").exists()
+    assert found.shots[0].rig.cameras.image_size.tolist() == [[320, 240]] * 2
+    with pytest.raises(StudioInvalid, match="leaves none"):
+        spec_of({"rigs": [{"count": 2, "leave_out": 2}]})
+    with pytest.raises(StudioInvalid, match="world, aim"):
+        spec_of({"rigs": [{"stand": "anywhere"}]})
+
+
+def test_a_person_stands_where_fixed_cameras_look() -> None:
+    ring = build_rig({"count": 3, "radius_m": 2.5}).cameras
+    far = ring.centres + [40.0, -7.0, 0.0]
+    t = -np.einsum("cij,cj->ci", ring.R, far)
+    cameras = [
+        {"name": n, "K": K.tolist(), "R": R.tolist(), "t": v.tolist(), "image_size": s.tolist()}
+        for n, K, R, v, s in zip(ring.names, ring.K, ring.R, t, ring.image_size, strict=True)
+    ]
+    rig = {"layout": "cameras", "cameras": cameras}
+    with pytest.raises(NobodySeen):
+        check_data_set(spec_of({"rigs": [rig], "frames": 10}), Path("nowhere"))
+    spec = spec_of({"rigs": [{**rig, "stand": "aim", "scale": 0.5}], "frames": 10})
+    stage = set_up(spec, list_shots(spec)[0])
+    pelvis = stage.joints[:, 0, :2]
+    assert np.allclose(0.5 * (pelvis.min(axis=0) + pelvis.max(axis=0)), [40.0, -7.0], atol=0.05)
+    assert np.allclose(stage.cameras.centres, far, atol=1e-9)
+    assert np.allclose(stage.cameras.K[:, 0, 2], (320 - 1) / 2)
+    alone = aim_point(ring.subset([0]))
+    assert np.linalg.norm(alone - ring.centres[0] - 3 * ring.R[0, 2]) < 1e-6, "three metres ahead of a single camera"
 
 
 def test_a_disk_that_is_too_small_is_told_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

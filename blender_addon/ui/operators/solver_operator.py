@@ -90,14 +90,18 @@ class SolverOperator(MocapOperator):
         """
         from ...solving.run import start
 
+        return self.follow(context, start(verb, arguments, chosen_python(context), folder))
+
+    def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
+        """Follow a run that was started; without a window, wait for it."""
         self._scene = context.scene.name
         self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
-        current.run = start(verb, arguments, chosen_python(context), folder)
+        current.run = run
         following.solver_reads = True
         if bpy.app.background:
-            current.run.process.wait()
-            while not current.run.finished:
-                current.run.poll()
+            run.process.wait()
+            while not run.finished:
+                run.poll()
             return self._ended(context)
         manager = context.window_manager
         self._timer = manager.event_timer_add(_INTERVAL_S, window=context.window)

@@ -34,6 +34,7 @@ class Verdict:
     source: str
     """'views' or 'markers'."""
     method: str
+    rig: str = ""
     mpjpe_mm: float = np.nan
     pa_mpjpe_mm: float = np.nan
     accel_m_s2: float = np.nan
@@ -75,22 +76,22 @@ def judge(
         if touched
     )  # fmt: skip
     work = [
-        (record["name"], kind, source, method)
+        (record["name"], kind, source, method, record["rig"])
         for record in records for kind in faults for source in chosen for method in methods
         if not (source == "markers" and (method == YARDSTICK or not record["markers"]))
         if not (source == "views" and len(record["cameras"]) < 2)
     ]  # fmt: skip
     verdicts = []
     progress("judging", 0, len(work))
-    for done, (name, kind, source, method) in enumerate(work, start=1):
-        capture = read_capture(out / SHOTS / name / f"{kind}.npz")
-        verdicts.append(_verdict(capture, (name, kind, source, method), settings))
+    for done, place in enumerate(work, start=1):
+        capture = read_capture(out / SHOTS / place[0] / f"{place[1]}.npz")
+        verdicts.append(_verdict(capture, place, settings))
         progress("judging", done, len(work))
     return verdicts
 
 
-def _verdict(capture: Capture, place: tuple[str, str, str, str], settings: SolveSettings) -> Verdict:
-    name, kind, source, method = place
+def _verdict(capture: Capture, place: tuple[str, str, str, str, str], settings: SolveSettings) -> Verdict:
+    source, method = place[2:4]
     truth, start = np.asarray(capture.truth["joints"]), time.monotonic()
     one = replace(capture, markers=None) if source == "views" else replace(capture, keypoints=None, cameras=None)
     try:
@@ -101,13 +102,13 @@ def _verdict(capture: Capture, place: tuple[str, str, str, str], settings: Solve
         else:
             found = joints = solve(one, replace(settings, method=method)).motion.joints
     except MocapError as error:
-        return Verdict(name, kind, source, method, error=str(error), seconds=time.monotonic() - start)
+        return Verdict(*place, error=str(error), seconds=time.monotonic() - start)
     seconds = time.monotonic() - start
     off = 1e3 * np.linalg.norm(found - truth, axis=-1)
     located = np.isfinite(off).all(axis=0)
     by_frame = np.nanmean(off, axis=1) if np.isfinite(off).any() else np.full(len(off), np.nan)
     whole = found[:, located], truth[:, located]
     return Verdict(
-        name, kind, source, method, mpjpe_mm(*whole), pa_mpjpe_mm(*whole) if located.sum() > 3 else np.nan,
+        *place, mpjpe_mm(*whole), pa_mpjpe_mm(*whole) if located.sum() > 3 else np.nan,
         accel_error_m_s2(*whole, capture.fps) if len(off) > 2 else np.nan, seconds, "", by_frame, joints,
     )  # fmt: skip

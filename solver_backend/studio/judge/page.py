@@ -28,17 +28,19 @@ _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
-    """Return the verdicts as lines of text, means over shots: clean and perturbed beside each other."""
+    """Return the verdicts as lines of text, means over shots: rigs, clean and perturbed beside each other."""
+    wide = max((len(v.rig) for v in verdicts), default=0) + 2
     lines = [
-        f"{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>8}{'accel':>8}{'time':>8}  failed"
+        f"{'rig':<{wide}}{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>11}{'accel':>8}"
+        f"{'time':>8}  failed"
     ]
-    for source, method, kind in _groups(verdicts):
-        found = [v for v in verdicts if (v.source, v.method, v.faults) == (source, method, kind)]
+    for rig, source, method, kind in _groups(verdicts):
+        found = [v for v in verdicts if (v.rig, v.source, v.method, v.faults) == (rig, source, method, kind)]
         good = [v for v in found if not v.error]
         means = _means(good)
         lines.append(
-            f"{source:<9}{method:<15}{kind:<11}{len(found):>6}{means[0]:>6.1f} mm{means[1]:>5.1f} mm{means[2]:>8.2f}"
-            f"{means[3]:>6.1f} s  {len(found) - len(good) or '-'}"
+            f"{rig:<{wide}}{source:<9}{method:<15}{kind:<11}{len(found):>6}{means[0]:>6.1f} mm"
+            f"{means[1]:>8.1f} mm{means[2]:>8.2f}{means[3]:>6.1f} s  {len(found) - len(good) or '-'}"
         )
     return "\n".join(lines)
 
@@ -61,8 +63,9 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
             _worst(out, verdicts),
         ]
     if places:
-        low = min(float(np.nanmin(p.error_mm)) for p in places if np.isfinite(p.error_mm).any())
-        high = max(float(np.nanpercentile(p.error_mm, 95)) for p in places if np.isfinite(p.error_mm).any())
+        located = [p for p in places if p.median_mm is not None]
+        low = min((float(np.nanmin(p.error_mm)) for p in located), default=0.0)
+        high = max((float(np.nanpercentile(p.error_mm, 95)) for p in located), default=1.0)
         drawn = "".join(place_map(p, low, high) for p in places)
         lead = "Error of triangulated keypoints where a person stands, from above; triangles are cameras."
         parts.append(section("By place", drawn, lead, "places"))
@@ -107,16 +110,17 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
         x = cell * ((centre[0] - xs[0]) / step_x + 0.5)
         y = height - cell * ((centre[1] - ys[0]) / step_y + 0.5)
         drawn.append(f'<path d="M{x - 6:.0f} {y + 5:.0f}h12l-6 -11z" fill="currentColor"/>')
-    median = float(np.nanmedian(places.error_mm)) if np.isfinite(places.error_mm).any() else np.nan
+    median = places.median_mm
+    said = "nobody is located anywhere" if median is None else f"median {median:.1f} mm over the floor"
     return (
         f"<figure><svg viewBox='{-cell:.0f} {-cell:.0f} {width + 2 * cell:.0f} {height + 2 * cell:.0f}' "
         f"width='{width + 2 * cell:.0f}' role='img' aria-label='error by place'>{''.join(drawn)}</svg><figcaption>"
-        f"{text(places.rig)}: median {median:.1f} mm over the floor</figcaption></figure>"
+        f"{text(places.rig)}: {said}</figcaption></figure>"
     )
 
 
-def _groups(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str]]:
-    return list(dict.fromkeys((v.source, v.method, v.faults) for v in verdicts))
+def _groups(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str, str]]:
+    return list(dict.fromkeys((v.rig, v.source, v.method, v.faults) for v in verdicts))
 
 
 def _means(verdicts: Sequence[Verdict]) -> list[float]:
@@ -136,7 +140,7 @@ def _means_section(verdicts: Sequence[Verdict]) -> str:
 
 def _shots_section(verdicts: Sequence[Verdict]) -> str:
     shots = list(dict.fromkeys(v.shot for v in verdicts))
-    groups = _groups(verdicts)
+    groups = list(dict.fromkeys((v.source, v.method, v.faults) for v in verdicts))
     values = np.full((len(shots), len(groups)), np.nan)
     for v in verdicts:
         values[shots.index(v.shot), groups.index((v.source, v.method, v.faults))] = v.mpjpe_mm

@@ -1,4 +1,4 @@
-"""Pictures written to a shot's folders by threads, in bounded memory: ``kind/camera/000000.png``."""
+"""Pictures written to a shot's folders by a thread, in bounded memory: ``kind/camera/000000.png``, or ``.exr``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from types import TracebackType
 import numpy as np
 
 from solver_backend.io.png import png_bytes
+from solver_backend.studio.writers.exr import exr_bytes
 
+EXR = "exr"
+"""Kind of pictures of floats: the normal as R, G, B and the depth as Z."""
 _NOISY = ("infrared", "depth")
 _WAITING = 16
 """Pictures that may wait to be written."""
@@ -47,12 +50,16 @@ class PictureWriter:
         folder = self._folder / kind / self._cameras[view]
         if frame == 0:
             folder.mkdir(parents=True, exist_ok=True)
-        self._waiting.append(self._pool.submit(_write, folder / f"{frame:06d}.png", picture, kind in _NOISY))
+        suffix = "exr" if kind == EXR else "png"
+        self._waiting.append(self._pool.submit(_write, folder / f"{frame:06d}.{suffix}", picture, kind in _NOISY))
         while len(self._waiting) > _WAITING:
             self.bytes += self._waiting.popleft().result()
 
 
 def _write(path: Path, picture: np.ndarray, noisy: bool) -> int:
-    data = png_bytes(picture, noisy=noisy)
+    if path.suffix == ".exr":
+        data = exr_bytes({name: picture[..., i] for i, name in enumerate("RGBZ")})
+    else:
+        data = png_bytes(picture, noisy=noisy)
     path.write_bytes(data)
     return len(data)

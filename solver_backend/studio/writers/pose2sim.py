@@ -14,6 +14,22 @@ _MODELS = {
     JointSet.BODY_25: "BODY_25", JointSet.BODY_25B: "BODY_25B", JointSet.COCO_17: "COCO_17",
     JointSet.COCO_WHOLEBODY_133: "COCO_133", JointSet.HALPE_26: "HALPE_26", JointSet.MEDIAPIPE_33: "BLAZEPOSE",
 }  # fmt: skip
+_TRIANGULATION = """
+[triangulation]
+reproj_error_threshold_triangulation = 15
+likelihood_threshold_triangulation = 0.3
+min_cameras_for_triangulation = 2
+undistort_points = true
+interp_if_gap_smaller_than = 20
+interpolation = 'linear'
+remove_incomplete_frames = false
+sections_to_keep = 'all'
+min_chunk_size = 10
+fill_large_gaps_with = 'last_value'
+show_interp_indices = true
+make_c3d = false
+"""
+"""What Pose2Sim's step of that name asks for, at its own values; without this section it ends with an error."""
 _WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}
 
 
@@ -35,7 +51,7 @@ def write_trial(folder: Path, capture: Capture) -> Path:
     model = _MODELS.get(keypoints.joint_set, keypoints.joint_set.value)
     config = (
         f"[project]\nmulti_person = false\nframe_rate = {keypoints.fps:g}\nframe_range = []\n\n"
-        f"[pose]\npose_model = '{model}'\n"
+        f"[pose]\npose_model = '{model}'\n{_TRIANGULATION}"
     )
     (folder / "Config.toml").write_text(config, encoding="utf-8", newline="\n")
     return folder

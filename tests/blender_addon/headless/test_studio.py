@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from blender_addon.headless.main import main
+from blender_addon.studio import engines
 
 SPEC: dict[str, Any] = {
     "film": ["rgb", "masks"], "rigs": [{"preset": "webcam_ring_4", "scale": 0.2}], "frames": 2, "fps": 4,
@@ -36,6 +37,18 @@ def test_one_command_makes_colour_video_card_and_table(tmp_path: Path, capfd: py
     before = {path: path.stat().st_mtime_ns for path in (shot / "rgb").rglob("*.png")}
     assert main(given) == 0, "a second run finds everything there"
     assert {path: path.stat().st_mtime_ns for path in (shot / "rgb").rglob("*.png")} == before
+
+
+def test_an_engine_that_this_blender_lacks_is_named_before_anything_is_made(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = tmp_path / "spec.json"
+    spec.write_text(json.dumps(SPEC | {"rgb": {"engine": "eevee"}}))
+    monkeypatch.setitem(engines._IDS, "eevee", ("NOBODY_BUILT_IT",))
+    assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--json"]) != 0
+    event = said(capfd)
+    assert event["code"] == "render_failed" and "'eevee'" in event["message"] and "workbench" in event["hint"]
+    assert not (tmp_path / "set").exists()
 
 
 @pytest.mark.parametrize(

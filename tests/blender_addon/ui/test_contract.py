@@ -47,6 +47,7 @@ def test_operators_that_change_the_scene_can_be_undone(registered):
         "MOCAP_OT_export_take",
         "MOCAP_OT_export_markers",
         "MOCAP_OT_live_stop",
+        "MOCAP_OT_open_benchmark",
     }
     for cls in classes_of(bpy.types.Operator):
         undo = "UNDO" in getattr(cls, "bl_options", set())
@@ -66,6 +67,7 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
         "Export",
         "Retarget",
         "Live",
+        "Studio",
     ]
     parents = {panel.bl_idname for panel in top}
     assert all(panel.bl_parent_id in parents for panel in panels if panel not in top)

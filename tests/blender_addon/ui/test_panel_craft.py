@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import bpy
 import pytest
@@ -14,32 +13,13 @@ from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import run, solve
 from blender_addon.ui.translation import CONTEXT
 from tests.support.narrow_layout import NarrowContext
-
-
-class Layout:
-    """Takes down what a panel draws."""
-
-    def __init__(self) -> None:
-        self.drawn: list[str] = []
-
-    def __getattr__(self, name: str) -> Any:
-        def draw(*args: Any, **given: Any) -> Any:
-            if name in ("row", "column", "box", "split"):
-                return self
-            said = given.get("text", "") if name != "prop" else f"{type(args[0]).__name__}.{args[1]}"
-            self.drawn.append(f"{name}:{said}")
-            return SimpleNamespace()
-
-        return draw
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
+from tests.support.panel_layout import Layout
 
 
 def test_no_word_of_ours_is_translated_as_one_of_blenders(mocap) -> None:
     preset = mocap.solve.bl_rna.properties["preset"]
     assert preset.translation_context == CONTEXT
-    groups = (mocap, mocap.solve, mocap.reading, mocap.capture, mocap.review, mocap.retarget)
+    groups = (mocap, mocap.solve, mocap.reading, mocap.capture, mocap.review, mocap.retarget, mocap.studio)
     for group in groups:
         own = [p for p in group.bl_rna.properties if p.identifier not in ("name", "rna_type")]
         assert own and all(p.translation_context == CONTEXT for p in own), group

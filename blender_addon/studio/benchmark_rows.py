@@ -1,0 +1,25 @@
+"""What the judge's verdicts say about each rig, in a line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def rows_of(verdicts: Sequence[Mapping[str, Any]], rigs: Sequence[str]) -> list[tuple[str, str]]:
+    """Return each rig with the mean joint error of each method over its shots.
+
+    Args:
+        verdicts: rows of the judge's result.
+        rigs: names of the rigs, in their order.
+    """
+    return [(rig, _said([v for v in verdicts if v["rig"] == rig])) for rig in rigs]
+
+
+def _said(verdicts: Sequence[Mapping[str, Any]]) -> str:
+    parts = []
+    for method in dict.fromkeys(v["method"] for v in verdicts):
+        errors = [v["mpjpe_mm"] for v in verdicts if v["method"] == method and v["mpjpe_mm"] is not None]
+        mean = f"{sum(errors) / len(errors):.1f} mm" if errors else "failed"
+        parts.append(f"{method} {mean}")
+    return ", ".join(parts) or "one camera alone locates nobody"

@@ -1,0 +1,140 @@
+"""Errors by place shown in Blender: a floor of coloured squares, one object a rig."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from .._exchange.errors import FileDamaged, FileMissing
+
+FORMAT, VERSION = "manifold_mocap_places", 1
+MAP = "mocap_places"
+"""Custom property of a map's object: the rig's name."""
+_STEPS = 12
+_RAISED_M = 0.004
+_FILLED = 0.96
+"""Share of a square's side that is filled."""
+_NOBODY = (0.25, 0.25, 0.25, 1.0)
+
+
+@dataclass(frozen=True)
+class PlaceMap:
+    """Errors of a rig over the floor; Y rows, X columns."""
+
+    rig: str
+    x_m: np.ndarray
+    y_m: np.ndarray
+    error_mm: np.ndarray
+    """(Y, X), NaN where nobody is located."""
+
+    @property
+    def median_mm(self) -> float | None:
+        """Median over the places where somebody is located, None where nobody is anywhere."""
+        good = self.error_mm[np.isfinite(self.error_mm)]
+        return float(np.median(good)) if good.size else None
+
+
+def read_places(path: Path) -> list[PlaceMap]:
+    """Read the maps that the judge wrote.
+
+    Raises:
+        FileMissing: the file is gone.
+        FileDamaged: it is of another format, or its rows do not fit.
+    """
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        if (values["format"], values["version"]) != (FORMAT, VERSION):
+            raise ValueError("another format")
+        maps = [
+            PlaceMap(
+                str(item["rig"]), np.array(item["x_m"], np.float64), np.array(item["y_m"], np.float64),
+                np.array(item["error_mm"], np.float64),
+            )
+            for item in values["places"]
+        ]  # fmt: skip
+    except FileNotFoundError as error:
+        raise FileMissing("The map is gone.", where=str(path), hint="Run the benchmark again.") from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileDamaged(f"This is no map of errors: {error}.", where=str(path)) from error
+    if any(m.error_mm.shape != (len(m.y_m), len(m.x_m)) or min(m.error_mm.shape) < 2 for m in maps):
+        raise FileDamaged("The map's rows do not fit its places.", where=str(path))
+    return maps
+
+
+def shared_limits(maps: Sequence[PlaceMap]) -> tuple[float, float]:
+    """Return the least error of all maps, and the one that all but a twentieth of the places stay below."""
+    good = np.concatenate([item.error_mm[np.isfinite(item.error_mm)] for item in maps])
+    return (float(good.min()), float(np.percentile(good, 95))) if good.size else (0.0, 1.0)
+
+
+def remove_places(scene: bpy.types.Scene) -> None:
+    """Take the map off the floor."""
+    for old in [obj for obj in scene.objects if MAP in obj]:
+        mesh = old.data
+        bpy.data.objects.remove(old)
+        if mesh.users == 0:
+            bpy.data.meshes.remove(mesh)
+
+
+def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float, float]) -> bpy.types.Object:
+    """Lay a map on the floor of a scene in the place of the one before, and return its object.
+
+    Args:
+        scene: the scene.
+        places: the map; X and Y of the world.
+        limits_mm: errors of the first and the last colour.
+    """
+    remove_places(scene)
+    step = np.array([places.x_m[1] - places.x_m[0], places.y_m[1] - places.y_m[0]])
+    middle = np.stack(np.meshgrid(places.x_m, places.y_m), axis=-1).reshape(-1, 2)
+    corner = 0.5 * _FILLED * step * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    flat = (middle[:, None] + corner).reshape(-1, 2)
+    mesh = bpy.data.meshes.new("error by place")
+    faces = np.arange(len(flat)).reshape(-1, 4)
+    mesh.from_pydata(np.c_[flat, np.full(len(flat), _RAISED_M)].tolist(), [], faces.tolist())
+    error = places.error_mm.ravel()
+    mesh.attributes.new("error_mm", "FLOAT", "FACE").data.foreach_set("value", error.astype(np.float32))
+    for step_index in range(_STEPS + 1):
+        mesh.materials.append(_material(step_index, limits_mm))
+    mesh.polygons.foreach_set("material_index", _step(error, limits_mm).astype(np.int32))
+    mesh.update()
+    obj = bpy.data.objects.new(f"error by place, {places.rig}", mesh)
+    obj[MAP] = places.rig
+    obj.hide_select = True
+    scene.collection.objects.link(obj)
+    return obj
+
+
+def _step(error: np.ndarray, limits_mm: tuple[float, float]) -> np.ndarray:
+    """Return the colour of each error, ``_STEPS`` where nobody is located."""
+    low, high = limits_mm
+    share = (error - low) / max(high - low, 1e-9)
+    step = np.clip(np.nan_to_num(share) * _STEPS, 0, _STEPS - 1).astype(int)
+    return np.where(np.isfinite(error), step, _STEPS)
+
+
+def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
+    """Return a material from blue over yellow to red, shown alike in the viewport and in renders."""
+    low, high = limits_mm
+    share = step / (_STEPS - 1)
+    if step == _STEPS:
+        name, colour = "nobody located", _NOBODY
+    else:
+        name = f"{low + share * (high - low):.0f} mm"
+        blue, yellow, red = np.array([0.05, 0.25, 0.7]), np.array([0.9, 0.75, 0.15]), np.array([0.75, 0.06, 0.03])
+        mixed = blue + 2 * share * (yellow - blue) if share < 0.5 else yellow + (2 * share - 1) * (red - yellow)
+        colour = (*mixed.tolist(), 1.0)
+    known = next((m for m in bpy.data.materials if m.name == name and tuple(m.diffuse_color) == colour), None)
+    material = known or bpy.data.materials.new(name)
+    material.diffuse_color = colour
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    shader = next(node for node in material.node_tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    shader.inputs["Base Color"].default_value = colour
+    shader.inputs["Roughness"].default_value = 0.9
+    return material

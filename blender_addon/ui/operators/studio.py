@@ -1,0 +1,209 @@
+"""Operators of the studio: a data set made, and what the user's own rig would reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..._exchange.errors import FileMissing
+from ...conventions.file_paths import absolute, file_of, stored
+from ..preferences import chosen_python
+from .base import MocapOperator
+from .solver_operator import SolverOperator
+
+
+class _Films(SolverOperator):
+    """What the studio's operators that start its command line have in common."""
+
+    is_of_capture = False
+
+    def film(self, context: bpy.types.Context, description: Path, out: Path, options: list[str]) -> set[str]:
+        """Start ``studio`` in a Blender of its own and follow it."""
+        from ...headless.child_verb import start_verb
+
+        python = chosen_python(context)
+        given = [str(description), "--out", str(out), *options, *(["--python", str(python)] if python else [])]
+        return self.follow(context, start_verb("studio", given, description.parent))
+
+
+class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
+    """Films a person with the rig, errs as detectors do, solves, and compares with the truth."""
+
+    bl_idname = "mocap.benchmark"
+    bl_label = "Benchmark"
+    bl_description = "What would these cameras reach? Film somebody with known truth, err as a detector does, and solve"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        from ..studio_description import benchmark_description, next_folder, write_description
+
+        folder = next_folder(context.scene, "benchmark")
+        description = benchmark_description(context)
+        path = write_description(description, folder.with_suffix(".json"))
+        methods = sorted(context.scene.mocap.studio.methods)
+        return self.film(context, path, folder, ["--judge", *methods, "--places"])
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Add a row a rig and show the first rig's map on the floor."""
+        from ...studio.benchmark_rows import rows_of
+        from ...studio.place_map import read_places
+
+        settings = context.scene.mocap.studio
+        places = read_places(Path(result["places"]))
+        first = len(settings.rows)
+        for rig, told in rows_of(result["rows"], [item.rig for item in places]):
+            row = settings.rows.add()
+            row.rig, row.told = rig, told
+            median = next(item.median_mm for item in places if item.rig == rig)
+            row.median_mm = -1.0 if median is None else median
+            row.page, row.places = stored(result["page"]), stored(result["places"])
+        show_row(context, first)
+        self.report({"INFO"}, f"{settings.rows[first].rig}: {settings.rows[first].told}")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
+    """Says what a data set would hold and need."""
+
+    bl_idname = "mocap.check_data_set"
+    bl_label = "Check"
+    bl_description = "Check the settings and say how many pictures they make and how much room they need"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        from ..studio_description import data_set_description, next_folder, write_description
+
+        settings = context.scene.mocap.studio
+        out = absolute(settings.out) if settings.out else next_folder(context.scene, "data_set")
+        if settings.planned:  # nothing has changed: what a run has begun goes on
+            out = file_of(settings.planned_out)
+        description = next_folder(context.scene, "data_set").with_name("data_set.json")
+        path = write_description(data_set_description(context), description)
+        self._checked = stored(path), stored(out)
+        return self.film(context, path, out, ["--plan"])
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Keep what was said until a setting changes."""
+        settings = context.scene.mocap.studio
+        shots = len(result["shots"])
+        settings.planned = (
+            f"{shots} shot{'s' if shots != 1 else ''}, {result['frames']} frames, {result['pictures']} pictures: "
+            f"about {_size(result['needed_mb'])}; {_size(result['free_mb'])} are free"
+        )
+        settings.planned_file, settings.planned_out = self._checked
+        self.report({"INFO"}, settings.planned)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
+    """Makes the data set that was checked."""
+
+    bl_idname = "mocap.make_data_set"
+    bl_label = "Make Data Set"
+    bl_description = "Film all shots in a process of its own; a run that was cancelled goes on where it was"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs settings that were checked."""
+        if not context.scene.mocap.studio.planned:
+            cls.poll_message_set("Check the settings first")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start, or go on."""
+        settings = context.scene.mocap.studio
+        description, out = file_of(settings.planned_file), file_of(settings.planned_out)
+        return self.film(context, description, out, [])
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Say where it is."""
+        self.report({"INFO"}, f"{len(result['shots'])} shots in {result['data_set']}")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_show_places(MocapOperator, bpy.types.Operator):
+    """Shows a rig's errors on the floor."""
+
+    bl_idname = "mocap.show_places"
+    bl_label = "Show on the Floor"
+    bl_description = "Show the rig's errors by place as coloured squares on the floor"
+
+    index: bpy.props.IntProperty(name="Row", description="Of the table", default=0, min=0)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Show them."""
+        show_row(context, min(self.index, len(context.scene.mocap.studio.rows) - 1))
+        return {"FINISHED"}
+
+
+class MOCAP_OT_open_benchmark(MocapOperator, bpy.types.Operator):
+    """Opens a benchmark's page."""
+
+    bl_idname = "mocap.open_benchmark"
+    bl_label = "Open Page"
+    bl_description = "Open the benchmark's page: table, errors over time and by place, worst frames"
+    bl_options = {"REGISTER"}  # noqa: RUF012 - Blender reads a plain set
+
+    index: bpy.props.IntProperty(name="Row", description="Of the table", default=0, min=0)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Open it in the system's browser."""
+        page = _row(context, self.index)[0]
+        if not page.is_file():
+            raise FileMissing("The page is gone.", where=str(page), hint="Run the benchmark again.")
+        return bpy.ops.wm.path_open(filepath=str(page))
+
+
+class MOCAP_OT_clear_benchmarks(MocapOperator, bpy.types.Operator):
+    """Empties the table of rigs."""
+
+    bl_idname = "mocap.clear_benchmarks"
+    bl_label = "Clear"
+    bl_description = "Empty the table and take the map off the floor; files stay"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Empty it."""
+        from ...studio.place_map import remove_places
+
+        context.scene.mocap.studio.rows.clear()
+        remove_places(context.scene)
+        return {"FINISHED"}
+
+
+def show_row(context: bpy.types.Context, index: int) -> None:
+    """Show the map of a row, in colours that all rows of its benchmark share.
+
+    Raises:
+        FileMissing, FileDamaged: its file is gone or damaged.
+    """
+    from ...studio.place_map import read_places, shared_limits, show_places
+
+    rig = context.scene.mocap.studio.rows[index].rig
+    maps = read_places(_row(context, index)[1])
+    limits = shared_limits(maps)
+    chosen = next((item for item in maps if item.rig == rig), None)
+    if chosen is None:
+        raise FileMissing("The benchmark has no map of this rig.", where=rig, hint="Run the benchmark again.")
+    show_places(context.scene, chosen, limits)
+    context.scene.mocap.studio.shown_mm = limits
+
+
+def _row(context: bpy.types.Context, index: int) -> tuple[Path, Path]:
+    rows = context.scene.mocap.studio.rows
+    if not len(rows):
+        raise FileMissing("Nothing has been benchmarked.", hint="Press Benchmark first.")
+    row = rows[min(index, len(rows) - 1)]
+    return file_of(row.page), file_of(row.places)
+
+
+def _size(mebibytes: float) -> str:
+    return f"{mebibytes / 1024:.1f} GiB" if mebibytes >= 1024 else f"{mebibytes:.0f} MiB"
+
+
+CLASSES = (
+    MOCAP_OT_benchmark, MOCAP_OT_check_data_set, MOCAP_OT_make_data_set, MOCAP_OT_show_places,
+    MOCAP_OT_open_benchmark, MOCAP_OT_clear_benchmarks,
+)  # fmt: skip

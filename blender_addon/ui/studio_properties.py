@@ -1,0 +1,160 @@
+"""What the Studio panel keeps in a scene."""
+
+from __future__ import annotations
+
+import bpy
+
+from .locations import RELATIVE
+
+OWN = "OWN"
+PRESET_RIGS = (
+    ("webcam_ring_4", "Four Webcams", "Four common webcams on tripods around a room"),
+    ("oak_d_4", "Four OAK-D", "Four OAK-D, their global-shutter mono cameras binned to 640 x 400"),
+    ("azure_kinect_3", "Three Azure Kinects", "Three Azure Kinects at 2 m, depth in the near field of view"),
+    ("vicon_12", "Twelve Optical", "Twelve optical cameras of 1.3 megapixels under the ceiling"),
+)
+_RIGS = (
+    (OWN, "My Cameras", "The active capture's cameras, or the scene's where there is no capture"),
+    ("SCENE", "The Scene's Cameras", "All cameras of the scene that are shown, as they stand now"),
+    ("RING", "A Ring", "As many like cameras as below, around the person"),
+    *PRESET_RIGS,
+)
+_MOTIONS = (
+    ("CHOREOGRAPHY", "Choreography", "Walking, reaching, turning and crouching: the motion that ships"),
+    ("TAKE", "The Solved Take", "The take that the body plays"),
+    ("FILE", "File or Folder", "A motion file, AMASS (.npz), BVH from the source tree, or a folder of them"),
+)
+_LOOKS = (
+    ("suit", "Suit", "A tight suit, on which markers are worn"),
+    ("bare", "Bare", "No clothes and no hair: the body alone, with markers"),
+    ("everyday", "Everyday", "Clothes and hair that are drawn, and two pieces of furniture"),
+    ("cluttered", "Cluttered", "The same with five pieces of furniture in the way"),
+)
+_FILM = (
+    ("infrared", "Infrared", "Retro-reflective markers lit from the camera, 16 bit"),
+    ("depth", "Depth", "Millimetres, with a time-of-flight sensor's faults"),
+    ("masks", "Masks", "What each pixel shows"),
+    ("normals", "Normals", "Which way each pixel's surface looks"),
+    ("rgb", "Colour", "Rendered by Blender"),
+)
+_WRITE = (
+    ("pose2sim", "Pose2Sim", "OpenPose JSON and a TOML calibration"),
+    ("coco", "COCO", "COCO keypoints"),
+    ("c3d", "C3D", "Markers"),
+    ("trc", "TRC", "Markers for OpenSim"),
+    ("exr", "EXR", "Depth before any sensor and normals, as floats"),
+    ("video", "Videos", "One MP4 a camera, of colour pictures"),
+)
+FAULTS = (
+    ("detector", "Detector", "As measured on a real recording of four webcams"),
+    ("good_detector", "Good Detector", "Half of that, well calibrated"),
+    ("jitter", "Jitter", "5 mm of noise alone"),
+    ("optical_markers", "Optical Markers", "Gaps, swaps and noise of optical markers"),
+    ("depth_markers", "Depth Markers", "Markers of depth sensors"),
+    ("none", "None", "No faults"),
+)
+_METHODS = (
+    ("triangulation", "Triangulation", "No body: what the keypoints themselves reach"),
+    ("global", "Whole Take", "All keyframes of the take at once"),
+    ("frame", "Frame by Frame", "Every frame on its own"),
+)
+_ENGINES = (
+    ("workbench", "Workbench", "Fast"),
+    ("eevee", "EEVEE", "Needs a graphics processor"),
+    ("cycles", "Cycles", "Lights the room; slow without a graphics processor"),
+)
+
+
+def _forget_plan(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    self.planned = ""
+
+
+class MocapBenchmarkRow(bpy.types.PropertyGroup):
+    """What one rig reached in one benchmark."""
+
+    rig: bpy.props.StringProperty(name="Rig", description="Name of the rig")
+    told: bpy.props.StringProperty(name="Reached", description="Mean joint error of each method")
+    median_mm: bpy.props.FloatProperty(
+        name="Median", description="Median error of triangulated keypoints over the floor, mm; -1 where nobody is"
+    )
+    page: bpy.props.StringProperty(name="Page", description="The benchmark's page", subtype="FILE_PATH")
+    places: bpy.props.StringProperty(name="Places", description="File of errors by place", subtype="FILE_PATH")
+
+
+class MocapStudio(bpy.types.PropertyGroup):
+    """What is filmed and judged."""
+
+    motion: bpy.props.EnumProperty(name="Motion", description="What is done", items=_MOTIONS, update=_forget_plan)
+    motion_path: bpy.props.StringProperty(
+        name="Path", description="Motion file or a folder of them", subtype="FILE_PATH", options=RELATIVE,
+        update=_forget_plan,
+    )  # fmt: skip
+    frames: bpy.props.IntProperty(
+        name="Frames", description="Frames of a shot at most", default=60, min=1, max=100_000, update=_forget_plan
+    )
+    fps: bpy.props.FloatProperty(
+        name="Frame Rate", description="Pictures per second", default=30, min=1, max=1000, update=_forget_plan
+    )
+    people: bpy.props.IntProperty(
+        name="People", description="How many people are drawn, each filmed alone", default=1, min=1, max=1000,
+        update=_forget_plan,
+    )  # fmt: skip
+    strange: bpy.props.BoolProperty(
+        name="Strange Bodies", description="Bones and flesh that no shape of ours has", update=_forget_plan
+    )
+    seed: bpy.props.IntProperty(
+        name="Seed", description="Another number draws other people, clothes and faults", min=0, update=_forget_plan
+    )
+    rig: bpy.props.EnumProperty(name="Rig", description="Who films", items=_RIGS, update=_forget_plan)
+    count: bpy.props.IntProperty(
+        name="Cameras", description="Of the ring", default=4, min=1, max=64, update=_forget_plan
+    )
+    radius_m: bpy.props.FloatProperty(
+        name="Radius", description="Of the ring", default=3.0, min=0.2, max=50, unit="LENGTH", update=_forget_plan
+    )
+    height_m: bpy.props.FloatProperty(
+        name="Height", description="Of the ring's cameras", default=1.4, min=0, max=20, unit="LENGTH",
+        update=_forget_plan,
+    )  # fmt: skip
+    look: bpy.props.EnumProperty(name="Look", description="Clothes and room", items=_LOOKS, update=_forget_plan)
+    film: bpy.props.EnumProperty(
+        name="Film", description="Which pictures are made", items=_FILM, options={"ENUM_FLAG"},
+        default={"infrared", "depth", "masks"}, update=_forget_plan,
+    )  # fmt: skip
+    write: bpy.props.EnumProperty(
+        name="Write", description="Formats of other programs", items=_WRITE, options={"ENUM_FLAG"}, default=set(),
+        update=_forget_plan,
+    )  # fmt: skip
+    faults: bpy.props.EnumProperty(
+        name="Faults", description="What detectors and trackers make of the truth", items=FAULTS, update=_forget_plan
+    )
+    engine: bpy.props.EnumProperty(
+        name="Engine", description="What renders colour", items=_ENGINES, update=_forget_plan
+    )
+    scale: bpy.props.FloatProperty(
+        name="Picture Size", description="Share of the cameras' picture sizes", default=1.0, min=0.05, max=4.0,
+        update=_forget_plan,
+    )  # fmt: skip
+    out: bpy.props.StringProperty(
+        name="Folder", description="Where the data set goes; empty for a new folder beside the takes",
+        subtype="DIR_PATH", options=RELATIVE, update=_forget_plan,
+    )  # fmt: skip
+    planned: bpy.props.StringProperty(name="Plan", description="What would be made and what room it needs")
+    planned_file: bpy.props.StringProperty(name="Description", description="File of what was checked")
+    planned_out: bpy.props.StringProperty(name="Data Set", description="Folder of what was checked")
+    methods: bpy.props.EnumProperty(
+        name="Methods", description="What is judged", items=_METHODS, options={"ENUM_FLAG"},
+        default={"triangulation", "global"},
+    )  # fmt: skip
+    against: bpy.props.EnumProperty(
+        name="Compare With", description="Other rigs that are judged beside it", items=PRESET_RIGS,
+        options={"ENUM_FLAG"}, default=set(),
+    )  # fmt: skip
+    fewer: bpy.props.BoolProperty(name="With One Camera Less", description="Also judge the rig without its last camera")
+    rows: bpy.props.CollectionProperty(type=MocapBenchmarkRow, name="Rows", description="What rigs reached")
+    shown_mm: bpy.props.FloatVectorProperty(
+        name="Colours", description="Errors of the first and the last colour of the map that is shown, mm", size=2
+    )
+
+
+CLASSES = (MocapBenchmarkRow, MocapStudio)
