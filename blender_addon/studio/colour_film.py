@@ -15,6 +15,7 @@ import numpy as np
 
 from .._exchange.capture_file import CaptureFile, read_capture
 from .._exchange.errors import FileDamaged
+from .._exchange.json_file import read_json_file
 from .._exchange.motion_file import read_motion
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
@@ -95,10 +96,10 @@ def film_in_colour(
 
 def _record(folder: Path) -> dict[str, Any]:
     path = folder / "shot.json"
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FileDamaged(f"The shot cannot be read: {error}.", where=str(path)) from error
+    record = read_json_file(path)
+    if not isinstance(record, dict) or not isinstance(record.get("rgb"), dict):
+        raise FileDamaged("The shot's record says nothing of colour.", where=str(path), hint="Run the studio again.")
+    return record
 
 
 def _empty_scene() -> bpy.types.Scene:

@@ -13,8 +13,9 @@ from solver_backend import __version__
 from solver_backend.exchange.errors import Cancelled, FileDamaged, FileMissing
 from solver_backend.exchange.outputs import check_output, is_free, write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.files import read_json
 from solver_backend.studio.errors import DiskTooSmall, OtherDataSet
-from solver_backend.studio.make_shot import DONE, UNFINISHED, make_shot
+from solver_backend.studio.make_shot import DONE, UNFINISHED, make_shot, read_shot
 from solver_backend.studio.shots import Shot, list_shots
 from solver_backend.studio.spec import Spec, spec_of
 from solver_backend.studio.stage import require_sight, set_up
@@ -129,9 +130,12 @@ def read_data_set(out: Path) -> tuple[Spec, list[dict[str, Any]]]:
     values = _description(out)
     if values is None:
         raise FileMissing("The folder holds no data set of the studio.", where=str(out))
-    spec = spec_of(values["description"], Path(values.get("folder", ".")))
+    folder = values.get("folder", ".")
+    if "description" not in values or not isinstance(folder, str):
+        raise FileDamaged("The data set's description lacks parts.", where=str(out / DESCRIPTION))
+    spec = spec_of(values["description"], Path(folder))
     records = [
-        json.loads((folder / DONE).read_text(encoding="utf-8"))
+        read_shot(folder)
         for folder in sorted((out / SHOTS).glob("*")) if (folder / DONE).is_file()
     ]  # fmt: skip
     if not records:
@@ -164,10 +168,7 @@ def _description(out: Path) -> dict[str, Any] | None:
     path = out / DESCRIPTION
     if not path.is_file():
         return None
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise FileDamaged(f"The data set's description is not JSON: {error}.", where=str(path)) from error
+    values = read_json(path)
     return values if isinstance(values, dict) and values.get("format") == _FORMAT else {}
 
 

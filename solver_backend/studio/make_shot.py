@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import write_npz
+from solver_backend.io.files import read_json
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.io.native.capture_file import write_capture
@@ -50,7 +52,7 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] =
     """
     folder, unfinished = shots / shot.name, shots / f"{UNFINISHED}{shot.name}"
     if (folder / DONE).is_file():
-        return json.loads((folder / DONE).read_text(encoding="utf-8"))
+        return read_shot(folder)
     shutil.rmtree(unfinished, ignore_errors=True)
     shutil.rmtree(folder, ignore_errors=True)
     stage = set_up(spec, shot)
@@ -59,6 +61,18 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] =
     record = _write_shot(spec, stage, unfinished, told)
     (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
     unfinished.rename(folder)
+    return record
+
+
+def read_shot(folder: Path) -> dict[str, Any]:
+    """Return what the ``shot.json`` of a shot's folder says.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, or no object of JSON.
+    """
+    record = read_json(folder / DONE)
+    if not isinstance(record, dict):
+        raise FileDamaged("The shot's record is no object.", where=str(folder / DONE), hint="Remove the shot's folder.")
     return record
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..._exchange.errors import MocapError
+from ..._exchange.json_file import read_json_file
 from ...errors import BatchInvalid
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
@@ -144,9 +145,9 @@ def _shared(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BatchInvalid(f"The job file cannot be read: {error}.", where=str(path)) from error
+        values = read_json_file(path)
+    except MocapError as error:
+        raise BatchInvalid(f"The job file cannot be read: {error}", where=str(path)) from error
     unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["anything but an object"]
     if unknown:
         raise BatchInvalid(

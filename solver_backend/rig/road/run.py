@@ -28,7 +28,7 @@ from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras
 from solver_backend.rig.road.layout import FoundFolder
 from solver_backend.rig.road.plan import STEPS, TakePlan
 from solver_backend.rig.road.records import Records
-from solver_backend.rig.sync.clocks import Clocks
+from solver_backend.rig.sync.clocks import Clocks, read_clocks
 from solver_backend.rig.sync.synchronise import synchronise
 
 
@@ -123,7 +123,7 @@ def _clocks(
     made_of = [*made_of, None if calibration is None else _numbers(calibration)]
     if _kept(records, plan.clocks, made_of, "sync", settings):
         said["sync"] = f"kept: {plan.clocks}"
-        return Clocks.from_dict(json.loads(plan.clocks.read_text(encoding="utf-8")))
+        return read_clocks(plan.clocks)
     cameras = None if calibration is None else calibration.cameras
     clocks = synchronise(detections, cameras, settings.sync, progress)
     write_text(plan.clocks, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=True)
