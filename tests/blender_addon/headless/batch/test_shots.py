@@ -88,9 +88,7 @@ def test_processes_make_the_same_bytes_and_do_again_what_is_gone(
 
 
 @pytest.mark.slow
-def test_one_shot_that_cannot_be_made_does_not_stop_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_shot_that_cannot_be_made_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_batch, "_has_dask", lambda: False)
     spec, out = asked(tmp_path)
     name = "choreography-person001-webcam_ring_4-suit"
