@@ -9,6 +9,7 @@ import numpy as np
 from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
+from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.frame_flags import flagged
 from solver_backend.fitters.solution import SolvedFrames
@@ -30,9 +31,7 @@ def build_motion(
         provenance: stored as it is.
     """
     subject, frames = solved.subject, solved.frames
-    posed = pose(subject, frames)
-    points, joints = to_numpy(posed.points), to_numpy(posed.skeleton.joints)
-    deviations = to_numpy(measurements.term.residuals(posed.points).deviations)
+    points, joints, bones, deviations = _posed(measurements, solved)
     reprojection_px, statistics = measurements.report(points)
     outliers = deviations[np.isfinite(deviations)] > 2 * scale
     statistics = {
@@ -55,7 +54,7 @@ def build_motion(
         fps=measurements.fps,
         body=subject.body.id,
         joints=joints,
-        **_points(measurements, points, subject, to_numpy(posed.skeleton.G)),
+        **_points(measurements, points, subject, bones),
         joint_set=measurements.joint_set,
         joint_sigma=sigma,
         joint_covariance=covariance,
@@ -65,6 +64,22 @@ def build_motion(
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
     )
+
+
+def _posed(measurements: Measurements, solved: SolvedFrames) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return points (F, L, 3), joints, bones and deviations (C, F, K), some frames at a time.
+
+    Bones are of takes of markers alone; nobody asks for others, and they take more memory than all else.
+    """
+    parts = []
+    for start in range(0, len(solved.frames.transl), BLOCK_POSES):
+        part = slice(start, start + BLOCK_POSES)
+        posed = pose(solved.subject, solved.frames.select(part))
+        bones = posed.skeleton.G if measurements.marker_labels is not None else posed.skeleton.G[:0]
+        left = measurements.term.select(part).residuals(posed.points).deviations
+        parts.append([to_numpy(a) for a in (posed.points, posed.skeleton.joints, bones, left)])
+    points, joints, bones, deviations = zip(*parts, strict=True)
+    return np.concatenate(points), np.concatenate(joints), np.concatenate(bones), np.concatenate(deviations, axis=1)
 
 
 def _points(measurements: Measurements, points: np.ndarray, subject: Subject, bones: np.ndarray) -> dict[str, Any]:
