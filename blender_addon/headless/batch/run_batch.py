@@ -48,8 +48,8 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     results = Results(request.out)
     try:
         with engine_for(request, choices, progress, spread) as engine:
-            results.engine = engine
-            dispatch(request, choices, source, engine, progress, results.add)
+            with results.made_by(engine):
+                dispatch(request, choices, source, engine, progress, results.add)
             notes = engine.notes()
     finally:
         results.write()
