@@ -31,8 +31,8 @@ class SolveSettings:
     robust_scale: float = 4.0
     """Geman-McClure scale in standard deviations of the detector's noise."""
     refine_window: int = 10
-    """The same for 'global', as a duration: so many frames at 60 a second. Fast limbs need a key every few hundredths
-    of a second."""
+    """The same for 'global', as a duration: so many frames at 60 a second, and down to 0.6 times as many in takes that
+    are fast throughout."""
     residual_rotations: bool = True
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     body: str = "neutral"

@@ -95,6 +95,14 @@ _WORDS: dict[FaultKind, _Words] = {
         "Camera {camera} runs at another rate, by {size:.1f} frames over the take",
         "Its detections were moved in time; record, or convert, all cameras at one rate.",
     ),
+    FaultKind.FRAMES_REPEATED: _Words(
+        "Camera {camera} repeats frames, {size:.0f} % of its own",
+        "Its video was converted to a higher rate, or the detector skips frames: use each camera's own rate.",
+    ),
+    FaultKind.FRAMES_SKIPPED: _Words(
+        "Every other frame or so, {size:.0f} %, has no detections in any view",
+        "The detector looked at some frames alone: let it look at all, or convert the videos to the rate it looked at.",
+    ),
     FaultKind.DELAY_UNKNOWN: _Words(
         "Whether {camera} is in step with the others cannot be told, for too little moves",
         "Nothing to do if the recordings are synchronised; else let the person wave or step before all cameras.",

@@ -20,7 +20,7 @@ WEIGHT = 0.3
 """Of one frame's mixture against one frame's data; tuned on simulated captures of training motions."""
 _SPREAD_RAD = {
     "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
-    "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.32,
+    "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.6,
 }  # fmt: skip
 """Standard deviation of each joint's rotation from rest: the mixture's recordings hold few who stand straight."""
 

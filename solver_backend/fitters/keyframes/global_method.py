@@ -10,10 +10,12 @@ from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.key_density import dense_layout
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
 from solver_backend.fitters.model.blended_keys import blended_keys
+from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.model.tangent import KEY
@@ -50,6 +52,11 @@ def solve_by_bundle(
     if known:  # markers are exact and their person is known: the first pass need only come near
         schedule = replace(schedule, scales=(2 * scale,), iterations=min(3, steps), tolerance=3e-2)
     found = solve_long(model, layout, start, schedule, partial(progress, "Global bundle", 0, 3), each=each)
+    dense = layout if known else dense_layout(model, layout, found.keys, window, problem.fps)
+    if dense is not layout:
+        found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
+        layout, window = dense, round(problem.num_frames / dense.num_windows)
+        start = initial_keys(problem, subject, layout)
 
     passes = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2), Schedule((scale,), steps, tolerance=3e-3)
     if known:  # thirty frames a second, five or so between two keys, tell what all of them do

@@ -12,6 +12,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.key_density import window_of
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
 from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, spliced
@@ -61,7 +62,7 @@ def solve_range(
     progress(STAGE, 0, 3)
     before, sample = _poses(motion, subject.betas), problem.sample
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
-    window, scale = problem.frames_of(settings.refine_window), settings.robust_scale
+    window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     judged, objective = before.select(sample), problem.objective.select(sample)
     subject = refit_shape(
         subject,

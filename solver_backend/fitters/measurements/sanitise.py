@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.label_swaps import undo_swaps
+from solver_backend.cameras.view_checks.repeated_frames import repeated_frames, skipped_frames, without_repeats
 from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
@@ -23,6 +24,8 @@ LEAST_DELAY_FRAMES = 0.3
 """Smaller delays are not worth a word ..."""
 LEAST_DELAY_SIGMAS = 8.0
 """... nor those that are not sure: a detector errs alike for longer than the deviation knows."""
+LEAST_REPEATED = 1.0
+"""Per cent of a view's frames that are shown again; fewer are bridged without a word."""
 AWAY_S = 0.25
 """Shorter absences are not named, only bridged and flagged."""
 
@@ -44,8 +47,8 @@ def check_capture(
 ) -> CheckedCapture:
     """Find faults of single views and repair them.
 
-    Whole views first (names, mirrored, turned), then time, then passers-by and limbs, and what is still wrong is left
-    out.
+    Frames that are shown twice first, then whole views (names, mirrored, turned), then time, then passers-by and limbs,
+    and what is still wrong is left out.
 
     Args:
         capture: as it was read.
@@ -55,6 +58,10 @@ def check_capture(
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
+    again, skipped = repeated_frames(keypoints), skipped_frames(keypoints)
+    if again.any() or skipped.any():
+        keypoints = without_repeats(keypoints, again | skipped)
+        triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     views = repair_views(cameras, keypoints, triangulation)
     progress(STAGE, 1, STEPS)
     timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
@@ -65,7 +72,7 @@ def check_capture(
     progress(STAGE, 4, STEPS)
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
-    faults = [_fault_of(cameras, fault) for fault in views.found] + late
+    faults = [_fault_of(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again, skipped)
     for swap in sides.found:
         where = cameras.names[swap.view], swap.first, swap.last
         faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
@@ -117,6 +124,14 @@ def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
     if isinstance(cause, NamedLike):
         return Fault(FaultKind.NAMES_EXCHANGED, *where, 0.0, Remedy.REPAIRED, cameras.names[cause.other])
     return Fault(FaultKind.CAMERA_TURNED, *where, round(cause.degrees, 2), Remedy.REPAIRED)
+
+
+def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Fault]:
+    """Return the views that repeat frames (C, F) often enough to be named, and the frames (F,) that all skip."""
+    share, last = 100.0 * again.mean(axis=1), len(skipped) - 1
+    faults = [(FaultKind.FRAMES_REPEATED, cameras.names[v], share[v]) for v in np.flatnonzero(share >= LEAST_REPEATED)]
+    faults += [(FaultKind.FRAMES_SKIPPED, "", 100.0 * skipped.mean())] * bool(skipped.any())
+    return [Fault(kind, camera, 0, last, round(float(size), 1), Remedy.BRIDGED) for kind, camera, size in faults]
 
 
 def _absences(seen: np.ndarray, fps: float) -> list[Fault]:

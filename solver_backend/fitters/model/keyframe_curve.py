@@ -221,6 +221,16 @@ def key_poses(
     return PosedFrames.concatenate([curve(part).poses(prior) for part in parts])
 
 
+def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
+    """Return keys that stand at these frame numbers (K,) on the windows' own curves."""
+    xp, vectors = array_namespace(keys.z), keys.residual
+    curve = _curve_at(keys, *layout.positions(times), residuals=True)
+    codes, quats = _rows(curve.codes.value), _rows(curve.quats.value)
+    residual = curve.residual
+    assert residual is not None
+    return Keyframes(codes, quats, curve.transl, xp.reshape(residual, (-1, *vectors.shape[1:])))
+
+
 def _curve_at(keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool) -> KeyframeCurve:
     """Return the curve at scattered places (F,): a row of one frame each."""
     return KeyframeCurve.through(keys.triples(window), time[:, None], residuals=residuals)

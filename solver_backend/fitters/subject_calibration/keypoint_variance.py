@@ -9,7 +9,6 @@ from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.geometry.arrays import constant
 from solver_backend.residuals.point_term import DataTerm
 
 PRIOR_FRAMES = 60.0
@@ -32,9 +31,9 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
     restricted maximum of the log-variance's likelihood (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is the
     share of a view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are
-    relative to the median keypoint's: how much all err together is known from what the views disagree on, and
-    residuals of a body that does not follow a fast limb yet would pass for more of it. Points that are measured once
-    teach nothing.
+    relative to their keypoint's mean: how noisy a keypoint is altogether is known from what the views disagree on, and
+    residuals of a body that does not follow a bent toe or a fast limb yet would pass for more of it, and keep it so.
+    Points that are measured once teach nothing.
 
     Args:
         subject: the person.
@@ -57,6 +56,4 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     mean = xp.sum(sums, axis=0) / xp.clip(xp.sum(freedoms, axis=0), 1.0, None)
     mean = xp.clip(mean, 0.05, None)
     variance = (sums + PRIOR_FRAMES * mean) / (freedoms + PRIOR_FRAMES)
-    low, high = (constant(limit, mean) * mean for limit in RANGE)
-    variance = xp.minimum(xp.maximum(variance, low), high)
-    return term.rescaled((variance / xp.sort(mean)[mean.shape[0] // 2])[:, None])
+    return term.rescaled(xp.clip(variance / mean, *RANGE)[:, None])

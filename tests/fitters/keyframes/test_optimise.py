@@ -75,7 +75,8 @@ def test_torch_equals_numpy():
     for like in (np.zeros(1), torch.zeros(1, dtype=torch.float64)):
         scene = Scene(like)
         keys = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE).keys
-        keys = solve_keys(scene.model(prior_of_motion(), ROTATIONS), scene.layout, keys, SCHEDULE).keys
+        few = Schedule(SCHEDULE.scales, 4)  # before a detection may pass for an outlier in one and not in the other
+        keys = solve_keys(scene.model(prior_of_motion(), ROTATIONS), scene.layout, keys, few).keys
         results.append(np.asarray(pose(scene.subject, scene.poses(keys)).points))
     # Matrices in single precision steer the steps: what is left is how near to the minimum they stop.
     np.testing.assert_allclose(results[1], results[0], atol=1e-4)

@@ -194,3 +194,15 @@ def test_a_solve_names_what_it_found_and_is_as_good_as_a_clean_one(capture, clea
         (FaultKind.LIMBS_EXCHANGED, "cam01", "arms"),
     ]
     assert error_mm(motion, capture) < 1.15 * error_mm(clean, capture)
+
+
+def test_a_recording_at_half_its_rate_is_solved_from_the_frames_it_has(capture, clean):
+    keypoints = capture.keypoints
+    frames = np.arange(LAST + 1) // 2 * 2
+    result = checked(with_detections(capture, keypoints.xy[:, frames], keypoints.confidence[:, frames]))
+    kinds = [(fault.kind, fault.remedy) for fault in result.faults]
+    assert kinds.count((FaultKind.FRAMES_REPEATED, Remedy.BRIDGED)) == len(capture.cameras)
+    motion = solve(with_detections(capture, keypoints.xy[:, frames], keypoints.confidence[:, frames]), QUICK).motion
+    truth = capture.truth["joints"]
+    error, best = (float(np.linalg.norm(m.joints - truth, axis=-1).mean()) for m in (motion, clean))
+    assert error < 1.15 * best
