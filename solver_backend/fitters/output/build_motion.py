@@ -13,7 +13,7 @@ from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.frame_flags import flagged
 from solver_backend.fitters.solution import SolvedFrames
-from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
 from solver_backend.types import MARKER_FILLED, MARKER_SEEN, NUM_JOINTS, Motion
@@ -39,7 +39,7 @@ def build_motion(
         "outliers_percent": _rounded(100 * outliers.mean()),
         "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(to_numpy(subject.offsets), axis=-1)],
     }
-    rotvec = to_numpy(log_so3(frames.local)).reshape(len(points), -1)
+    rotvec = _turns(frames.local).reshape(len(points), -1)
     body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
     keyframes = np.zeros(len(points), dtype=bool)
     keyframes[np.round(solved.key_times).astype(int)] = True
@@ -48,7 +48,7 @@ def build_motion(
     lost = lost_landmarks(points, measurements.points, measurements.covariance)
     return Motion(
         betas=to_numpy(subject.betas),
-        global_orient=to_numpy(log_so3(frames.root)),
+        global_orient=_turns(frames.root),
         body_pose=body_pose,
         transl=to_numpy(frames.transl),
         fps=measurements.fps,
@@ -80,6 +80,12 @@ def _posed(measurements: Measurements, solved: SolvedFrames) -> tuple[np.ndarray
         parts.append([to_numpy(a) for a in (posed.points, posed.skeleton.joints, bones, left)])
     points, joints, bones, deviations = zip(*parts, strict=True)
     return np.concatenate(points), np.concatenate(joints), np.concatenate(bones), np.concatenate(deviations, axis=1)
+
+
+def _turns(rotations: Array) -> np.ndarray:
+    """Return the axis-angle vectors of (F, ..., 3, 3) rotations, some frames at a time."""
+    starts = range(0, rotations.shape[0], BLOCK_POSES)
+    return np.concatenate([to_numpy(log_so3(rotations[start : start + BLOCK_POSES])) for start in starts])
 
 
 def _points(measurements: Measurements, points: np.ndarray, subject: Subject, bones: np.ndarray) -> dict[str, Any]:
