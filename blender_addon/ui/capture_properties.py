@@ -142,6 +142,8 @@ class MocapCapture(bpy.types.PropertyGroup):
     )  # fmt: skip
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
     left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
+    checked: bpy.props.StringProperty(name="Checked", description="What a check of the calibration said, line by line")
+    doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, a sentence a line")
     original: bpy.props.StringProperty(
         name="Original", description="Capture file with the recording's own calibration, where it was refined",
         subtype="FILE_PATH", options=RELATIVE,

@@ -24,6 +24,12 @@ class MocapPreferences(bpy.types.AddonPreferences):
         description="A Python 3.11 or later that has torch and NumPy, for faster solves; empty for Blender's own",
         subtype="FILE_PATH",
     )
+    detector: bpy.props.StringProperty(
+        name="Python with MediaPipe",
+        description="A Python 3.9 or later that has MediaPipe and NumPy, or onnxruntime for models of yours, in which "
+        "people are found in videos; empty for the environment that dev.py makes",
+        subtype="FILE_PATH",
+    )
     found: bpy.props.StringProperty(name="Found", options={"SKIP_SAVE", "HIDDEN"})
     failed: bpy.props.StringProperty(name="Failed", options={"SKIP_SAVE", "HIDDEN"})
 
@@ -36,6 +42,8 @@ class MocapPreferences(bpy.types.AddonPreferences):
         row = column.split(factor=0.8, align=True)
         row.prop(self, "python", text="")
         row.operator(MOCAP_OT_test_python.bl_idname, icon="PLAY")
+        column.label(text="For captures from videos, a Python that has a detector:")
+        column.prop(self, "detector", text="")
         for line in self.found.splitlines():
             column.label(text=line, icon="CHECKMARK", translate=False)
         if self.failed:
@@ -74,6 +82,12 @@ def chosen_python(context: bpy.types.Context) -> Path | None:
     """Return the interpreter the user chose, None for Blender's own."""
     preferences = _preferences(context)
     return Path(preferences.python) if preferences is not None and preferences.python else None
+
+
+def detector_python(context: bpy.types.Context) -> Path | None:
+    """Return the interpreter that people are found in videos with, None for the solver's own choice."""
+    preferences = _preferences(context)
+    return Path(preferences.detector) if preferences is not None and preferences.detector else None
 
 
 def _preferences(context: bpy.types.Context) -> MocapPreferences | None:

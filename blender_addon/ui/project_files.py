@@ -188,6 +188,9 @@ def _links() -> Iterator[_Link]:
                 yield _Link(capture, "original", follows=True)
                 yield _Link(capture, "source", follows=False)
             yield _Link(scene.mocap.solve, "subject", follows=True)
+            yield from (
+                _Link(scene.mocap.videos, key, follows=False) for key in ("folder", "results", "lenses", "model")
+            )
             yield _Link(scene.mocap, "folder", follows=False)
             yield _Link(scene.mocap, "session", follows=False)
     for action in bpy.data.actions:

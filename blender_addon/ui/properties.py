@@ -10,6 +10,7 @@ from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
+from .video_properties import VIDEO_CLASSES, MocapVideos
 
 AUTO = "AUTO"
 _PRESET_ITEMS = (
@@ -197,6 +198,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
     solve: bpy.props.PointerProperty(type=MocapSolve)
     retarget: bpy.props.PointerProperty(type=MocapRetarget)
+    videos: bpy.props.PointerProperty(type=MocapVideos)
 
     @property
     def capture_index(self) -> int:
@@ -230,5 +232,5 @@ class MocapSettings(bpy.types.PropertyGroup):
         self.shown, self.shown_at = index, active_object(self.id_data)
 
 
-CLASSES = (*CAPTURE_CLASSES, MocapReading, MocapSolve, MocapSettings)
+CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, MocapReading, MocapSolve, MocapSettings)
 """In the order of registration: what is pointed to comes first."""

@@ -31,6 +31,7 @@ from .operators import (
     solve_all,
     solver_operator,
     takes,
+    videos,
     views,
 )
 from .panels import cameras as cameras_panel
@@ -43,6 +44,8 @@ from .panels import review as review_panels
 from .panels import run as run_panel
 from .panels import shape as shape_panel
 from .panels import solve as solve_panels
+from .panels import videos as videos_panel
+from .previews import previews
 from .translation import in_our_context
 
 
@@ -91,6 +94,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, takes.CLASSES),
     *map(_class, views.CLASSES),
     *map(_class, cameras.CLASSES),
+    *map(_class, videos.CLASSES),
     *map(_class, clean_up.CLASSES),
     *map(_class, retarget.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
@@ -103,6 +107,8 @@ TABLE: tuple[Entry, ...] = (
     _class(marker_panel.VIEW3D_PT_mocap_labels),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
+    Entry(previews.start, previews.stop),
+    *map(_class, videos_panel.CLASSES),
     *map(_class, people_panel.CLASSES),
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),
     _class(solve_panels.VIEW3D_PT_mocap_solve),
@@ -121,6 +127,7 @@ TABLE: tuple[Entry, ...] = (
     _handler(bpy.app.handlers.save_post, project_files.after_save),
     _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
+    _draw(bpy.types.TOPBAR_MT_file_import, videos.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_markers.draw_export_menu),

@@ -26,6 +26,7 @@ from solver_backend.types import Capture, Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.keyframes.chunked import Stretches
+    from solver_backend.report.calibration import CalibrationFit
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -127,10 +128,23 @@ def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) 
             if job.report is not None:
                 progress("Writing the report", 0, 1)
                 page = named_last.enter_context(atomic_output(job.report, overwrite=job.overwrite))
-                page.write_text(report_html(capture, motion), encoding="utf-8", newline="\n")
+                fit = None if job.resolve is not None else _calibration_fit(capture)
+                page.write_text(report_html(capture, motion, fit), encoding="utf-8", newline="\n")
                 progress("Writing the report", 1, 1)
         finally:
             write_motion(job.out, motion, overwrite=job.overwrite)
+
+
+def _calibration_fit(capture: Capture) -> CalibrationFit | None:
+    """Return how the cameras fit what they saw, where two of them see the person."""
+    from solver_backend.rig.check.calibration_check import check_calibration
+
+    if capture.cameras is None or capture.keypoints is None:
+        return None
+    try:
+        return check_calibration(capture.cameras, capture.keypoints).fit
+    except MocapError:  # too little is seen together to tell
+        return None
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,13 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
         "--until", choices=("detect", "sync", "calibrate", "capture", "solve"), default="solve", help="last step"
     )
     road.add_argument(
-        "--redo", action="append", default=[], choices=("sync", "capture", "solve"), help="do this step again"
-    )
+        "--redo", action="append", default=[], choices=("detect", "sync", "calibrate", "capture", "solve"),
+        help="do this step again",
+    )  # fmt: skip
+    road.add_argument(
+        "--cameras", choices=("auto", "board", "person"), default="auto",
+        help="what tells the cameras: whatever is there (default), or the board or the person even so",
+    )  # fmt: skip
     road.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
     road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")

@@ -78,7 +78,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = RoadSettings(
         detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs, noise=_noise(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(chosen),
-        cameras=KnownOfCameras(args.board, args.lenses, args.stature),
+        cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras),
     )  # fmt: skip
     failed: dict[str, MocapError] = {}
     for plan in plans:
@@ -89,15 +89,27 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
                 raise
             failed[plan.take.name] = error
             continue
-        data["takes"][plan.take.name] = {
-            **said, "capture_file": str(plan.capture), "motion_file": str(plan.motion), "folder": str(plan.folder)
-        }  # fmt: skip
-        lines += [f"  done {plan.take.name}", *(f"    {step:<10} {words}" for step, words in said.items())]
+        data["takes"][plan.take.name] = _took(plan, said)
+        words = said.lines()
+        lines += [f"  done {plan.take.name}", *(f"    {step:<10} {line}" for step, line in words.items())]
     if failed and not data["takes"]:
         raise next(iter(failed.values()))
     lines += [f"  failed {name}: {error}" for name, error in failed.items()]
     data["failed"] = {name: error.as_event() for name, error in failed.items()}
     return Outcome("\n".join(lines), data)
+
+
+def _took(plan: Any, said: Any) -> dict[str, Any]:
+    """Return what is to be told of a take that went the road, with its capture as ``convert`` tells it."""
+    from solver_backend.io.native.capture_file import read_capture
+
+    told = {
+        **said.lines(), "steps": said.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
+        "capture_file": str(plan.capture), "motion_file": str(plan.motion), "read": None,
+    }  # fmt: skip
+    if "capture" in told:
+        told["read"] = {"capture": str(plan.capture), **describe_capture(read_capture(plan.capture))[1]}
+    return told
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:

@@ -77,6 +77,23 @@ _REFINED: dict[str, _Test] = {
     "turned_degrees": _or_none(_number),
 }  # fmt: skip
 _RESULTS["refine-cameras"] = {**_CAPTURE, "refined": _each(_REFINED)}
+
+
+def _takes_of_videos(value: Any) -> bool:
+    """Return whether takes say where their results are and, those that were read, what was recognised."""
+    return isinstance(value, dict) and all(
+        isinstance(item, dict)
+        and _text(item.get("folder"))
+        and _text(item.get("source"))
+        and (item.get("read") is None or all(test(item["read"].get(key)) for key, test in _CAPTURE.items()))
+        for item in value.values()
+    )
+
+
+_RESULTS["check-cameras"] = {
+    "verdict": _text, "findings": _texts, "stature_m": _number, "tilt_deg": _number, "tilt_sigma_deg": _number,
+}  # fmt: skip
+_RESULTS["from-videos"] = {"takes": _takes_of_videos}
 _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
     "convert": ("captures", {"captures": _each({**_CAPTURE, "source": _text})}),
     "solve": (

@@ -13,29 +13,38 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.report_file import REPORT_MARK
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
+from solver_backend.report.calibration import CalibrationFit, calibration_section
 from solver_backend.report.findings import findings_of
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.statistics import Residuals, located_share, quantile, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
-def write_report(path: Path | str, capture: Capture, motion: Motion, *, overwrite: bool = False) -> Path:
+def write_report(
+    path: Path | str,
+    capture: Capture,
+    motion: Motion,
+    calibration: CalibrationFit | None = None,
+    *,
+    overwrite: bool = False,
+) -> Path:
     """Write one self-contained HTML page about a solve, whole or not at all.
 
     Args:
         path: the page.
         capture: what was solved.
         motion: the solve.
+        calibration: how the cameras fit what they saw, where that was checked.
         overwrite: replace a page that is there.
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.
         OutputExists, OutputNotWritable: the page cannot be written.
     """
-    return write_text(path, report_html(capture, motion), overwrite=overwrite)
+    return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 
 
-def report_html(capture: Capture, motion: Motion) -> str:
+def report_html(capture: Capture, motion: Motion, calibration: CalibrationFit | None = None) -> str:
     """Return the page of a solve.
 
     Raises:
@@ -54,6 +63,7 @@ def report_html(capture: Capture, motion: Motion) -> str:
         markers.gaps_section(motion, shades),
         markers.marker_section(motion),
         sections.reprojection_section(capture, residuals),
+        calibration_section(capture, calibration),
         sections.angles_section(capture, motion),
         sections.uncertainty_section(motion),
         sections.scene_section(capture, motion),

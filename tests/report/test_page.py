@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import MotionInvalid, OutputExists
+from solver_backend.report.calibration import CalibrationFit
 from solver_backend.report.page import report_html, write_report
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.solved import FRAMES, NAME, bare, solved
@@ -151,3 +152,21 @@ def test_the_solvers_own_uncertainty_is_shown():
     parsed = Strict(report_html(capture, sure))
     plot = next(json.loads(a["data-plot"]) for _, a in parsed.seen if "least sure joint" in str(a.get("data-plot")))
     assert {value for _, values in plot["lines"] for value in values} == {12.0}
+
+
+def test_how_the_cameras_fit_is_shown_where_it_was_checked():
+    capture, motion = solved()
+    grid = np.full((4, 3, 3), 2.0)
+    grid[1, 0, 2], grid[2, 1, 1] = 9.87, np.nan
+    fit = CalibrationFit(
+        "the calibration has doubts: 2.0 px", grid, np.full(4, 2.0), np.full(4, 1.5), np.full((4, 6), 1.2), 1.74, 3.2,
+        4.1, ("cam_b was moved <b>",),
+    )  # fmt: skip
+    parsed = Strict(report_html(capture, motion, fit))
+    text = "".join(parsed.words)
+    for words in ("Calibration", "9.9", "has doubts", "1.74 m", "3.2° ± 4.1°", "cam_b was moved <b>", "top right"):
+        assert words in text, words
+    plain = Strict(report_html(capture, motion))
+    assert sum(tag == "h2" for tag, _ in parsed.seen) == 1 + sum(tag == "h2" for tag, _ in plain.seen)
+    good = Strict(report_html(capture, motion, replace(fit, findings=())))
+    assert "Nothing contradicts the calibration." in "".join(good.words)

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ..._exchange.plain_text import plain
 from ...conventions.file_paths import file_of, stored
 from .base import MocapOperator
 from .solver_operator import SolverOperator
@@ -45,6 +46,42 @@ class MOCAP_OT_use_range(MocapOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
+    """Says whether the calibration fits what the cameras saw."""
+
+    bl_idname = "mocap.check_cameras"
+    bl_label = "Check Calibration"
+    bl_description = (
+        "Hold the calibration against the take: each camera, parts of its picture, over time, the size of the world, "
+        "which way is up. Nothing is changed"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs cameras and a capture file."""
+        return _has_cameras(cls, context) and super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        from ..scene_job import capture_file
+
+        source = capture_file(context.scene.mocap.capture)
+        return self.launch(context, "check-cameras", [str(source)], source.parent)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Keep what was found for the panel."""
+        capture = context.scene.mocap.capture
+        words = [
+            result["verdict"],
+            f"By its scale the person is {result['stature_m']:.2f} m tall.",
+            f"Up is {result['tilt_deg']:.1f}° from the person's, who tells it to {result['tilt_sigma_deg']:.1f}°.",
+        ]
+        capture.checked = "\n".join(plain(word) for word in words)
+        capture.doubts = "\n".join(plain(word) for word in result["findings"])
+        self.report({"WARNING"} if result["findings"] else {"INFO"}, f"{words[0][:1].upper()}{words[0][1:]}")
+        return {"FINISHED"}
+
+
 class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
     """Corrects the calibration by the people it films."""
 
@@ -58,11 +95,7 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs cameras and a capture file."""
-        capture = context.scene.mocap.capture
-        if not capture.file or not capture.cameras:
-            cls.poll_message_set("Import a capture with cameras first")
-            return False
-        return super().poll(context)
+        return _has_cameras(cls, context) and super().poll(context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start; the original file stays."""
@@ -121,6 +154,15 @@ class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
+def _has_cameras(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Return whether there is a capture with cameras, and say so where there is none."""
+    capture = context.scene.mocap.capture
+    if not capture.file or not capture.cameras:
+        operator.poll_message_set("Import a capture with cameras first")
+        return False
+    return True
+
+
 def _retaken(
     scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, result: dict[str, Any]
 ) -> bpy.types.PropertyGroup:
@@ -132,7 +174,14 @@ def _retaken(
     take_capture(scene, result)
     capture = scene.mocap.capture
     capture.source = source
+    capture.checked = capture.doubts = ""
     return capture
 
 
-CLASSES = (MOCAP_OT_leave_out_range, MOCAP_OT_use_range, MOCAP_OT_refine_cameras, MOCAP_OT_restore_cameras)
+CLASSES = (
+    MOCAP_OT_leave_out_range,
+    MOCAP_OT_use_range,
+    MOCAP_OT_check_cameras,
+    MOCAP_OT_refine_cameras,
+    MOCAP_OT_restore_cameras,
+)

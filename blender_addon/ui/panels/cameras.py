@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..operators.cameras import (
+    MOCAP_OT_check_cameras,
     MOCAP_OT_leave_out_range,
     MOCAP_OT_refine_cameras,
     MOCAP_OT_restore_cameras,
@@ -14,7 +15,7 @@ from ..operators.views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_ca
 from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _FEW_PERCENT = 60
-_VERBS = ("refine-cameras",)
+_VERBS = ("refine-cameras", "check-cameras")
 
 
 class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
@@ -68,6 +69,11 @@ def _draw_refinement(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         return
     draw_failure(layout, context, _VERBS)
     capture = context.scene.mocap.capture
+    layout.operator(MOCAP_OT_check_cameras.bl_idname, icon="CHECKMARK")
+    for doubt in capture.doubts.splitlines():
+        wrapped(layout, context, doubt, "ERROR", alert=True)
+    for word in capture.checked.splitlines():
+        wrapped(layout, context, word, "DOT")
     row = layout.row(align=True)
     row.operator(MOCAP_OT_refine_cameras.bl_idname, icon="CON_CAMERASOLVER")
     if capture.original:

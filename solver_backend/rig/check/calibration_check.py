@@ -10,6 +10,7 @@ import numpy as np
 
 from solver_backend.cameras.projection import project, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.report.calibration import COLUMNS, ROWS, CalibrationFit
 from solver_backend.rig.extrinsics.from_person import refined_by_person
 from solver_backend.rig.extrinsics.person_scale import MEAN_STATURE_M, scale_from_stature
 from solver_backend.rig.extrinsics.person_world import upright_from_person
@@ -18,13 +19,11 @@ from solver_backend.types import Cameras, Keypoints2D
 
 FRAMES = 240
 """Frames at most that are looked at."""
-PARTS = ("left", "middle", "right")
-ROWS = ("top", "centre", "bottom")
 WINDOWS = 6
 """Stretches of the take whose epipolar errors are compared."""
 WORSE = 1.4
 """A refined rig that explains the keypoints so much better shows that the calibration is wrong."""
-SCALE_DOUBT, TILT_DOUBT_DEG, DRIFT = 0.12, 20.0, 1.6
+SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,8 @@ class CalibrationCheck:
     """Of the person, by the calibration's scale."""
     tilt_deg: float
     """Between the world's up and the person's."""
+    tilt_sigma_deg: float
+    """Standard deviation of that angle, by what a person's stance tells of gravity."""
     findings: tuple[str, ...]
     """What is wrong, with what to do."""
 
@@ -57,12 +58,20 @@ class CalibrationCheck:
         return f"the calibration {fits}: {self.all_px:.1f} px, {self.refined_px:.1f} px at best"
 
     @property
+    def fit(self) -> CalibrationFit:
+        """What the report shows."""
+        return CalibrationFit(
+            self.verdict, self.region_px, self.camera_px, self.refined_camera_px, self.epipolar_px, self.stature_m,
+            self.tilt_deg, self.tilt_sigma_deg, self.findings,
+        )  # fmt: skip
+
+    @property
     def worst_region(self) -> list[str]:
         """Name of each camera's worst part."""
         found = []
         for grid in self.region_px:
             row, column = np.unravel_index(int(np.argmax(np.nan_to_num(grid, nan=-1.0))), grid.shape)
-            found.append(f"{ROWS[row]} {PARTS[column]}")
+            found.append(f"{ROWS[row]} {COLUMNS[column]}")
         return found
 
     @property
@@ -74,11 +83,13 @@ class CalibrationCheck:
         """Return plain JSON values."""
         number = lambda a: [None if not np.isfinite(v) else round(float(v), 3) for v in np.ravel(a)]  # noqa: E731
         return {
-            "camera_px": number(self.camera_px), "region_px": [number(g) for g in self.region_px],
+            "verdict": self.verdict, "camera_px": number(self.camera_px),
+            "region_px": [number(g) for g in self.region_px],
             "epipolar_px": [number(e) for e in self.epipolar_px], "median_px": round(self.all_px, 3),
             "refined_px": round(self.refined_px, 3), "refined_camera_px": number(self.refined_camera_px),
             "stature_m": round(self.stature_m, 3),
-            "tilt_deg": round(self.tilt_deg, 2), "findings": list(self.findings),
+            "tilt_deg": round(self.tilt_deg, 2), "tilt_sigma_deg": round(self.tilt_sigma_deg, 2),
+            "findings": list(self.findings),
         }  # fmt: skip
 
 
@@ -107,15 +118,18 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D) -> CalibrationCh
     )
     scale, _ = scale_from_stature(points, keypoints.joint_set, None)
     stature = MEAN_STATURE_M / scale
-    tilt = float(np.degrees(np.arccos(np.clip(upright_from_person(points, keypoints.joint_set).R[2, 2], -1, 1))))
+    upright = upright_from_person(points, keypoints.joint_set)
+    tilt, tilt_sigma = (float(np.degrees(a)) for a in (np.arccos(np.clip(upright.R[2, 2], -1, 1)), upright.tilt_sigma))
     by_camera = np.array([np.nanmedian(e) for e in error])
     everything = float(np.nanmedian(error))
     words = (
         *_camera_words(cameras, by_camera, regions, everything, best_by_camera),
         *_time_words(cameras, epipolar),
-        *_world_words(stature, scale, tilt),
+        *_world_words(stature, scale, tilt, tilt_sigma),
     )
-    return CalibrationCheck(by_camera, regions, epipolar, best, everything, best_by_camera, stature, tilt, words)
+    return CalibrationCheck(
+        by_camera, regions, epipolar, best, everything, best_by_camera, stature, tilt, tilt_sigma, words
+    )
 
 
 def _errors(cameras: Cameras, xy: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -199,14 +213,14 @@ def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[str]:
     return words
 
 
-def _world_words(stature: float, scale: float, tilt: float) -> list[str]:
+def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[str]:
     words = []
     if abs(np.log(scale)) > SCALE_DOUBT:
         words.append(
             f"The person would be {stature:.2f} m tall: the board's squares have another size than was told. "
             "Measure one, or tell the stature."
         )
-    if tilt > TILT_DOUBT_DEG:
+    if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
         words.append(
             f"The person stands {tilt:.0f} degrees from the world's up: the board lay on no level floor, or another "
             "axis is up (--up-axis)."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -127,17 +128,20 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray]
     frames, people = item.track.shape
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
     confidence = np.full(xy.shape[:-1], np.nan)
+    changed = np.flatnonzero((item.track[1:] != item.track[:-1]).any(axis=1)) + 1
     place_of: dict[int, int] = {}
-    for f in range(frames):
-        present = [int(n) for n in item.track[f] if n >= 0]
+    for first, stop in pairwise([0, *changed.tolist(), frames]):  # whoever is there stays in these frames
+        present = item.track[first].tolist() if stop > first else []
         place_of = {n: place for n, place in place_of.items() if n in present}
         for slot in range(people):
-            number = int(item.track[f, slot])
+            number = present[slot] if present else -1
             if number < 0:
                 continue
             free = (p for p in range(most) if p not in place_of.values())
             place = place_of.setdefault(number, next(free, 0)) if number not in place_of else place_of[number]
-            xy[f, place], confidence[f, place] = item.xy[f, slot], item.confidence[f, slot]
+            xy[first:stop, place], confidence[first:stop, place] = (
+                item.xy[first:stop, slot], item.confidence[first:stop, slot],
+            )  # fmt: skip
     return xy, confidence
 
 

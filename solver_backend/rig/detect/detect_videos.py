@@ -30,7 +30,13 @@ _POLL_S = 0.2
 
 
 def detect_videos(
-    videos: Sequence[Path], choice: DetectorChoice, folder: Path, progress: Progress = silent, *, jobs: int = 0
+    videos: Sequence[Path],
+    choice: DetectorChoice,
+    folder: Path,
+    progress: Progress = silent,
+    *,
+    jobs: int = 0,
+    again: bool = False,
 ) -> list[VideoDetections]:
     """Return what is found in each video; a video that was done with this detector before is not done again.
 
@@ -43,6 +49,7 @@ def detect_videos(
         folder: where detections are kept.
         progress: called with the pictures that are done.
         jobs: processes at a time; 0 is one a core.
+        again: also videos that were done before.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
@@ -53,7 +60,7 @@ def detect_videos(
     hashes = {info.path: file_hash(info.path) for info in infos}
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
-    run = _Run(choice, sum(info.num_frames for info in infos))
+    run = _Run(choice, sum(info.num_frames for info in infos), again)
     wanted = [
         _Wanted(info, hashes[info.path], _kept_at(folder, info.path, hashes[info.path], choice)) for info in infos
     ]
@@ -96,8 +103,8 @@ class _Wanted:
 class _Run:
     """What the threads share: the processes to be ended, the pictures that are done."""
 
-    def __init__(self, choice: DetectorChoice, total: int) -> None:
-        self._choice, self.total = choice, total
+    def __init__(self, choice: DetectorChoice, total: int, again: bool) -> None:
+        self._choice, self.total, self._again = choice, total, again
         self._lock, self._stopped = threading.Lock(), False
         self._processes: set[DetectorProcess] = set()
         self._done: dict[Path, int] = {}
@@ -117,8 +124,8 @@ class _Run:
     def of_video(self, wanted: _Wanted) -> VideoDetections:
         """Return the detections of one video, kept or made now."""
         with suppress(MocapError):
-            kept = read_detections(wanted.path, wanted.info.path)
-            if kept.video_hash == wanted.digest:
+            kept = None if self._again else read_detections(wanted.path, wanted.info.path)
+            if kept is not None and kept.video_hash == wanted.digest:
                 self._done[wanted.info.path] = wanted.info.num_frames
                 return kept
         process = DetectorProcess(self._choice)

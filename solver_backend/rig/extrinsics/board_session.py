@@ -19,6 +19,7 @@ from solver_backend.rig.extrinsics.result import RigCalibration, moved_world, re
 from solver_backend.rig.extrinsics.session_folders import BoardFootage
 from solver_backend.rig.frames import VIDEOS, grey_frames
 from solver_backend.rig.intrinsics.camera_lens import CameraLens, camera_lens
+from solver_backend.rig.intrinsics.coverage_picture import write_coverage_png
 from solver_backend.rig.intrinsics.view_selection import coverage_svg
 
 Sightings = dict[int, BoardSighting]
@@ -96,7 +97,7 @@ def calibrate_by_board(
         known: lenses by the camera's name.
         options: how.
         progress: called with what is done.
-        coverage: folder to write a picture of where each camera saw the board.
+        coverage: folder to write pictures of where each camera saw the board, SVG and PNG.
 
     Raises:
         CalibrationMissing: there is no footage of the rig.
@@ -118,6 +119,7 @@ def calibrate_by_board(
         for name, sightings, size in zip(names, seen, sizes, strict=True):
             picture = coverage_svg(list(sightings.values()), size, name)
             write_text(coverage / f"{name}.svg", picture, overwrite=True)
+            write_coverage_png(list(sightings.values()), size, coverage / f"{name}.png")
     lenses = _lenses(footage, board, known, seen, sizes, options, progress)
     findings = _mirrored(names, seen)
     ordered = _one_model([lenses[n][0] for n in names], names)

@@ -6,6 +6,7 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float
@@ -105,21 +106,19 @@ def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str],
     """Return lengths of the mean shape and their derivative by the ten betas."""
     names = joint_set.keypoints
     ends = np.array([[names.index(a), names.index(b)] for a, b in pairs])
+    landmarks = keypoint_landmarks(body, joint_set)
 
     def of(betas: np.ndarray) -> np.ndarray:
-        points = rest_keypoints(body, joint_set, betas)
+        points = rest_keypoints(body, landmarks, betas)
         return np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
 
     zero = np.zeros(10)
     return of(zero), np.stack([(of(e) - of(-e)) / 2 for e in np.eye(10)], axis=1)
 
 
-def rest_keypoints(body: Body, joint_set: JointSet, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
-    """Return the keypoints of a shape at rest, metres, Y up."""
-    from solver_backend.body.landmarks import pose_landmarks
-
+def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
+    """Return the landmarks (``keypoint_landmarks``) of a shape at rest, metres, Y up."""
     still = np.eye(3)[None]
-    landmarks = keypoint_landmarks(body, joint_set)
     return pose_landmarks(body, landmarks, betas, still, np.tile(np.eye(3), (1, 21, 1, 1)), np.zeros((1, 3))).points[0]
 
 

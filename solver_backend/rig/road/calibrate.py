@@ -19,8 +19,12 @@ from solver_backend.rig.extrinsics.session_folders import BoardFootage
 from solver_backend.rig.formats.write import write_calibration
 from solver_backend.rig.intrinsics.known_lenses import known_lenses
 from solver_backend.rig.road.layout import FoundFolder, FoundTake
+from solver_backend.rig.road.pictures import draw_boards
 from solver_backend.rig.sync.clocks import Clocks
 
+SOURCES = ("auto", "board", "person")
+"""What tells the cameras: whatever is there, the filmed board, or the person, the last two even where there is a
+calibration."""
 _TOLD_BOARDS = ("board.toml", "charuco.toml")
 
 
@@ -38,6 +42,8 @@ class CalibrationRequest:
     """Of its cameras, told without calibration."""
     out: Path
     """Calibration file to write, in a format that ``read_calibration`` reads."""
+    coverage: Path | None = None
+    """Picture to draw of where each camera saw the board, if a board is used."""
 
 
 @dataclass(frozen=True)
@@ -50,31 +56,59 @@ class KnownOfCameras:
     """A library of lenses or a calibration that has them."""
     stature_m: float | None = None
     """Of the person, who tells the scale where no board does."""
+    source: str = "auto"
+    """What tells the cameras, one of ``SOURCES``."""
 
 
-def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class TakeCalibration:
+    """A calibration that was made and written."""
+
+    method: str
+    """'board' or 'person'."""
+    words: tuple[str, ...]
+    """What was done."""
+    doubts: tuple[str, ...]
+    """What is wrong or unsure, with what to do."""
+
+
+def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
     """Find the cameras of a take, write them, and return what is to be said of them.
 
     Footage of a board that several cameras saw tells all; footage for lenses alone, or lenses that are known, leave
     the places to the person; without any the lenses are guessed from the pictures' size and found with the places.
 
     Raises:
-        CommandLineInvalid: footage of a board is there, and nobody says of which.
+        CommandLineInvalid: footage of a board is to be used, and nobody says of which.
         CalibrationMissing: footage or lenses of a camera are missing; names it.
         CalibrationInvalid: see the ways of calibrating.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
     names = request.take.cameras
     lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
-    if places:
-        found = calibrate_by_board(BoardFootage(lens, places), _board(request, known), lenses, progress=progress)
+    if known.source == "board" and not places:
+        raise CalibrationMissing(
+            "No footage of a board that several cameras saw is here.", where=str(request.found.root),
+            hint="Put it into a folder 'extrinsics' beside the takes, or let the person tell the cameras.",
+        )  # fmt: skip
+    words: tuple[str, ...] = ()
+    if places and known.source != "person":
+        folder = None if request.coverage is None else request.coverage.parent / "boards"
+        board = _board(request, known)
+        found = calibrate_by_board(BoardFootage(lens, places), board, lenses, progress=progress, coverage=folder)
+        if request.coverage is not None and folder is not None:
+            draw_boards(folder, names, request.coverage)
     else:
         if lens and not lenses:
-            measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
-            lenses = {name: of_camera.lens for name, of_camera in measured.items()}
+            if known.source == "person" and known.board is None and _told_board(request) is None:
+                words = ("The footage for lenses is not used, as nobody says of which board it is.",)
+            else:
+                measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
+                lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         found = _by_person(request, lenses, known.stature_m, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
-    return (f"{len(names)} cameras by the {found.method}", *found.notes, *found.findings)
+    said = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
+    return TakeCalibration(found.method, said, found.findings)
 
 
 def _by_person(
@@ -110,12 +144,17 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
     return {}
 
 
-def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
+def _told_board(request: CalibrationRequest) -> Path | None:
+    """Return the file beside the footage that says which board it is of."""
     places = [place for footage in request.found.footage for place in (footage.folder, footage.folder.parent)]
-    told = known.board or next((str(p / name) for p in places for name in _TOLD_BOARDS if (p / name).is_file()), None)
+    return next((p / name for p in places for name in _TOLD_BOARDS if (p / name).is_file()), None)
+
+
+def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
+    told = known.board or _told_board(request)
     if told is None:
         raise CommandLineInvalid(
             "Which board was filmed?", where=str(request.found.footage[0].folder),
             hint="Say --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
         )  # fmt: skip
-    return board_named(told)
+    return board_named(str(told))

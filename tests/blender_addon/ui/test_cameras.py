@@ -40,6 +40,22 @@ def test_a_camera_and_a_range_are_left_out_of_the_next_solve(solved_take, mocap,
         bpy.ops.mocap.solve()
 
 
+def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: Path) -> None:
+    demo = demo_capture()
+    assert demo.cameras is not None and demo.keypoints is not None
+    assert not bpy.ops.mocap.check_cameras.poll()
+    small = replace(demo.cameras, t=0.7 * demo.cameras.t)
+    for name, cameras, wrong in (("fits", demo.cameras, False), ("small", small, True)):
+        capture = replace(demo, name=name, cameras=cameras, keypoints=demo.keypoints.frames(0, 60), truth={})
+        source = write_capture(tmp_path / f"{name}.npz", capture)
+        assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
+        before = [item.object.matrix_world.copy() for item in mocap.capture.cameras]
+        assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
+        assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
+        assert ("squares have another size" in mocap.capture.doubts) == wrong
+        assert [item.object.matrix_world for item in mocap.capture.cameras] == before
+
+
 @pytest.mark.slow
 def test_the_calibration_is_refined_and_restored(mocap, tmp_path: Path) -> None:
     demo = demo_capture()

@@ -48,8 +48,8 @@ def test_a_person_tells_the_cameras_whose_lenses_are_known(walked: Capture, tmp_
     truth, _ = walked.require_multiview()
     write_calibration(tmp_path / "lenses.toml", truth, "pose2sim")
     request = request_of(walked, tmp_path)
-    words = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml"), silent)
-    assert words[0].startswith("4 cameras by the person")
+    made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml"), silent)
+    assert made.method == "person" and made.words[0].startswith("4 cameras by the person")
     found = read_calibration(request.out).cameras
     assert found.names == truth.names
     scale, R, t = umeyama(found.centres, truth.centres, with_scale=True)
@@ -67,7 +67,7 @@ def test_a_filmed_board_tells_them_by_the_names_of_the_takes_cameras(
     request = request_of(named, tmp_path, CalibrationFootage("extrinsics", tmp_path, places))
     asked = []
 
-    def by_board(footage, board, known, progress):
+    def by_board(footage, board, known, progress, coverage):
         asked.append((footage, board))
         raise CalibrationMissing("far enough")
 
@@ -86,3 +86,5 @@ def test_a_board_that_other_cameras_filmed_is_named(walked: Capture, tmp_path: P
     with pytest.raises(CalibrationMissing, match="filmed by left, right"):
         calibrate_take(request_of(walked, tmp_path, other), KnownOfCameras(), silent)
     assert not (tmp_path / "made.toml").exists()
+    with pytest.raises(CalibrationMissing, match="No footage of a board"):
+        calibrate_take(request_of(walked, tmp_path), KnownOfCameras(source="board"), silent)

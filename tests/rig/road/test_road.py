@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.rig.detect.choice import chosen_detector
 from solver_backend.rig.road import run
-from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras
+from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
 from solver_backend.rig.road.errors import NoVideos
 from solver_backend.rig.road.layout import look_through
 from solver_backend.rig.road.plan import planned
@@ -101,10 +102,14 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     [plan] = planned(found, out)
     with pytest.raises(NoDetections, match="15 pictures; 30 are needed"):
         go(found, plan, settings(tmp_path))
-    assert sorted(path.name for path in out.iterdir()) == ["detections", "steps.json", "sync.json"]
+    left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
+    assert sorted(path.name for path in out.iterdir()) == left
+    told = json.loads((out / "road.json").read_text(encoding="utf-8"))["steps"]
+    assert [step["step"] for step in told] == ["detect", "sync"]
+    assert all((out / picture).is_file() for step in told for picture in step["pictures"])
     asked: list[CalibrationRequest] = []
 
-    def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> tuple[str, ...]:
+    def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> TakeCalibration:
         asked.append(request)
         assert known.stature_m == 1.7
         cameras = [
@@ -113,16 +118,22 @@ def test_cameras_are_calibrated_where_no_calibration_is(
             for c in (1, 2)
         ]
         request.out.write_text("\n".join(cameras), encoding="utf-8")
-        return ("2 cameras by the person, 1.0 px",)
+        return TakeCalibration("person", ("2 cameras by the person, 1.0 px",), ())
 
     monkeypatch.setattr(run, "calibrate_take", calibrated)
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
-    said = go(found, plan, chosen)
+    said = go(found, plan, chosen).lines()
     assert said["calibrate"].startswith("made") and said["calibrate"].endswith("by the person, 1.0 px")
     assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
-    said = go(found, plan, chosen)
+    said = go(found, plan, chosen).lines()
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
+    go(found, plan, replace(chosen, redo=("calibrate",)))
+    assert len(asked) == 2
+    go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))
+    assert len(asked) == 2  # the person told it already
+    go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="board")))
+    assert len(asked) == 3
 
 
 def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
@@ -139,7 +150,7 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     command = ["from-videos", str(session), "--out", str(tmp_path / "out"), "--detector", str(model), "--json"]
     assert main([*command, "--until", "sync", "--sync", "none"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["takes"]["session"]["detect"] == "30 pictures by RTMPose m"
+    assert result["takes"]["session"]["detect"] == "made: 30 pictures by RTMPose m"
     assert main([*command, "--take", "other"]) == 2
     assert "There are: session" in capsys.readouterr().out
 

@@ -1,0 +1,64 @@
+"""What the steps from videos said so far, from the file that the solver keeps beside its results."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from .._exchange.plain_text import plain
+
+NAME = "road.json"
+_FORMAT, _VERSION = "manifold_mocap_road", 1
+_LARGEST = 1 << 20
+
+
+@dataclass(frozen=True)
+class RoadStep:
+    """One step that is done."""
+
+    name: str
+    state: str
+    """'made' or 'kept'."""
+    words: tuple[str, ...]
+    doubts: tuple[str, ...]
+    """What is wrong or unsure, with what to do."""
+    pictures: tuple[Path, ...]
+    """Pictures that are there."""
+
+
+def read_road(folder: Path) -> tuple[RoadStep, ...]:
+    """Return the steps that are done, in their order; nothing where there is no such file or it is of another kind.
+
+    Pictures are those in the folder alone, whatever the file says.
+    """
+    path = folder / NAME
+    try:
+        if path.stat().st_size > _LARGEST:
+            return ()
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return ()
+    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (_FORMAT, _VERSION):
+        return ()
+    steps = values.get("steps")
+    rows = [row for row in steps if isinstance(row, dict)] if isinstance(steps, list) else []
+    return tuple(
+        RoadStep(
+            plain(str(row.get("step", ""))), plain(str(row.get("state", ""))), _texts(row.get("words")),
+            _texts(row.get("doubts")), tuple(_pictures(folder, row.get("pictures"))),
+        )
+        for row in rows
+    )  # fmt: skip
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    return tuple(plain(item) for item in value if isinstance(item, str)) if isinstance(value, list) else ()
+
+
+def _pictures(folder: Path, value: Any) -> list[Path]:
+    inside = folder.resolve()
+    named = [PurePosixPath(item) for item in value if isinstance(item, str)] if isinstance(value, list) else []
+    paths = [(folder / name).resolve() for name in named if name.suffix == ".png"]
+    return [path for path in paths if path.is_relative_to(inside) and path.is_file()]

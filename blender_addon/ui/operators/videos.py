@@ -1,0 +1,237 @@
+"""A capture from videos: by button, by menu, by dropping a video on the viewport; each step again, alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy_extras.io_utils import ImportHelper
+
+from ..._exchange.errors import OutputNotWritable, sentence
+from ...conventions.file_paths import absolute, file_of, stored
+from ...errors import TakeMissing
+from ..locations import RELATIVE, files_folder, usable
+from ..preferences import detector_python
+from ..video_properties import STEPS
+from .base import MocapOperator
+from .solver_operator import SolverOperator, current
+
+SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mts")
+"""Of the videos that cameras write."""
+_LAST = list(STEPS)[-1]
+
+
+class VideosOperator(SolverOperator):
+    """Mixin of operators that go the road from videos; what is done is shown while the rest is under way."""
+
+    is_of_capture = False
+    _seen = 0
+
+    def go(self, context: bpy.types.Context, until: str, redo: str = "") -> set[str]:
+        """Start on the scene's folder of videos.
+
+        Raises:
+            MocapError: results cannot be written, or the solver cannot be started.
+        """
+        videos = context.scene.mocap.videos
+        folder, results = file_of(videos.folder), file_of(videos.results)
+        arguments = [str(folder), "--out", str(usable(results)), "--until", until, *videos.arguments()]
+        python = detector_python(context)
+        arguments += ["--python", str(python)] if python is not None else []
+        arguments += ["--redo", redo] if redo else []
+        return self.launch(context, "from-videos", arguments, results)
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Show steps as soon as they are done."""
+        if event.type == "TIMER" and current.run is not None:
+            self._show_steps(context)
+        return super().modal(context, event)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Set the stage of each take that was put together."""
+        takes = list(result["takes"].values())
+        self._show_steps(context, takes)
+        read = [take for take in takes if take["read"] is not None]
+        names = [self._staged(context, take["read"], Path(take["source"])) for take in read]
+        failed = [f"{name}: {sentence(error)}" for name, error in result.get("failed", {}).items()]
+        found = f"Captures from videos: {', '.join(names)}" if names else "The step is done; see the panel"
+        self.report({"WARNING"} if failed else {"INFO"}, ". ".join([found, *failed]))
+        return {"FINISHED"}
+
+    def rescue(self, context: bpy.types.Context) -> str:
+        """Show the steps that were done before one failed."""
+        self._show_steps(context)
+        done = [STEPS[step.name][0].lower() for step in context.scene.mocap.videos.steps]
+        return f"Done before that: {', '.join(done)}." if done else ""
+
+    def _show_steps(self, context: bpy.types.Context, takes: list[dict[str, Any]] | None = None) -> None:
+        """Read what the steps said, if they said anything new; of several takes those of the last one."""
+        videos = context.scene.mocap.videos
+        folders = [Path(take["folder"]) for take in takes or ()] or _told_in(file_of(videos.results))
+        if not folders:
+            return
+        road = max(folders, key=_changed)
+        if takes is not None or _changed(road) != self._seen:
+            self._seen = _changed(road)
+            videos.take_steps(str(road))
+
+    def _staged(self, context: bpy.types.Context, read: dict[str, Any], source: Path) -> str:
+        from .import_results import frame_capture, take_capture
+
+        settings = context.scene.mocap
+        for capture in settings.captures:
+            if capture.source and file_of(capture.source) == source:
+                capture.file = stored(read["capture"])  # it may have followed the .blend file
+        stage = take_capture(context.scene, read, source)
+        settings.capture.source = stored(source)
+        frame_capture(context, stage)
+        return settings.capture.name
+
+
+class MOCAP_OT_capture_from_videos(VideosOperator, bpy.types.Operator, ImportHelper):
+    """Finds keypoints, clocks and cameras of videos, and sets up the capture."""
+
+    bl_idname = "mocap.capture_from_videos"
+    bl_label = "Capture from Videos"
+    bl_description = (
+        "Choose the folder of a take, one video a camera: the person is found in every picture, clocks and cameras are "
+        "found where nobody tells them, and the capture is set up, ready to solve. What was done before is kept"
+    )
+
+    filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
+    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask board or person of what was dropped, or let the user choose a folder."""
+        if self.files or (self.filepath and absolute(self.filepath).exists()):
+            return context.window_manager.invoke_props_dialog(self, width=380)
+        return ImportHelper.invoke(self, context, event)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what the user may tell, beside the folders."""
+        draw_settings(self.layout, context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Begin with the folder of what was chosen."""
+        chosen = absolute(self.filepath or self.directory)
+        folder = chosen if chosen.is_dir() else absolute(self.directory) if self.directory else chosen.parent
+        videos = context.scene.mocap.videos
+        videos.folder, videos.results = stored(folder), stored(_results(context, folder))
+        videos.steps.clear()
+        return self.go(context, _LAST)
+
+
+class MOCAP_OT_video_step(VideosOperator, bpy.types.Operator):
+    """Does one step from videos, again where it was done."""
+
+    bl_idname = "mocap.video_step"
+    bl_label = "Do This Step"
+    bl_description = "Do this step, again where it was done, with the settings as they are, and what follows from it"
+
+    step: bpy.props.EnumProperty(
+        name="Step", items=[(name, *texts) for name, texts in STEPS.items()], options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs videos."""
+        if not context.scene.mocap.videos.folder:
+            cls.poll_message_set("Choose a folder of videos first")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start; a capture that was put together is put together anew."""
+        done = {step.name for step in context.scene.mocap.videos.steps}
+        return self.go(context, _LAST if _LAST in done else self.step, self.step if self.step in done else "")
+
+
+class MOCAP_OT_open_video_picture(MocapOperator, bpy.types.Operator):
+    """Opens a step's picture in the system's viewer."""
+
+    bl_idname = "mocap.open_video_picture"
+    bl_label = "Open Picture"
+    bl_description = "Open this picture in full size in the system's own viewer"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    filepath: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Hand it to the system; only a picture that a step of this scene drew."""
+        drawn = {picture.name for step in context.scene.mocap.videos.steps for picture in step.pictures}
+        if self.filepath not in drawn or not Path(self.filepath).is_file():
+            raise TakeMissing("The picture is gone.", where=self.filepath, hint="Do the step again.")
+        return bpy.ops.wm.path_open(filepath=self.filepath)
+
+
+class MOCAP_FH_videos(bpy.types.FileHandler):
+    """Takes videos that are dropped on the 3D viewport; one of them stands for its folder."""
+
+    bl_idname = "MOCAP_FH_videos"
+    bl_label = "Capture from videos"
+    bl_import_operator = "mocap.capture_from_videos"
+    bl_file_extensions = ";".join(SUFFIXES)
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Only in the 3D viewport."""
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+
+def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw what the user may tell of videos: cameras, person, clocks, detector."""
+    videos = context.scene.mocap.videos
+    layout.use_property_split, layout.use_property_decorate = True, False
+    layout.prop(videos, "cameras")
+    if videos.cameras != "person":
+        layout.prop(videos, "board")
+    if videos.cameras != "board":
+        layout.prop(videos, "stature")
+    layout.prop(videos, "lenses")
+    layout.prop(videos, "sync")
+    layout.prop(videos, "detector")
+    if videos.detector == "model":
+        layout.prop(videos, "model")
+    layout.prop(videos, "people")
+
+
+def _results(context: bpy.types.Context, folder: Path) -> Path:
+    """Return where results of videos go: beside them, or to the folder of captures where that cannot be written to.
+
+    Raises:
+        OutputNotWritable: neither can.
+    """
+    from ...solving.take_paths import capture_folder
+
+    try:
+        return usable(folder / "mocap")
+    except OutputNotWritable:
+        return usable(capture_folder(files_folder(context.scene), folder))
+
+
+def _told_in(results: Path) -> list[Path]:
+    """Return the folders of takes below the results whose steps have said something."""
+    from ...solving.road_file import NAME
+
+    return [path.parent for path in (*results.glob(NAME), *results.glob(f"*/{NAME}"))]
+
+
+def _changed(folder: Path) -> int:
+    """Return when the steps of a take said something last, 0 where they never did."""
+    from ...solving.road_file import NAME
+
+    try:
+        return (folder / NAME).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw the entry in File > Import."""
+    self.layout.operator(MOCAP_OT_capture_from_videos.bl_idname, text="Motion Capture from Videos (folder)")
+
+
+CLASSES = (MOCAP_OT_capture_from_videos, MOCAP_OT_video_step, MOCAP_OT_open_video_picture, MOCAP_FH_videos)

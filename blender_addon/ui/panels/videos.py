@@ -1,0 +1,79 @@
+"""From videos: each step with what it found and its picture, to be done again alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..operators.solver_operator import current
+from ..operators.videos import (
+    MOCAP_OT_capture_from_videos,
+    MOCAP_OT_open_video_picture,
+    MOCAP_OT_video_step,
+    draw_settings,
+)
+from ..previews import previews
+from ..video_properties import STEPS, MocapVideoStep
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+
+_VERBS = ("from-videos",)
+_SIZE = 11.0
+"""Of a picture, in buttons' heights."""
+
+
+class VIEW3D_PT_mocap_videos(MocapPanel, bpy.types.Panel):
+    """The way from videos to a capture."""
+
+    bl_idname = "VIEW3D_PT_mocap_videos"
+    bl_parent_id = "VIEW3D_PT_mocap_capture"
+    bl_label = "From Videos"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 2
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the steps that are done or to be done; while they run, those that are done."""
+        layout, videos = self.layout, context.scene.mocap.videos
+        if not draw_progress(layout, _VERBS):
+            draw_failure(layout, context, _VERBS)
+        if not videos.folder:
+            draw_next(layout, context, "Drop a video of the take on the viewport, or choose its folder.")
+        layout.operator(MOCAP_OT_capture_from_videos.bl_idname, icon="FILE_MOVIE")
+        if videos.folder:
+            wrapped(layout, context, videos.folder, "FILE_FOLDER")
+        done = {step.name: step for step in videos.steps}
+        for name in STEPS if videos.folder else ():
+            _draw_step(layout, context, name, done.get(name))
+        column = layout.column()
+        column.enabled = not current.busy
+        draw_settings(column, context)
+
+
+def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, step: MocapVideoStep | None) -> None:
+    """Draw a step's row and, where it is open, what it found."""
+    box = layout.box()
+    row = box.row(align=True)
+    if step is None:
+        row.label(text=STEPS[name][0], icon="LAYER_USED")
+    else:
+        row.prop(step, "open", text="", icon="DOWNARROW_HLT" if step.open else "RIGHTARROW", emboss=False)
+        row.alert = bool(step.doubts)
+        row.label(text=STEPS[name][0], icon="ERROR" if step.doubts else "CHECKMARK")
+        row.alert = False
+    again = row.operator(MOCAP_OT_video_step.bl_idname, text="", icon="PLAY" if step is None else "FILE_REFRESH")
+    again.step = name
+    if step is None or not step.open:
+        return
+    for doubt in step.doubts.splitlines():
+        wrapped(box, context, doubt, "ERROR", alert=True)
+    for word in step.words.splitlines():
+        wrapped(box, context, word, "DOT")
+    for picture in step.pictures:
+        icon = previews.icon(Path(picture.name))
+        if icon:
+            box.template_icon(icon_value=icon, scale=_SIZE)
+            opened = box.operator(MOCAP_OT_open_video_picture.bl_idname, icon="IMAGE_DATA")
+            opened.filepath = picture.name
+
+
+CLASSES = (VIEW3D_PT_mocap_videos,)

@@ -1,0 +1,108 @@
+"""What the add-on keeps about a capture's way from its videos."""
+
+from __future__ import annotations
+
+import bpy
+
+from .locations import RELATIVE
+
+STEPS = {
+    "detect": ("Keypoints", "Find the person in every picture"),
+    "sync": ("Clocks", "Find by how much cameras are ahead or late"),
+    "calibrate": ("Calibration", "Find where the cameras stand, by the board or the person"),
+    "capture": ("Capture", "Put together what all cameras saw, and check how they fit"),
+}
+"""Name and description of each step, in their order."""
+_CAMERA_ITEMS = (
+    ("auto", "Whatever Is There", "A calibration beside the videos, else the board that was filmed, else the person"),
+    ("board", "Filmed Board", "The board in the folder 'calibration' or 'extrinsics', even if there is a calibration"),
+    ("person", "The Person", "The person who walks in the take, even if there is a calibration"),
+)
+_DETECTOR_ITEMS = (
+    ("mediapipe", "MediaPipe", "One person, 33 keypoints; the Python that has it is named in the preferences"),
+    ("model", "ONNX Model", "RTMPose, RTMO, YOLO-pose or MoveNet, from a file of yours"),
+)
+_SYNC_ITEMS = (
+    ("auto", "Whatever Tells", "By keypoints, else by sound, else as filmed"),
+    ("keypoints", "Keypoints", "By how the person moves"),
+    ("sound", "Sound", "By a clap, music or speech that all microphones heard"),
+    ("flash", "Flash", "By light that all cameras saw rise and fall"),
+    ("none", "In Step", "The cameras were started together"),
+)
+
+
+class MocapVideoPicture(bpy.types.PropertyGroup):
+    """One picture of a step; its name is its path."""
+
+
+class MocapVideoStep(bpy.types.PropertyGroup):
+    """One step that is done; its name is the solver's."""
+
+    words: bpy.props.StringProperty(name="Words", description="What it found, a sentence a line")
+    doubts: bpy.props.StringProperty(name="Doubts", description="What is wrong or unsure, a sentence a line")
+    pictures: bpy.props.CollectionProperty(type=MocapVideoPicture)
+    open: bpy.props.BoolProperty(name="Show", description="Show what this step found, and its picture", default=False)
+
+
+class MocapVideos(bpy.types.PropertyGroup):
+    """How captures are made from videos, and the steps of the last one."""
+
+    folder: bpy.props.StringProperty(
+        name="Videos", subtype="DIR_PATH", options=RELATIVE,
+        description="Folder of a take: one video a camera; footage of a board in 'calibration' beside them",
+    )  # fmt: skip
+    results: bpy.props.StringProperty(
+        name="Results", subtype="DIR_PATH", options=RELATIVE,
+        description="Where detections, clocks, calibration and capture of these videos are kept",
+    )  # fmt: skip
+    cameras: bpy.props.EnumProperty(
+        name="Cameras By", description="What tells where the cameras stand", items=_CAMERA_ITEMS
+    )
+    board: bpy.props.StringProperty(
+        name="Board", description="Which board was filmed, such as charuco:5x7:35mm; empty for the board.toml beside it"
+    )
+    lenses: bpy.props.StringProperty(
+        name="Lenses", subtype="FILE_PATH", options=RELATIVE,
+        description="A calibration or a lens library that has the cameras' lenses; empty to find or guess them",
+    )  # fmt: skip
+    stature: bpy.props.FloatProperty(
+        name="Stature", description="Of the person, who tells the scale where no board does; 0 for people's mean",
+        unit="LENGTH", min=0.0, max=2.6, precision=2,
+    )  # fmt: skip
+    detector: bpy.props.EnumProperty(name="Detector", description="What finds keypoints", items=_DETECTOR_ITEMS)
+    model: bpy.props.StringProperty(
+        name="Model", description="ONNX file of a pose model", subtype="FILE_PATH", options=RELATIVE
+    )
+    people: bpy.props.IntProperty(name="People", description="People looked for in each view", default=1, min=1, max=8)
+    sync: bpy.props.EnumProperty(name="Clocks By", description="What tells the cameras' clocks", items=_SYNC_ITEMS)
+    steps: bpy.props.CollectionProperty(type=MocapVideoStep)
+
+    def arguments(self) -> list[str]:
+        """Return the options of the solver's command line."""
+        from ..conventions.file_paths import file_of
+
+        model = str(file_of(self.model)) if self.detector == "model" else self.detector
+        options = ["--detector", model, "--people", str(self.people), "--sync", self.sync, "--cameras", self.cameras]
+        options += ["--board", self.board] if self.board else []
+        options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
+        return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
+
+    def take_steps(self, folder: str) -> None:
+        """Show the steps whose results lie in a folder, those that were open open again."""
+        from pathlib import Path
+
+        from ..solving.road_file import read_road
+
+        opened = {step.name for step in self.steps if step.open}
+        self.steps.clear()
+        for told in read_road(Path(folder)):
+            if told.name in STEPS:
+                step = self.steps.add()
+                step.name, step.open = told.name, told.name in opened
+                step.words, step.doubts = "\n".join(told.words), "\n".join(told.doubts)
+                for picture in told.pictures:
+                    step.pictures.add().name = str(picture)
+
+
+VIDEO_CLASSES = (MocapVideoPicture, MocapVideoStep, MocapVideos)
+"""In the order of registration."""
