@@ -133,6 +133,12 @@ class TakeUndoable(MocapError):
     code = "take_undoable"
 
 
+class ShotsMissing(MocapError):
+    """Some shots of a data set could not be made by the workers."""
+
+    code = "shots_missing"
+
+
 class BlenderMissing(MocapError):
     """The command was started by a Python without Blender's module."""
 

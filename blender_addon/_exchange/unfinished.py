@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shutil
 import stat
 import time
 from collections.abc import Iterator
@@ -46,7 +47,7 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield a beginning of file names in a folder that nobody can guess, and remove those files at the end.
+    """Yield a beginning of names in a folder that nobody can guess, and remove such files and folders at the end.
 
     The lock of a file without more to its name is held meanwhile, which the system releases however this process ends;
     what processes that ended without tidying have left is removed first.
@@ -61,6 +62,26 @@ def unfinished_names(folder: Path) -> Iterator[str]:
     finally:
         _remove(lock)
         os.close(handle)
+
+
+def publish(unfinished: Path, whole: Path, mark: str) -> None:
+    """Give a folder that is whole its name; where another process has done the same meanwhile, that one stays.
+
+    Args:
+        unfinished: folder beside the other, named by ``unfinished_names``.
+        whole: what it is to be called.
+        mark: path of a file that says that what bears the name is whole, from the folder around it.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    try:
+        unfinished.rename(whole)
+    except OSError:
+        if (whole.parent / mark).is_file():
+            return
+        shutil.rmtree(whole, ignore_errors=True)
+        unfinished.rename(whole)
 
 
 def sweep(folder: Path, now: float | None = None) -> None:
@@ -94,9 +115,12 @@ def _sweep_one(path: Path, now: float) -> None:
 
 
 def _remove(lock: Path) -> None:
-    """Remove the files whose names begin with the lock's, then the lock."""
+    """Remove the files and folders whose names begin with the lock's, then the lock."""
     for path in [path for path in lock.parent.iterdir() if path.name.startswith(f"{lock.name}_")]:
-        path.unlink(missing_ok=True)
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
     lock.unlink(missing_ok=True)
 
 

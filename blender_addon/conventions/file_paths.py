@@ -7,6 +7,9 @@ from pathlib import Path
 
 import bpy
 
+from .._exchange.errors import MocapError
+from .._exchange.json_file import read_json_file
+
 BESIDE = "mocap"
 """Folder of captures and takes beside a saved .blend file."""
 _MOVED = "moved.json"
@@ -58,12 +61,12 @@ def sessions_folder() -> Path:
 
 def moved_files() -> dict[str, str]:
     """Return where files of unsaved scenes went, by where they were."""
-    import json
-
     try:
-        return json.loads((sessions_folder() / _MOVED).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        kept = read_json_file(sessions_folder() / _MOVED)
+    except MocapError:
         return {}
+    pairs = kept.items() if isinstance(kept, dict) else ()
+    return {old: new for old, new in pairs if isinstance(new, str)}
 
 
 def note_moved(files: dict[Path, Path]) -> None:

@@ -133,13 +133,8 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     batch.add_argument("--watch", type=Path, metavar="FOLDER", help="instead: go on with what arrives there")
     batch.add_argument("--settled", type=_positive, default=5.0, metavar="S", help="watched: unchanged for so long; 5")
     batch.add_argument("--idle", type=_positive, metavar="S", help="stop watching when nothing arrives for so long")
-    who = batch.add_mutually_exclusive_group()
-    who.add_argument("--scheduler", default="", metavar="ADDRESS", help="spread over the workers of a Dask scheduler")
-    who.add_argument("--workers", type=_count, default=0, metavar="N", help="so many takes at a time on this machine")
+    _add_workers(batch, "takes")
     batch.add_argument("--stretches", action="store_true", help="spread the stretches of each long take, too (Dask)")
-    batch.add_argument(
-        "--patience", type=_positive, default=60.0, metavar="S", help="wait so long for scheduler and workers; 60"
-    )
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
     batch.add_argument("--render", action="store_true", help="write a video and a contact sheet of each take")
@@ -152,6 +147,15 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _add_workers(verb: argparse.ArgumentParser, what: str) -> None:
+    who = verb.add_mutually_exclusive_group()
+    who.add_argument("--scheduler", default="", metavar="ADDRESS", help="spread over the workers of a Dask scheduler")
+    who.add_argument("--workers", type=_count, default=0, metavar="N", help=f"so many {what} at a time on this machine")
+    verb.add_argument(
+        "--patience", type=_positive, default=60.0, metavar="S", help="wait so long for scheduler and workers; 60"
+    )
+
+
 def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add = studio.add_argument
     add("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
@@ -159,6 +163,8 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add("--plan", action="store_true", help="only check, and say what would be made and what room it needs")
     add("--judge", nargs="+", default=[], metavar="METHOD", help="also solve by these methods and compare")
     add("--places", action="store_true", help="also map the rigs' errors over the floor")
+    add("--colour-of", default="", metavar="SHOT", help="only the colour pictures of a shot that was filmed")
+    _add_workers(studio, "shots")
 
 
 def _blend_file(text: str) -> Path:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._exchange.errors import Cancelled, MocapError
+from .._exchange.errors import MocapError
 from .._exchange.progress import Progress
-from ..errors import SolverStopped
 from ..solving.child import SolverProcess
 from ..solving.run import Run
+from .run_to_its_end import run_to_its_end
 
-_POLL_S = 0.05
-_BROKEN = 4
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -29,40 +26,16 @@ def run_verb(
     """Run a verb to its end and return its result event.
 
     Args:
-        verb: bake, render or export.
+        verb: bake, render, export or studio.
         arguments: what follows it.
         progress: told what it tells.
         stopped: asked again and again; where it returns an error the process is ended.
 
     Raises:
-        SolverStopped: it ended with an error, or without a word.
-        MocapError: what ``stopped`` returned.
-        Cancelled: it was cancelled.
+        SolverStopped, MocapError, Cancelled: see ``run_to_its_end``.
     """
     run = start_verb(verb, arguments, Path.cwd())
-    try:
-        while not run.finished:
-            if error := stopped():
-                run.process.kill()
-                raise error
-            if not run.poll():
-                time.sleep(_POLL_S)
-            elif run.total > 0:
-                progress(run.stage, run.done, run.total)
-    except BaseException:
-        run.cancel()
-        while not run.finished:
-            run.poll()
-            time.sleep(_POLL_S)
-        raise
-    if run.result is not None:
-        return run.result
-    event = run.error or {}
-    if event.get("code") == "cancelled":
-        raise Cancelled(event["message"], where=event.get("where", ""))
-    if event.get("code") == "solver_died":  # the process, whoever it was
-        event = {**event, "message": event["message"].replace("The solver", f"Blender's process ({verb})")}
-    raise SolverStopped(event, run.process.exit_code or _BROKEN)
+    return run_to_its_end(run, progress, lambda pid: stopped(), f"Blender's process ({verb})")
 
 
 def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:

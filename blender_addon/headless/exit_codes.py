@@ -13,6 +13,7 @@ from ..errors import (
     ExportFailed,
     RenderFailed,
     SchedulerMissing,
+    ShotsMissing,
     SolverStopped,
     TakeTooLarge,
     TakeTooSlow,
@@ -35,7 +36,7 @@ one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., 
 """
 _BROKEN = (
     RenderFailed, BlenderMissing, BackendMissing, BakeFailed, ExportFailed, ExporterMissing, TakeTooSlow, TakeTooLarge,
-    TakeUndoable, EngineMissing, SchedulerMissing, WorkersUnsuitable, BatchTaken,
+    TakeUndoable, EngineMissing, SchedulerMissing, WorkersUnsuitable, BatchTaken, ShotsMissing,
 )  # fmt: skip
 
 

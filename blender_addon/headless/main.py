@@ -173,7 +173,7 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     request = StudioRequest(
         options.description, options.out, options.plan, tuple(dict.fromkeys(options.judge)), options.places,
-        options.python,
+        options.python, Spread(options.scheduler, options.workers, patience_s=options.patience), options.colour_of,
     )  # fmt: skip
     return run_studio(request, progress)
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._exchange.errors import Cancelled, MocapError
+from .._exchange.errors import MocapError
 from .._exchange.progress import Progress
-from ..errors import SolverStopped
-from ..solving.run import Run, start
-
-_POLL_S = 0.05
-_BROKEN = 4
+from ..solving.run import start
+from .run_to_its_end import run_to_its_end
 
 
 def run_solver(
@@ -37,34 +33,6 @@ def run_solver(
 
     Raises:
         BackendMissing: solver or interpreter are not there.
-        SolverStopped: it ended with an error.
-        MocapError: what ``over_limit`` returned.
-        Cancelled: it was cancelled, or this program was interrupted; the solver has ended then.
+        SolverStopped, MocapError, Cancelled: see ``run_to_its_end``.
     """
-    run = start(verb, arguments, python, folder or Path.cwd())
-    try:
-        while not run.finished:
-            if error := over_limit(run.process.pid):
-                run.process.kill()
-                raise error
-            if run.poll():
-                _tell(run, progress)
-            else:
-                time.sleep(_POLL_S)
-    except BaseException:
-        run.cancel()
-        while not run.finished:
-            run.poll()
-            time.sleep(_POLL_S)
-        raise
-    if run.result is not None:
-        return run.result
-    event = run.error or {}
-    if event.get("code") == "cancelled":
-        raise Cancelled(event["message"], where=event.get("where", ""))
-    raise SolverStopped(event, run.process.exit_code or _BROKEN)
-
-
-def _tell(run: Run, progress: Progress) -> None:
-    if run.total > 0:
-        progress(run.stage, run.done, run.total)
+    return run_to_its_end(start(verb, arguments, python, folder or Path.cwd()), progress, over_limit)

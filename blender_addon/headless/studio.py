@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
 from ..errors import BlenderMissing
+from .batch.dispatch import dispatch
+from .batch.request import Spread
+from .batch.run_batch import engine_for
+from .batch.shots import Shots, ShotsRequest, require_all
 from .solver import run_solver
 
 
@@ -30,6 +35,10 @@ class StudioRequest:
     """Also map the rigs' errors over the floor."""
     python: Path | None = None
     """Python to solve with."""
+    spread: Spread = field(default_factory=Spread)
+    """Who makes the shots; by default this process, one after the other."""
+    colour_of: str = ""
+    """Only the colour pictures of this shot, which is there already."""
 
 
 def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
@@ -43,6 +52,8 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
         RenderFailed: this Blender lacks the engine, or cannot render.
     """
     start = time.monotonic()
+    if request.colour_of:
+        return _colour_of(request, progress)
     given = [str(request.description), "--out", str(request.out)]
     planned = run_solver("studio", [*given, "--plan"], progress, python=request.python)
     coloured = "rgb" in planned["film"]
@@ -55,8 +66,11 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     result = {**planned, "event": "result", "outputs": [str(request.out)], "notes": notes}
     if request.plan:
         return result
+    spread = request.spread.scheduler or request.spread.workers
+    if spread:
+        result["notes"] += _by_workers(request, planned["shots"], coloured, progress)
     made = run_solver("studio", given, progress, python=request.python)
-    if coloured:
+    if coloured and not spread:
         made = _in_colour(request, given, made, progress)
     outputs = [str(request.out), *made["card"]]
     if request.judge or request.places:
@@ -66,6 +80,27 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
         outputs.append(judged["page"])
         result |= {key: judged[key] for key in ("page", "table", "rows", "places") if key in judged}
     return {**result, "outputs": outputs, "frames": made["frames"], "seconds": round(time.monotonic() - start, 2)}
+
+
+def _by_workers(request: StudioRequest, shots: list[str], coloured: bool, progress: Progress) -> list[str]:
+    """Make all shots by the workers, and return what a person should know about these."""
+    wanted = ShotsRequest(request.description, request.out, tuple(shots), coloured, request.python)
+    choices, records = wanted.choices(), list[dict[str, Any]]()
+    with engine_for(wanted, choices, progress, request.spread) as engine:
+        dispatch(wanted, choices, Shots(wanted), engine, progress, lambda record, recalled: records.append(record))
+        notes = engine.notes()
+    require_all(records, wanted)
+    return notes
+
+
+def _colour_of(request: StudioRequest, progress: Progress) -> dict[str, Any]:
+    from ..studio.data_set import film_data_set_in_colour
+    from ..studio.videos import write_videos
+
+    film_data_set_in_colour(request.out, [request.colour_of], 1, progress)
+    if "video" in (read_json_file(request.description).get("write") or ()):  # the film has checked it
+        write_videos(request.out, [request.colour_of], progress)
+    return {"event": "result", "outputs": [str(request.out)], "notes": []}
 
 
 def _in_colour(request: StudioRequest, given: list[str], made: dict[str, Any], progress: Progress) -> dict[str, Any]:

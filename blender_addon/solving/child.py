@@ -118,10 +118,10 @@ class SolverProcess:
     def _read(self, stream: IO[str]) -> None:
         with stream:
             for line in stream:
-                self._lines.put(_event(line))
+                self._lines.put(event_in(line))
 
 
-def _event(line: str) -> str | dict[str, Any]:
+def event_in(line: str) -> str | dict[str, Any]:
     """Return the event a line holds, or the line itself as a piece of the log."""
     text = line.rstrip("\r\n")
     if not text.startswith("{"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +14,10 @@ import numpy as np
 
 from .._exchange.capture_file import CaptureFile, read_capture
 from .._exchange.errors import FileDamaged
+from .._exchange.json_file import read_json_file
 from .._exchange.motion_file import read_motion
+from .._exchange.outputs import write_text
+from .._exchange.unfinished import publish, unfinished_names
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..render.picture import write_png
@@ -31,7 +33,7 @@ from .scene_file import SceneFile, read_scene
 
 DONE = "rgb.json"
 """Of a shot's folder: its colour pictures are whole."""
-FOLDER, _UNFINISHED = "rgb", ".unfinished-rgb"
+FOLDER = "rgb"
 _BLUR_STEPS = 4
 _BANDS = 8
 """Bands of rows that a rolling shutter is made of."""
@@ -71,15 +73,14 @@ def film_in_colour(
         RenderFailed: Blender cannot render here.
         MocapError: a file of the shot is missing or damaged.
     """
-    if (folder / DONE).is_file():
+    if (folder / DONE).is_file() and (folder / FOLDER).is_dir():
         return 0
     record = _record(folder)
     scene = _empty_scene()
     shot = _set_up(folder, record, scene, stand_in)
-    unfinished = folder / _UNFINISHED
-    shutil.rmtree(unfinished, ignore_errors=True)
     frames, count = record["frames"], 0
-    with tempfile.TemporaryDirectory(prefix="studio_") as name:
+    with tempfile.TemporaryDirectory(prefix="studio_") as name, unfinished_names(folder) as beginning:
+        unfinished = folder / f"{beginning}{FOLDER}"
         for frame in range(frames):
             for view, camera in enumerate(shot.capture.cameras):
                 target = unfinished / camera.name
@@ -87,18 +88,18 @@ def film_in_colour(
                 write_png(target / f"{frame:06d}.png", _picture(scene, shot, view, frame, Path(name)), level=1)
                 count += 1
             told(frame + 1)
-    shutil.rmtree(folder / FOLDER, ignore_errors=True)
-    unfinished.rename(folder / FOLDER)
-    (folder / DONE).write_text(json.dumps({"pictures": count, "blender": bpy.app.version_string}), encoding="utf-8")
+        publish(unfinished, folder / FOLDER, DONE)
+    about = json.dumps({"pictures": count, "blender": bpy.app.version_string})
+    write_text(folder / DONE, about, overwrite=True)
     return count
 
 
 def _record(folder: Path) -> dict[str, Any]:
     path = folder / "shot.json"
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FileDamaged(f"The shot cannot be read: {error}.", where=str(path)) from error
+    record = read_json_file(path)
+    if not isinstance(record, dict) or not isinstance(record.get("rgb"), dict):
+        raise FileDamaged("The shot's record says nothing of colour.", where=str(path), hint="Run the studio again.")
+    return record
 
 
 def _empty_scene() -> bpy.types.Scene:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .._exchange.errors import FileMissing
 from .._exchange.progress import Progress
-from .colour_film import DONE, film_in_colour
+from .colour_film import film_in_colour
 
 SHOTS = "shots"
 
@@ -29,8 +29,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
         folder = out / SHOTS / name
         if not (folder / "shot.json").is_file():
             raise FileMissing("The shot is not there.", where=str(folder), hint="Run the studio again.")
-        if not (folder / DONE).is_file():
-            start = number * each
-            made += film_in_colour(folder, lambda n, start=start: progress("colour", start + n, frames))
+        start = number * each
+        made += film_in_colour(folder, lambda n, start=start: progress("colour", start + n, frames))
         progress("colour", (number + 1) * each, frames)
     return made

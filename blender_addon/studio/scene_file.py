@@ -45,7 +45,6 @@ def read_scene(path: Path) -> SceneFile:
     """
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
-    arrays = fields.arrays
     base, faces = (
         fields.shaped("base", ("vertices",), FileDamaged),
         fields.shaped("faces", ("triangles", 3), FileDamaged),
@@ -57,5 +56,5 @@ def read_scene(path: Path) -> SceneFile:
         base.astype(np.int64), fields.shaped("offset_m", (count,), FileDamaged), faces.astype(np.int64),
         fields.shaped("label", (len(faces),), FileDamaged).astype(np.int64), fields.texts("labels"),
         fields.shaped("rest", (count, 3), FileDamaged), fields.shaped("room", (2, 3), FileDamaged),
-        bool(arrays["walls"]), fields.shaped("furniture", ("pieces", 4, 3), FileDamaged),
+        bool(fields.shaped("walls", (), FileDamaged)), fields.shaped("furniture", ("pieces", 4, 3), FileDamaged),
     )  # fmt: skip

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
+from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
+from .._exchange.unfinished import unfinished_names
 from ..render.strips import encode_video
 from .colour_film import FOLDER
 
@@ -20,14 +21,15 @@ def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
     """
     for done, name in enumerate(shots, start=1):
         folder = out / "shots" / name
-        record = json.loads((folder / "shot.json").read_text(encoding="utf-8"))
+        record = read_json_file(folder / "shot.json")
         (folder / VIDEOS).mkdir(exist_ok=True)
         for camera, (width, height) in zip(record["cameras"], record["size"], strict=True):
             path = folder / VIDEOS / f"{camera}.mp4"
             if path.is_file():
                 continue
-            unfinished = path.with_name(f".unfinished-{path.name}")
             pictures = sorted((folder / FOLDER / camera).glob("*.png"))
-            encode_video(pictures, (width // 2 * 2, height // 2 * 2), float(record["fps"]), unfinished)
-            unfinished.rename(path)
+            with unfinished_names(folder / VIDEOS) as name:
+                unfinished = path.with_name(f"{name}{path.name}")
+                encode_video(pictures, (width // 2 * 2, height // 2 * 2), float(record["fps"]), unfinished)
+                unfinished.replace(path)
         progress("videos", done, len(shots))

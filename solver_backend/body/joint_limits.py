@@ -19,6 +19,8 @@ from solver_backend.geometry.quaternions import (
 )
 from solver_backend.geometry.rotations import exp_so3
 
+_POSES = 2000
+"""Poses looked at at a time."""
 MARGIN_DEG = 15.0
 """Added at both ends: the spread between people (10 to 15 degrees in the sources) and between conventions of zero."""
 _X, _Y = 0, 1
@@ -64,6 +66,9 @@ def posture_excess_deg(local: Array) -> Array:
         local: (N, 21, 3, 3) rotations of joints 1..21.
     """
     xp = array_namespace(local)
+    if local.shape[0] > _POSES:
+        parts = [local[start : start + _POSES] for start in range(0, local.shape[0], _POSES)]
+        return xp.concat([excess_deg(part) for part in parts])
     angles = swing_and_twist(local) * (180.0 / np.pi)
     shin = -local[..., :, 1]  # the swing alone moves it: twists are about the bone
     flexion = xp.atan2(-shin[..., 2], -shin[..., 1]) * (180.0 / np.pi)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.body.markers import ON_BONE
-from solver_backend.exchange.errors import FileDamaged, FileMissing, MarkersUnknown
+from solver_backend.exchange.errors import FileDamaged, MarkersUnknown
+from solver_backend.exchange.json_file import read_json_file
 from solver_backend.exchange.outputs import write_text
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
@@ -43,24 +43,13 @@ def read_label_places(path: Path | str) -> dict[str, str]:
         MarkersUnknown: a place is none.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileMissing("There is no such file.", where=str(path), hint="Check the path of the layout.")
-    values = _json(path)
+    values = read_json_file(path, _LARGEST_BYTES)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
         raise FileDamaged(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
     places = values.get("places")
     if not isinstance(places, dict) or not all(item is None or isinstance(item, str) for item in places.values()):
         raise FileDamaged("'places' is to hold a name, an empty text or null for each label.", where=str(path))
     return {label: _place(label, place, path) for label, place in places.items() if place is not None}
-
-
-def _json(path: Path) -> Any:
-    if path.stat().st_size > _LARGEST_BYTES:
-        raise FileDamaged("The file is too large for a layout.", where=str(path))
-    try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise FileDamaged(f"The file is not JSON ({error}).", where=str(path)) from error
 
 
 def _place(label: str, place: str, path: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.json_file import read_json_file
 
 DEFAULT = Path(__file__).parents[1] / "assets" / "marker_layouts.json"
 FORMAT, VERSION = "manifold_mocap_marker_layouts", 1
@@ -67,11 +67,19 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
     """Read a file of layouts.
 
     Raises:
+        FileMissing, FileDamaged: it is not there, or not JSON.
         BodyInvalid: it is of another format, or a name means two places.
     """
-    values = json.loads(path.read_text(encoding="utf-8"))
-    if (values.get("format"), values.get("version")) != (FORMAT, VERSION):
+    values = read_json_file(path)
+    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
         raise BodyInvalid(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+    try:
+        return _layouts(values, path)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, re.error) as error:
+        raise BodyInvalid(f"The layouts cannot be understood: {error!r}.", where=str(path)) from error
+
+
+def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
     places = {*values["midline"], *(side + part for part in values["sided"] for side in "LR")}
     names = {place: place for place in places}
     for place, alias in _aliases(values):

@@ -24,6 +24,10 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
     make.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
     make.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
     make.add_argument("--plan", action="store_true", help="only say what would be made, and check it")
+    make.add_argument(
+        "--shot", nargs="+", default=[], metavar="NAME",
+        help="make these alone, of a data set that --plan has begun; several processes may do so",
+    )  # fmt: skip
 
     judge = verbs.add_parser("studio-judge", parents=[common], help="solve a data set and compare with its truth")
     judge.add_argument("data_set", type=Path, metavar="DIR", help="folder that studio made")
@@ -55,6 +59,9 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     }  # fmt: skip
     if args.plan:
         return Outcome(f"would make {said}", data)
+    if args.shot:
+        made = make_data_set(spec, args.out, progress, args.shot)
+        return Outcome(f"made {len(made)} of {said}", data | {"frames": sum(record["frames"] for record in made)})
     records = make_data_set(spec, args.out, progress)
     card = write_card(args.out)
     data["frames"] = sum(record["frames"] for record in records)

@@ -15,6 +15,7 @@ from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.global_method import solve_by_bundle
@@ -72,6 +73,7 @@ def solve(
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
     problem = prepare(capture, settings, progress, prior, person)
+    give_back_freed_memory()
     return solve_problem(problem, settings, progress, _sources(capture, settings), each)
 
 
@@ -91,8 +93,10 @@ def solve_problem(
     subject = first_subject(problem, settings)
     if settings.method not in _FIND_THE_SHAPE:
         subject = learn_subject(problem, subject, settings, progress)
+    give_back_freed_memory()
     method = partial(solve_by_bundle, each=each) if settings.method == "global" else _METHODS[settings.method]
     solved, convergence = method(problem, subject, settings, progress)
+    give_back_freed_memory()
     prior = pose_prior() if settings.method == "noise-aware" else problem.prior
     record = {
         "solver": __version__,
@@ -104,6 +108,7 @@ def solve_problem(
         "status": convergence.status,
     }
     motion = build_motion(problem.measurements, solved, scale=settings.robust_scale, provenance=record)
+    give_back_freed_memory()
     return Solution(motion, convergence.status)
 
 

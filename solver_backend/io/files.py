@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import re
 import stat
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.npz import require_file
 
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
@@ -79,13 +79,7 @@ def read_json(path: Path | str) -> Any:
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or not JSON.
     """
-    text = read_text(path, LARGEST_TEXT)
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileDamaged(
-            f"The file is truncated or is not JSON ({error}).", where=str(path), hint="Copy or export it again."
-        ) from error
+    return parse_json(read_text(path, LARGEST_TEXT), path)
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:

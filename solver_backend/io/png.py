@@ -12,6 +12,8 @@ from solver_backend.exchange.errors import FileDamaged, FileMissing
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SUB = 1
+_LARGEST = 1 << 28
+"""Bytes of a picture, unpacked."""
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
@@ -57,22 +59,34 @@ def read_png(path: Path) -> np.ndarray:
 def _decoded(data: bytes) -> np.ndarray:
     if not data.startswith(_SIGNATURE):
         raise ValueError("another signature")
-    at, packed, header = len(_SIGNATURE), b"", b""
+    at, parts, header = len(_SIGNATURE), list[bytes](), b""
     while at < len(data):
         (length,), name = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
         body = data[at + 8 : at + 8 + length]
-        header, packed = (body if name == b"IHDR" else header), packed + (body if name == b"IDAT" else b"")
+        header = body if name == b"IHDR" else header
+        parts += [body] if name == b"IDAT" else []
         at += 12 + length
     width, height, depth, kind, _, _, interlaced = struct.unpack(">IIBBBBB", header)
     channels = {0: 1, 2: 3, 6: 4}[kind]
     if depth not in (8, 16) or interlaced:
         raise ValueError("interlaced or of another depth")
     step = channels * depth // 8
-    rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + width * step)
+    size = height * (1 + width * step)
+    if not 0 < size <= _LARGEST:
+        raise ValueError(f"{width} x {height} pixels")
+    rows = np.frombuffer(_unpacked(b"".join(parts), size), np.uint8).reshape(height, 1 + width * step)
     raw = _unfiltered(rows[:, 0], rows[:, 1:].reshape(height, width, step))
     flat = raw.reshape(height, -1)
     values = flat.view(">u2").astype(np.uint16) if depth == 16 else flat
     return values.reshape(height, width, channels)[..., 0] if channels == 1 else values.reshape(height, width, channels)
+
+
+def _unpacked(packed: bytes, size: int) -> bytes:
+    """Return so many bytes; a picture that says it holds more is not unpacked any further."""
+    data = zlib.decompressobj().decompress(packed, size)
+    if len(data) < size:
+        raise ValueError("cut off")
+    return data
 
 
 def _unfiltered(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -16,6 +16,8 @@ from solver_backend.types import MarkerCloud
 MOST_POINTS = 400
 """More in one frame are no marker cloud of a person."""
 
+_LONGEST_LINE = 1 << 17
+
 
 @dataclass(frozen=True)
 class PointFrame:
@@ -51,16 +53,26 @@ def from_lines(stream: TextIO, fps: float = 120.0) -> Iterator[PointFrame]:
     A line that is neither is yielded with its fault; empty lines are left out, and so are events of whoever sends them.
     """
     number = 0
-    for line in stream:
+    while line := stream.readline(_LONGEST_LINE):
         arrived, text = time.perf_counter(), line.strip()
         if not text or text.startswith('{"event":'):
             continue
         try:
+            _require_whole(line, stream)
             at, points = _parsed(text, number / fps)
             yield PointFrame(at, points, arrived)
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
             yield PointFrame(math.nan, np.zeros((0, 3)), arrived, _said(error))
         number += 1
+
+
+def _require_whole(line: str, stream: TextIO) -> None:
+    """Pass over the rest of a line that is longer than any frame's."""
+    if len(line) < _LONGEST_LINE or line.endswith("\n"):
+        return
+    while len(rest := stream.readline(_LONGEST_LINE)) == _LONGEST_LINE and not rest.endswith("\n"):
+        pass
+    raise ValueError(f"it has more than {_LONGEST_LINE} letters")
 
 
 def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
@@ -69,7 +81,8 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         points = np.asarray(values["points"], dtype=np.float64).reshape(-1, 3)
         at = float(values.get("t", clock))
     else:
-        numbers = np.array(text.replace(",", " ").replace(";", " ").split(), dtype=np.float64)
+        # Not np.array of texts: each would take as much memory as the longest.
+        numbers = np.array([float(word) for word in text.replace(",", " ").replace(";", " ").split()])
         if len(numbers) % 3 != 1:
             raise ValueError(f"{len(numbers)} numbers are no time and points of three each")
         at, points = float(numbers[0]), numbers[1:].reshape(-1, 3)

@@ -9,6 +9,9 @@ from solver_backend.metrics.shapes import has_shape
 from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.shapes import Float
 
+_FRAMES = 2000
+"""Frames projected at a time."""
+
 
 def reprojection_px(
     cameras: Cameras, points: Float[np.ndarray, "frames points 3"], keypoints: Keypoints2D
@@ -29,8 +32,12 @@ def reprojection_px(
     views, frames, count = keypoints.confidence.shape
     points = has_shape(points, (frames, count, 3), "The array of points")
     has_shape(cameras.t, (views, 3), "The cameras' translation")
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
-    return np.linalg.norm(px - keypoints.xy, axis=-1)
+    error = np.empty((views, frames, count))
+    for start in range(0, frames, _FRAMES):
+        part = slice(start, start + _FRAMES)
+        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points[part], cameras.distortion_model)
+        error[:, part] = np.linalg.norm(px - keypoints.xy[:, part], axis=-1)
+    return error
 
 
 def reprojection_rmse_px(error_px: Float[np.ndarray, "views frames points"]) -> float:

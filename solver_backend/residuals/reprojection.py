@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.projection import project_with_jacobian
+from solver_backend.cameras.projection import project, project_with_jacobian
 from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
@@ -113,7 +113,7 @@ class ReprojectionTerm:
     def residuals(self, points: Array) -> Residuals:
         """Return what (F, L, 3) positions leave unexplained, in pixels."""
         xp = array_namespace(points)
-        px, _, _ = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
+        px = project(self.K, self.distortion, self.R, self.t, points, self.model)
         error = px - self.xy
         measured = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1)
         error = xp.where(measured[..., None], error, xp.zeros_like(error))

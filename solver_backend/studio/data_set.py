@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from solver_backend import __version__
-from solver_backend.exchange.errors import Cancelled, FileDamaged, FileMissing
+from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.outputs import check_output, is_free, write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.files import read_json
 from solver_backend.studio.errors import DiskTooSmall, OtherDataSet
-from solver_backend.studio.make_shot import DONE, UNFINISHED, make_shot
+from solver_backend.studio.make_shot import DONE, make_shot, read_shot
 from solver_backend.studio.shots import Shot, list_shots
 from solver_backend.studio.spec import Spec, spec_of
 from solver_backend.studio.stage import require_sight, set_up
@@ -104,29 +106,46 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
     return found
 
 
-def make_data_set(spec: Spec, out: Path, progress: Progress = silent) -> list[dict[str, Any]]:
+def make_data_set(
+    spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()
+) -> list[dict[str, Any]]:
     """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` says.
 
+    Args:
+        spec: the description.
+        out: folder of the data set.
+        progress: told about every frame.
+        only: names of the shots to make, of a folder that was claimed before; all, and the folder is claimed, if empty.
+
     Raises:
+        FileMissing: there is no shot of such a name, or the folder was not claimed.
         MocapError: see ``open_data_set`` and ``make_shot``.
     """
-    found = open_data_set(spec, out)
-    shots, records, before = out / SHOTS, [], 0
-    shots.mkdir(exist_ok=True)
-    stage = f"filming {_size(found.bytes)}"
-    progress(stage, 0, found.frames)
-    try:
-        for shot in found.shots:
-            start = before
-            records.append(
-                make_shot(spec, shot, shots, lambda n, start=start: progress(stage, start + n, found.frames))
-            )
-            before += spec.frames
-            progress(stage, before, found.frames)
-    except (KeyboardInterrupt, Cancelled):
-        _tidy(shots)
-        raise
+    if only:
+        chosen = _chosen(spec, out, only)
+        stage = f"filming {len(chosen)} shots"
+    else:
+        found = open_data_set(spec, out)
+        chosen, stage = found.shots, f"filming {_size(found.bytes)}"
+    frames, records = spec.frames * len(chosen), []
+    progress(stage, 0, frames)
+    for number, shot in enumerate(chosen):
+        start = number * spec.frames
+        records.append(make_shot(spec, shot, out / SHOTS, lambda n, start=start: progress(stage, start + n, frames)))
+        progress(stage, start + spec.frames, frames)
     return records
+
+
+def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
+    if _description(out) is None:
+        raise FileMissing("The folder holds no data set of the studio.", where=str(out), hint="Begin with --plan.")
+    _require_own(spec, out)
+    shots = {shot.name: shot for shot in list_shots(spec)}
+    if unknown := [name for name in names if name not in shots]:
+        raise FileMissing(
+            f"The description has no shot {', '.join(unknown)}.", where=str(out), hint="See what --plan says of it."
+        )
+    return tuple(shots[name] for name in names)
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[dict[str, Any]]]:
@@ -139,10 +158,13 @@ def read_data_set(out: Path) -> tuple[Spec, list[dict[str, Any]]]:
     values = _description(out)
     if values is None:
         raise FileMissing("The folder holds no data set of the studio.", where=str(out))
-    spec = spec_of(values["description"], Path(values.get("folder", ".")))
+    folder = values.get("folder", ".")
+    if "description" not in values or not isinstance(folder, str):
+        raise FileDamaged("The data set's description lacks parts.", where=str(out / DESCRIPTION))
+    spec = spec_of(values["description"], Path(folder))
     records = [
-        json.loads((folder / DONE).read_text(encoding="utf-8"))
-        for folder in sorted((out / SHOTS).glob("*")) if (folder / DONE).is_file()
+        read_shot(folder)
+        for folder in sorted((out / SHOTS).glob("*")) if (folder / DONE).is_file() and not folder.name.startswith(".")
     ]  # fmt: skip
     if not records:
         raise FileMissing("The data set has no finished shot.", where=str(out), hint="Run the studio again.")
@@ -174,21 +196,13 @@ def _description(out: Path) -> dict[str, Any] | None:
     path = out / DESCRIPTION
     if not path.is_file():
         return None
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise FileDamaged(f"The data set's description is not JSON: {error}.", where=str(path)) from error
+    values = read_json(path)
     return values if isinstance(values, dict) and values.get("format") == _FORMAT else {}
 
 
 def free_bytes(out: Path) -> int:
     """Return how much room the disk of a folder has that need not be there yet."""
     return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
-
-
-def _tidy(shots: Path) -> None:
-    for folder in shots.glob(f"{UNFINISHED}*"):
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _size(count: float) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +11,10 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.unfinished import publish, unfinished_names
+from solver_backend.io.files import read_json
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.io.native.capture_file import write_capture
@@ -31,12 +33,12 @@ from solver_backend.types import Capture, Motion
 
 DONE = "shot.json"
 """Of a shot's folder: it is whole."""
-UNFINISHED = ".unfinished-"
-"""How the folder of a shot is called that is not whole yet."""
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] = lambda frame: None) -> dict[str, Any]:
     """Make a shot and return what its ``shot.json`` says; a shot that is there already stays.
+
+    Several processes may make one shot at a time: the first that is through names its folder.
 
     Args:
         spec: the data set.
@@ -48,17 +50,30 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] =
         NobodySeen, CameraInsideBody: it cannot be filmed.
         MocapError: its motion cannot be read, or the folder cannot be written.
     """
-    folder, unfinished = shots / shot.name, shots / f"{UNFINISHED}{shot.name}"
+    folder = shots / shot.name
     if (folder / DONE).is_file():
-        return json.loads((folder / DONE).read_text(encoding="utf-8"))
-    shutil.rmtree(unfinished, ignore_errors=True)
-    shutil.rmtree(folder, ignore_errors=True)
+        return read_shot(folder)
     stage = set_up(spec, shot)
     require_sight(stage)
-    unfinished.mkdir(parents=True)
-    record = _write_shot(spec, stage, unfinished, told)
-    (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
-    unfinished.rename(folder)
+    shots.mkdir(parents=True, exist_ok=True)
+    with unfinished_names(shots) as name:
+        unfinished = shots / f"{name}{shot.name}"
+        unfinished.mkdir()
+        record = _write_shot(spec, stage, unfinished, told)
+        (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
+        publish(unfinished, folder, f"{folder.name}/{DONE}")
+    return record
+
+
+def read_shot(folder: Path) -> dict[str, Any]:
+    """Return what the ``shot.json`` of a shot's folder says.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, or no object of JSON.
+    """
+    record = read_json(folder / DONE)
+    if not isinstance(record, dict):
+        raise FileDamaged("The shot's record is no object.", where=str(folder / DONE), hint="Remove the shot's folder.")
     return record
 
 

@@ -78,7 +78,7 @@ def build_rig(description: Any, folder: Path = Path()) -> Rig:
     values = CheckedValues(given, "rig", _KNOWN)
     if "preset" in values:
         name, presets = values.raw("preset"), rig_presets()
-        if name not in presets:
+        if not isinstance(name, str) or name not in presets:
             raise StudioInvalid(
                 f"There is no rig '{name}'.", where="rig: preset", hint=f"Known are {', '.join(sorted(presets))}."
             )

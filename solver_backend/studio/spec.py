@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.files import read_text
+from solver_backend.io.files import read_json
 from solver_backend.studio.checked_values import CheckedValues
 from solver_backend.studio.errors import StudioInvalid
 from solver_backend.studio.looks import Look, read_look
@@ -99,11 +98,7 @@ def read_spec(path: Path | str) -> Spec:
         StudioInvalid: see ``spec_of``.
     """
     path = Path(path)
-    try:
-        values = json.loads(read_text(path))
-    except ValueError as error:
-        raise FileDamaged(f"The description is not JSON: {error}.", where=str(path)) from error
-    return spec_of(values, path.resolve().parent)
+    return spec_of(read_json(path), path.resolve().parent)
 
 
 def spec_of(values: Any, folder: Path = Path()) -> Spec:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import sys
@@ -16,8 +17,9 @@ from tests.fuzz.tried import Tried
 MEMORY_BYTES = 2 * 2**30
 BATCH = 20_000
 """Inputs a child."""
-HANG_S = 60
-"""A child that stays at one input for so long is ended: its own limit of time did not reach it."""
+HANG_S, WAIT_S = 60, 600
+"""A child that stays at one input for so long of processor time, or on the wall, is ended: its own limits did not
+reach it."""
 _POLL_S = 0.2
 
 
@@ -69,14 +71,23 @@ def _one_child(count: int, seed: int, first: int, only: str) -> tuple[int, Tried
     return before + 1, part
 
 
+def _processor_s(pid: int) -> float:
+    """Return the seconds of processor time of a process; where the system has no /proc, those on the wall."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError):
+        return time.monotonic()
+
+
 def _watch(child: subprocess.Popen[bytes], current: Path) -> bool:
     """Wait for the child, end it where it stays at one input for too long, and return whether that was so."""
-    seen, since = "", time.monotonic()
+    seen, since, used = "", time.monotonic(), 0.0
     while child.poll() is None:
         now = current.read_text() if current.exists() else ""
         if now != seen or not now:  # a child that still loads its program is at no input
-            seen, since = now, time.monotonic()
-        elif time.monotonic() - since > HANG_S:
+            seen, since, used = now, time.monotonic(), _processor_s(child.pid)
+        elif _processor_s(child.pid) - used > HANG_S or time.monotonic() - since > WAIT_S:
             child.kill()
             child.wait()
             return True

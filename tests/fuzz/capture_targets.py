@@ -10,6 +10,7 @@ from solver_backend.io.calibration import read_calibration
 from solver_backend.io.footage.mp4 import read_video_header
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.rig.formats.colmap_files import colmap_texts
 from solver_backend.types import Cameras, Capture, JointSet
 from tests.fuzz import odd_recordings
 from tests.fuzz.target import Target, Write, file
@@ -62,6 +63,11 @@ def _yaml(cameras: Cameras, more: str = "") -> tuple[Write, ...]:
 def _pair(folder: Path) -> None:
     (folder / "calib").mkdir()
     write_easymocap(folder / "calib", _CAMERAS)
+
+
+def _colmap(folder: Path) -> None:
+    for name, text in colmap_texts(_CAMERAS).items():
+        (folder / name).write_text(text)
 
 
 TARGETS: tuple[Target, ...] = (
@@ -151,6 +157,7 @@ TARGETS: tuple[Target, ...] = (
         {".json": "json"},
         40,
     ),
+    Target("calibration, COLMAP", (_colmap,), lambda f: read_calibration(f), {".txt": "text"}, 20),
     Target(
         "video header",
         (

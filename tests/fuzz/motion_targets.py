@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from blender_addon.body.body_file import read_body
 from blender_addon.headless.batch.record import NAME as RECORD
-from blender_addon.headless.batch.record import read_record
+from blender_addon.headless.batch.record import is_step_done, read_record
 from solver_backend.body.files.smpl_files import load_smpl_file
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import MocapError
@@ -84,6 +85,8 @@ def _job(folder: Path) -> None:
 
 def _record(folder: Path) -> None:
     record = {"take": "a", "status": "done", "inputs": "ab12", "outputs": ["a.npz"], "solve": {"frames": 3}}
+    record["steps"] = {"solve": {"key": "ab12", "outputs": ["a.npz"], "notes": [], "seconds": 1.5}}
+    record["attempts"] = [{"step": "solve", "worker": "", "how": "done"}]
     (folder / RECORD).write_text(json.dumps(record))
 
 
@@ -137,7 +140,7 @@ _HEADERS: tuple[dict[str, object], ...] = (
 )  # fmt: skip
 
 
-def _read_weights_as_if_whole(folder: Path) -> object:
+def read_as_if_whole(folder: Path, load: Callable[[Path], object]) -> object:
     """Read changed weights under the hash of what was changed, as somebody who forges them would write it."""
     path, forged = folder / "a.npz", folder / "forged.npz"
     try:
@@ -145,8 +148,13 @@ def _read_weights_as_if_whole(folder: Path) -> object:
         header = json.loads(str(arrays.pop("header")))
         np.savez(forged, header=np.array(json.dumps(header | {"sha256": arrays_hash(arrays)})), **arrays)
     except (MocapError, ValueError, KeyError, TypeError, RecursionError):
-        return load_svae(path)
-    return load_svae(forged)
+        return load(path)
+    return load(forged)
+
+
+def _read_record(folder: Path) -> object:
+    record = read_record(folder)
+    return None if record is None else is_step_done(record, folder, "solve", "ab12")
 
 
 TARGETS: tuple[Target, ...] = (
@@ -213,7 +221,9 @@ TARGETS: tuple[Target, ...] = (
         30,
         tuple(file("a.pkl", content) for content in _ODD_PICKLES),
     ),
-    Target("weights", (_weights,), _read_weights_as_if_whole, _NPZ, 8, tuple(map(_weights_of, _HEADERS))),
+    Target(
+        "weights", (_weights,), lambda f: read_as_if_whole(f, load_svae), _NPZ, 8, tuple(map(_weights_of, _HEADERS))
+    ),
     Target(
         "job file",
         (_job,),
@@ -222,6 +232,6 @@ TARGETS: tuple[Target, ...] = (
         50,
         (*odd_motions.JOBS, *odd_motions.NO_JOBS),
     ),
-    Target("record of a batch", (_record,), read_record, {".json": "json"}, 20),
+    Target("record of a batch", (_record,), _read_record, {".json": "json"}, 20),
 )
 """The add-on's readers of captures and motions are those of ``exchange``; bodies it reads by itself."""

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from tests.fuzz import capture_targets, marker_targets, motion_targets
+from tests.fuzz import capture_targets, marker_targets, motion_targets, rig_targets, studio_targets
 from tests.fuzz.target import Target
 
-TARGETS: tuple[Target, ...] = (*capture_targets.TARGETS, *motion_targets.TARGETS, *marker_targets.TARGETS)
+TARGETS: tuple[Target, ...] = (
+    *capture_targets.TARGETS,
+    *motion_targets.TARGETS,
+    *marker_targets.TARGETS,
+    *rig_targets.TARGETS,
+    *studio_targets.TARGETS,
+)

@@ -15,12 +15,11 @@ from ...errors import TakeUndoable
 from ..exit_codes import exit_code
 from .engines.base import DIED, LOST, Ended, Engine, Ticket
 from .record import read_record
-from .request import BatchRequest, take_name
+from .request import Work, take_name
 from .run_take import failed, recalled
 
 SET_ASIDE = "set aside"
 """Status of a take that is not tried again until its inputs, its settings or the version change."""
-STAGE = "takes"
 _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_failed", "bake_failed"})
 """What may be the worker's fault, or the take's: it is tried again, and set aside at last."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
@@ -42,7 +41,7 @@ class Source(Protocol):
 
 
 def dispatch(
-    request: BatchRequest,
+    request: Work,
     choices: dict[str, Any],
     source: Source,
     engine: Engine,
@@ -72,7 +71,7 @@ def dispatch(
             else:
                 total += 1
                 waiting.append(Ticket(capture, take_name(capture)))
-        progress(STAGE, done, total)
+        progress(request.counted, done, total)
         while waiting and engine.free() > 0:
             engine.begin(waiting.popleft())
             running += 1
@@ -88,7 +87,7 @@ def dispatch(
                 waiting.append(again)
 
 
-def _again(request: BatchRequest, engine: Engine, one: Ended) -> Ticket | None:
+def _again(request: Work, engine: Engine, one: Ended) -> Ticket | None:
     """Return the ticket of a take that is to be tried again."""
     if one.how == LOST:
         return one.ticket
@@ -100,7 +99,7 @@ def _again(request: BatchRequest, engine: Engine, one: Ended) -> Ticket | None:
     return one.ticket if one.ticket.tries < engine.tries else None
 
 
-def _record_of(request: BatchRequest, one: Ended, engine: Engine) -> dict[str, Any]:
+def _record_of(request: Work, one: Ended, engine: Engine) -> dict[str, Any]:
     """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
     folder = request.out / one.ticket.name
     code = (one.record.get("error") or {}).get("code")

@@ -12,6 +12,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from ..._exchange.errors import MocapError
+from ..._exchange.json_file import read_json_file
 from ..._exchange.outputs import atomic_outputs
 
 NAME = "take.json"
@@ -56,10 +58,29 @@ def version() -> str:
 def read_record(folder: Path) -> dict[str, Any] | None:
     """Return the record of a take's folder; None where there is none, or it cannot be read."""
     try:
-        record = json.loads((folder / NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = read_json_file(folder / NAME)
+    except MocapError:
         return None
-    return record if isinstance(record, dict) else None
+    return record if _is_record(record) else None
+
+
+def _is_record(value: Any) -> bool:
+    """Return whether a value has the parts of a record, each of its kind."""
+    if not isinstance(value, dict):
+        return False
+    steps, attempts = value.get("steps") or {}, value.get("attempts") or []
+    return (
+        isinstance(steps, dict)
+        and all(isinstance(step, dict) and _texts(step.get("outputs", [])) for step in steps.values())
+        and isinstance(attempts, list)
+        and all(isinstance(attempt, dict) for attempt in attempts)
+        and isinstance(value.get("solve") or {}, dict)
+        and isinstance(value.get("error") or {}, dict)
+    )
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
 def write_record(folder: Path, record: dict[str, Any]) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
+from ..._exchange.errors import MocapError
+from ..._exchange.json_file import read_json_file
 from ...errors import BatchInvalid
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
@@ -17,6 +18,31 @@ READING = {
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
 _SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
+
+
+class Work(Protocol):
+    """What engines spread over workers: items, each done in steps and recorded in its own folder of ``out``."""
+
+    @property
+    def out(self) -> Path:
+        """Folder of the records."""
+        ...
+
+    @property
+    def limits(self) -> TakeLimits:
+        """Of the solver for each item."""
+        ...
+
+    counted: ClassVar[str]
+    """What the progress counts."""
+
+    def sees(self, item: Path) -> bool:
+        """Return whether what a task works on is to be seen from here."""
+        ...
+
+    def plain(self) -> dict[str, Any]:
+        """Return plain values for another process or machine."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -43,6 +69,12 @@ class BatchRequest:
     """Formats to write the cleaned markers of takes of markers to."""
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Of the solver for each take; a take that was done within others is not done again."""
+    counted: ClassVar[str] = "takes"
+    """What the batch's progress counts."""
+
+    def sees(self, item: Path) -> bool:
+        """Return whether what a task works on is to be seen from here."""
+        return item.exists()
 
     def plain(self) -> dict[str, Any]:
         """Return the request for another process or machine: plain values, paths from the root."""
@@ -144,9 +176,9 @@ def _shared(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BatchInvalid(f"The job file cannot be read: {error}.", where=str(path)) from error
+        values = read_json_file(path)
+    except MocapError as error:
+        raise BatchInvalid(f"The job file cannot be read: {error}", where=str(path)) from error
     unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["anything but an object"]
     if unknown:
         raise BatchInvalid(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +32,22 @@ class Results:
         self._takes: dict[str, dict[str, Any]] = {}
         self._next, self._start = 0.0, time.monotonic()
         self._done = 0
-        self.engine: Engine | None = None
-        """Who works, for the page."""
+        self._engine: Engine | None = None
+        self._who = ""
 
     @property
     def outputs(self) -> list[str]:
         """The summary's files."""
         return [str(self._out / f"{SUMMARY}{suffix}") for suffix in (".json", ".txt", ".html")]
+
+    @contextmanager
+    def made_by(self, engine: Engine) -> Iterator[None]:
+        """Say on the page who works; also afterwards, when nobody can be asked any more."""
+        self._engine = engine
+        try:
+            yield
+        finally:
+            self._who, self._engine = engine.headline(), None
 
     def add(self, record: dict[str, Any], recalled: bool) -> None:
         """Keep the record of a take, and write the summary if that was not done just now."""
@@ -72,4 +83,5 @@ class Results:
     def _said(self) -> str:
         minutes = (time.monotonic() - self._start) / 60
         rate = f"{self._done} done in {minutes:.1f} min" if self._done else "nothing was to be done"
-        return rate if self.engine is None else f"{rate} by {self.engine.headline()}"
+        who = self._who if self._engine is None else self._engine.headline()
+        return f"{rate} by {who}" if who else rate

@@ -17,7 +17,7 @@ from ...errors import BatchInvalid
 from .dispatch import SET_ASIDE, dispatch
 from .engines.base import Engine
 from .engines.here import HereEngine, ProcessesEngine
-from .request import BatchRequest, Spread
+from .request import BatchRequest, Spread, Work
 from .results import Results
 from .source import Folder, Watched
 from .summary import table
@@ -47,9 +47,9 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     source = Watched(request, choices, spread.settled_s, spread.idle_s) if spread.watch else Folder(request)
     results = Results(request.out)
     try:
-        with _engine(request, choices, progress, spread) as engine:
-            results.engine = engine
-            dispatch(request, choices, source, engine, progress, results.add)
+        with engine_for(request, choices, progress, spread) as engine:
+            with results.made_by(engine):
+                dispatch(request, choices, source, engine, progress, results.add)
             notes = engine.notes()
     finally:
         results.write()
@@ -64,7 +64,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
 
 @contextmanager
-def _engine(request: BatchRequest, choices: dict[str, Any], progress: Progress, spread: Spread) -> Iterator[Engine]:
+def engine_for(request: Work, choices: dict[str, Any], progress: Progress, spread: Spread) -> Iterator[Engine]:
     """Yield who does the takes, and end them afterwards, however the batch ends."""
     if spread.scheduler:
         from .engines.cluster import ClusterEngine
@@ -86,7 +86,7 @@ def _engine(request: BatchRequest, choices: dict[str, Any], progress: Progress, 
 
 
 @contextmanager
-def _local(request: BatchRequest, choices: dict[str, Any], spread: Spread) -> Iterator[Engine]:
+def _local(request: Work, choices: dict[str, Any], spread: Spread) -> Iterator[Engine]:
     """Yield a cluster of this machine."""
     from .engines.cluster import ClusterEngine
     from .engines.local_cluster import LocalCluster, machine_memory_mb

@@ -14,8 +14,8 @@ from ..._exchange.outputs import is_free
 from ..._exchange.progress import Progress
 from ..exit_codes import BROKEN, exit_code
 from .record import is_step_done, read_record, write_record
-from .request import BatchRequest, take_name
-from .steps import NAMES, Place, Step, do_step, steps_of
+from .request import Work, take_name
+from .steps import Place, Step, do_step, steps_of
 
 UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
@@ -23,9 +23,7 @@ _KEPT_ATTEMPTS = 20
 _KEPT = ("steps", "attempts", "solve", "people")
 
 
-def run_take(
-    request: BatchRequest, choices: dict[str, Any], capture: Path, progress: Progress, **place: Any
-) -> dict[str, Any]:
+def run_take(request: Work, choices: dict[str, Any], capture: Path, progress: Progress, **place: Any) -> dict[str, Any]:
     """Do all steps of one take, or recall it; errors become part of its record.
 
     Args:
@@ -41,7 +39,11 @@ def run_take(
     record = recalled(request, choices, capture)
     if record is not None:
         return record
-    for step in NAMES:
+    try:
+        names = [step.name for step in steps_of(request, choices, capture)]
+    except OSError:  # the first step says what is wrong
+        names = ["solve"]
+    for step in names:
         record = run_step(request, choices, capture, step, progress, **place)
         if record["status"] != UNFINISHED:
             break
@@ -49,7 +51,7 @@ def run_take(
     return record
 
 
-def recalled(request: BatchRequest, choices: dict[str, Any], capture: Path) -> dict[str, Any] | None:
+def recalled(request: Work, choices: dict[str, Any], capture: Path) -> dict[str, Any] | None:
     """Return the record of a take that is done or was set aside, None where there is something to do."""
     folder = request.out / take_name(capture)
     known = read_record(folder) or {}
@@ -64,7 +66,7 @@ def recalled(request: BatchRequest, choices: dict[str, Any], capture: Path) -> d
 
 
 def run_step(
-    request: BatchRequest, choices: dict[str, Any], capture: Path, step: str, progress: Progress, *,
+    request: Work, choices: dict[str, Any], capture: Path, step: str, progress: Progress, *,
     worker: str = "", stopped: Callable[[], MocapError | None] = lambda: None, in_child: bool = False,
     scheduler: str = "",
 ) -> dict[str, Any]:  # fmt: skip

@@ -18,7 +18,8 @@ from ..export import ExportRequest, run_export
 from ..solver import run_solver
 from .limits import TakeWatch
 from .record import fingerprint, read_record, step_key
-from .request import READING, BatchRequest
+from .request import READING, BatchRequest, Work
+from .shots import ShotsRequest, do_step_of_shot, keys_of_shot
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,15 @@ class Place:
     """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
 
 
-def steps_of(request: BatchRequest, choices: dict[str, Any], capture: Path) -> tuple[Step, ...]:
-    """Return the steps that are wanted of a capture, with their keys.
+def steps_of(request: Work, choices: dict[str, Any], capture: Path) -> tuple[Step, ...]:
+    """Return the steps that are wanted of a capture, or of a shot, with their keys.
 
     Raises:
         OSError: the capture cannot be looked at.
     """
+    if isinstance(request, ShotsRequest):
+        return tuple(Step(name, key) for name, key in keys_of_shot(request, choices, capture).items())
+    assert isinstance(request, BatchRequest)
     solve = fingerprint(capture, {name: choices[name] for name in ("settings", "python")})
     wanted = {
         "bake": request.bake,
@@ -65,13 +69,21 @@ def steps_of(request: BatchRequest, choices: dict[str, Any], capture: Path) -> t
     return Step("solve", solve), *others
 
 
-def do_step(request: BatchRequest, choices: dict[str, Any], capture: Path, step: str, place: Place) -> dict[str, Any]:
+def do_step(request: Work, choices: dict[str, Any], capture: Path, step: str, place: Place) -> dict[str, Any]:
     """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
 
     Raises:
         MocapError: the step failed, or was stopped.
     """
+    if isinstance(request, ShotsRequest):
+        return do_step_of_shot(request, capture, step, place.progress, place.stopped)
+    assert isinstance(request, BatchRequest)
     return _STEPS[step](request, choices, capture, place)
+
+
+def request_of(values: dict[str, Any]) -> Work:
+    """Return the request that its ``plain`` has written."""
+    return ShotsRequest.from_plain(values) if "data_set" in values else BatchRequest.from_plain(values)
 
 
 def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
@@ -163,8 +175,6 @@ def _exported_markers(request: BatchRequest, motion: Path, place: Place) -> list
 
 
 _STEPS = {"solve": _solve, "bake": _bake, "render": _render, "export": _export}
-NAMES = tuple(_STEPS)
-"""The steps in the order they are done in."""
 
 
 def _motions(folder: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -64,7 +65,7 @@ def summary_page(
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">{MARK}'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"<title>Batch of {len(takes)} takes</title><style>{_STYLE}</style></head><body><main>"
-        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(told)}. {_text(said)}.</p>'
+        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(told)}. {_linked(said)}.</p>'
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{more}'
         "</main></body></html>\n"
     )
@@ -101,6 +102,11 @@ def _links(take: dict[str, Any], out: Path) -> str:
 def _link(path: Path) -> str:
     """Return a relative path as an address, its bytes escaped (RFC 3986, 2.1)."""
     return "".join(chr(b) if chr(b) in _PLAIN else f"%{b:02X}" for b in path.as_posix().encode())
+
+
+def _linked(said: str) -> str:
+    """Return a text in which the addresses of pages can be followed."""
+    return re.sub(r"https?://[\w.:/\[\]-]+", r'<a href="\g<0>">\g<0></a>', _text(said))
 
 
 def _text(value: object) -> str:

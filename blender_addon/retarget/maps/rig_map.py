@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..._exchange.errors import FileMissing
+from ..._exchange.json_file import read_json_file
 from ..._exchange.outputs import atomic_output
 from ...errors import MapInvalid
 from .roles import CHAINS, SIDES, is_of_a_side, is_role
@@ -52,16 +52,10 @@ def read_map(path: Path) -> RigMap:
     """Read a map or preset.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing, FileDamaged: there is no such file, or it is not JSON.
         MapInvalid: it is no map, or says what is no role.
     """
-    if not path.is_file():
-        raise FileMissing("There is no such file.", where=str(path), hint="Check the path of the map.")
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise MapInvalid(f"The map is not JSON: {error}", where=str(path)) from error
-    return map_of(values, str(path))
+    return map_of(read_json_file(path), str(path))
 
 
 def map_of(values: Any, where: str) -> RigMap:
@@ -85,7 +79,7 @@ def map_of(values: Any, where: str) -> RigMap:
             for bone in _of_both(entry["bone"], sides)
         )
         pose = {bone: _quaternion(turn) for bone, turn in values.get("map_pose", {}).items()}
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise MapInvalid(f"The map cannot be read: {error!r}.", where=where) from error
     if wrong := sorted(role for role in bones if not is_role(role)):
         hint = "Roles are pelvis, spine (a list), neck (a list), head, clavicle, upper_arm, … see docs/retarget.md."

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache, partial
 
 from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, bundle_objective
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
@@ -110,6 +111,7 @@ def solve_by_bundle(
     # Solved on the blended curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
     keys, frames = found.keys, model.poses(blended_keys(found.keys, layout), layout, blended=True)
     inflation = noise_inflation(model.subject, frames, problem.measurements.term, scale, max(1, window // 2))
+    give_back_freed_memory()
     # Standing feet steady the solution, but how sure it is follows from what was measured.
     measured = bundle_objective(
         problem, layout, window, (data,), residuals=model.residuals, smoothing=settings.smoothing

@@ -9,10 +9,11 @@ import numpy as np
 from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
+from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.frame_flags import flagged
 from solver_backend.fitters.solution import SolvedFrames
-from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
 from solver_backend.types import MARKER_FILLED, MARKER_SEEN, NUM_JOINTS, Motion
@@ -30,9 +31,7 @@ def build_motion(
         provenance: stored as it is.
     """
     subject, frames = solved.subject, solved.frames
-    posed = pose(subject, frames)
-    points, joints = to_numpy(posed.points), to_numpy(posed.skeleton.joints)
-    deviations = to_numpy(measurements.term.residuals(posed.points).deviations)
+    points, joints, bones, deviations = _posed(measurements, solved)
     reprojection_px, statistics = measurements.report(points)
     outliers = deviations[np.isfinite(deviations)] > 2 * scale
     statistics = {
@@ -40,7 +39,7 @@ def build_motion(
         "outliers_percent": _rounded(100 * outliers.mean()),
         "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(to_numpy(subject.offsets), axis=-1)],
     }
-    rotvec = to_numpy(log_so3(frames.local)).reshape(len(points), -1)
+    rotvec = _turns(frames.local).reshape(len(points), -1)
     body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
     keyframes = np.zeros(len(points), dtype=bool)
     keyframes[np.round(solved.key_times).astype(int)] = True
@@ -49,13 +48,13 @@ def build_motion(
     lost = lost_landmarks(points, measurements.points, measurements.covariance)
     return Motion(
         betas=to_numpy(subject.betas),
-        global_orient=to_numpy(log_so3(frames.root)),
+        global_orient=_turns(frames.root),
         body_pose=body_pose,
         transl=to_numpy(frames.transl),
         fps=measurements.fps,
         body=subject.body.id,
         joints=joints,
-        **_points(measurements, points, subject, to_numpy(posed.skeleton.G)),
+        **_points(measurements, points, subject, bones),
         joint_set=measurements.joint_set,
         joint_sigma=sigma,
         joint_covariance=covariance,
@@ -65,6 +64,28 @@ def build_motion(
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
         provenance={**provenance, "statistics": statistics},
     )
+
+
+def _posed(measurements: Measurements, solved: SolvedFrames) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return points (F, L, 3), joints, bones and deviations (C, F, K), some frames at a time.
+
+    Bones are of takes of markers alone; nobody asks for others, and they take more memory than all else.
+    """
+    parts = []
+    for start in range(0, len(solved.frames.transl), BLOCK_POSES):
+        part = slice(start, start + BLOCK_POSES)
+        posed = pose(solved.subject, solved.frames.select(part))
+        bones = posed.skeleton.G if measurements.marker_labels is not None else posed.skeleton.G[:0]
+        left = measurements.term.select(part).residuals(posed.points).deviations
+        parts.append([to_numpy(a) for a in (posed.points, posed.skeleton.joints, bones, left)])
+    points, joints, bones, deviations = zip(*parts, strict=True)
+    return np.concatenate(points), np.concatenate(joints), np.concatenate(bones), np.concatenate(deviations, axis=1)
+
+
+def _turns(rotations: Array) -> np.ndarray:
+    """Return the axis-angle vectors of (F, ..., 3, 3) rotations, some frames at a time."""
+    starts = range(0, rotations.shape[0], BLOCK_POSES)
+    return np.concatenate([to_numpy(log_so3(rotations[start : start + BLOCK_POSES])) for start in starts])
 
 
 def _points(measurements: Measurements, points: np.ndarray, subject: Subject, bones: np.ndarray) -> dict[str, Any]:

@@ -84,7 +84,10 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, 3) whole sync_index, camera and point, and (N, 2) px, of the table's rows."""
     table = csv.reader(io.StringIO(read_text(path)))
-    header = [name.strip() for name in next(table, [])]
+    try:
+        header = [name.strip() for name in next(table, [])]
+    except csv.Error as error:
+        raise FileDamaged(f"The table has no heading ({error}).", where=str(path)) from error
     camera = next((name for name in _CAMERA if name in header), "port")
     missing = [name for name in (*_COLUMNS, camera) if name not in header]
     if missing:

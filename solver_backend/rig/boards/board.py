@@ -128,7 +128,7 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         square = float(charuco["square_size_override_cm"]) / 100.0
         board = Board("charuco", charuco["columns"], charuco["rows"], square, square * charuco["aruco_scale"])
         return replace(board, dictionary=charuco["dictionary"], inverted=bool(charuco["inverted"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise JobInvalid(
             f"The file does not tell a whole board ({error}).", where=where, hint=f"Say {EXAMPLE}."
         ) from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.triangulation.leave_one_out import predict_views
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.errors import FileDamaged, TooFewViews
-from solver_backend.exchange.npz import require_file
+from solver_backend.exchange.json_file import read_json_file
 from solver_backend.types import Capture, Keypoints2D
 
 FORMAT = "manifold_mocap_detector_noise"
@@ -74,8 +73,8 @@ def read_noise_map(path: Path) -> NoiseMap:
         FileMissing: there is no such file.
         FileDamaged: it is no noise map, or its numbers are impossible.
     """
+    values = read_json_file(path)
     try:
-        values = json.loads(require_file(path).read_text(encoding="utf-8"))
         assert values["format"] == FORMAT
         confidence, sigma = (np.array(values[key], dtype=np.float64) for key in ("confidence", "sigma_mm"))
         assert confidence.ndim == 1 and confidence.shape == sigma.shape and len(confidence)
@@ -83,7 +82,7 @@ def read_noise_map(path: Path) -> NoiseMap:
         return NoiseMap(
             str(values["detector"]), confidence, sigma, tuple(values["captures"]), int(values["detections"])
         )
-    except (AssertionError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
+    except (AssertionError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileDamaged(
             "The file is no noise map of a detector.",
             where=str(path),

@@ -15,12 +15,12 @@ import numpy as np
 
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.plain_text import plain
+from solver_backend.rig.detect.answers import read_arrays, read_head
 from solver_backend.rig.detect.choice import DetectorChoice
 from solver_backend.rig.detect.errors import DetectorFailed, DetectorMissing, DetectorOutputsUnknown
 
 CHILD = Path(__file__).with_name("child")
 _ERRORS: dict[str, type[MocapError]] = {kind.code: kind for kind in (DetectorMissing, DetectorOutputsUnknown)}
-_LARGEST_ANSWER = 1 << 24
 
 
 class DetectorProcess:
@@ -54,16 +54,10 @@ class DetectorProcess:
 
     def __enter__(self) -> DetectorProcess:
         try:
-            hello = self._head()
-            if "error" in hello:
-                told = hello["error"]
-                kind = _ERRORS.get(told["code"], DetectorFailed)
-                where = str(self._choice.options.get("model", self._choice.python))
-                raise kind(told["message"], where=where, hint=told["hint"])
+            self.about: dict[str, Any] = self._hello()
         except BaseException:
             self._close()
             raise
-        self.about: dict[str, Any] = hello["ready"]
         return self
 
     def __exit__(
@@ -97,20 +91,23 @@ class DetectorProcess:
             self._pictures.flush()
         except OSError as error:
             raise self._broken() from error
-        shapes = self._head()["arrays"]
-        return {name: self._array(tuple(shape)) for name, shape in shapes.items()}
-
-    def _array(self, shape: tuple[int, ...]) -> np.ndarray:
-        size = 4 * int(np.prod(shape))
-        if size > _LARGEST_ANSWER or len(data := self._answers.read(size)) < size:
-            raise self._broken()
-        return np.frombuffer(data, np.float32).reshape(shape).astype(np.float64)
-
-    def _head(self) -> dict[str, Any]:
-        line = self._answers.readline()
         try:
-            return json.loads(line)
+            return read_arrays(read_head(self._answers), self._answers)
         except ValueError as error:
+            raise self._broken() from error
+
+    def _hello(self) -> dict[str, Any]:
+        """Return what the process says of itself, once its detector is ready."""
+        try:
+            head = read_head(self._answers)
+            if "error" in head:
+                code, message, hint = (str(head["error"][key]) for key in ("code", "message", "hint"))
+                where = str(self._choice.options.get("model", self._choice.python))
+                raise _ERRORS.get(code, DetectorFailed)(plain(message), where=where, hint=plain(hint))
+            if not isinstance(head["ready"], dict):
+                raise TypeError("nothing is said of the detector")
+            return head["ready"]
+        except (ValueError, KeyError, TypeError) as error:
             raise self._broken() from error
 
     def _broken(self) -> DetectorFailed:

@@ -108,15 +108,18 @@ def read_detections(path: Path, video: Path) -> VideoDetections:
     xy = fields.numbers("xy", (None, None, None, 2))
     if xy.shape[2] != fields.joint_set().num_keypoints:
         raise CaptureInvalid("The keypoints do not fit their joint set.", where=str(path))
+    size, track = fields.numbers("size", (2,)), fields.numbers("track", xy.shape[:2])
+    if not (np.isfinite(size).all() and (size >= 1).all() and (size < 1e6).all()) or not (np.abs(track) < 2**31).all():
+        raise CaptureInvalid("The size of the pictures or a person's number is impossible.", where=str(path))
     return VideoDetections(
         video=video,
         video_hash=fields.text("video_hash", ""),
         detector=fields.text("detector", ""),
         joint_set=fields.joint_set(),
-        size=tuple(int(n) for n in fields.numbers("size", (2,))),  # type: ignore[arg-type]
+        size=tuple(int(n) for n in size),  # type: ignore[arg-type]
         times_s=fields.numbers("times_s", (len(xy),)),
         xy=xy,
         confidence=fields.numbers("confidence", xy.shape[:3]),
-        track=fields.numbers("track", xy.shape[:2]).astype(np.int64),
+        track=track.astype(np.int64),
         hands=fields.numbers("hands", (*xy.shape[:2], 2, 21, 3)) if "hands" in fields else None,
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,7 +48,11 @@ def read_clicks(path: Path) -> Clicks:
     """
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
-    for number, row in enumerate(csv.reader(io.StringIO(read_text(path))), start=1):
+    try:
+        rows = list(csv.reader(read_text(path).splitlines()))
+    except csv.Error as error:
+        raise FileDamaged(f"The file is no table of points ({error}).", where=str(path)) from error
+    for number, row in enumerate(rows, start=1):
         fields = [field.strip() for field in row]
         if not any(fields) or fields[0].startswith("#") or fields[:2] == ["point", "camera"]:
             continue

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMismatch
 from solver_backend.io.calibration import read_calibration
+from solver_backend.io.files import LARGEST_TEXT, read_text
 from solver_backend.io.recognition.camera_names import match_names
 from solver_backend.rig.adjustment.lens import Lens, lens_of
 from solver_backend.rig.intrinsics.library import FORMAT, lens_named, read_lenses
@@ -22,7 +23,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
         CalibrationMissing, CalibrationMismatch: a camera is not in it.
         CalibrationInvalid: lenses of different distortion models are mixed.
     """
-    if path.is_file() and path.suffix.lower() == ".json" and FORMAT in path.read_text(encoding="utf-8")[:200]:
+    if path.is_file() and path.suffix.lower() == ".json" and FORMAT in read_text(path, LARGEST_TEXT)[:200]:
         library = read_lenses(path)
         found = {name: lens_named(library, name, None, str(path)) for name in names}
     else:

@@ -27,7 +27,10 @@ def read_lenses(path: Path) -> dict[str, Lens]:
     table = read_json(path)
     if not isinstance(table, dict) or table.get("format") != FORMAT or table.get("version") != VERSION:
         raise FileDamaged("The file is no library of lenses.", where=str(path))
-    return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in table.get("lenses", {}).items()}
+    lenses = table.get("lenses", {})
+    if not isinstance(lenses, dict):
+        raise FileDamaged("'lenses' is to hold a lens for each name.", where=str(path))
+    return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in lenses.items()}
 
 
 def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
@@ -87,5 +90,5 @@ def _lens(entry: Any, where: str) -> Lens:
         lens = Lens(K.reshape(3, 3), bent.reshape(8), (width, height), str(entry["distortion_model"]))
         lens.as_camera()
         return lens
-    except (KeyError, TypeError, ValueError, CalibrationInvalid) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, CalibrationInvalid) as error:
         raise FileDamaged(f"The lens is not whole ({error}).", where=where) from error

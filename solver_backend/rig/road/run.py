@@ -33,7 +33,7 @@ from solver_backend.rig.road.layout import FoundFolder
 from solver_backend.rig.road.plan import STEPS, TakePlan
 from solver_backend.rig.road.records import Records
 from solver_backend.rig.road.told import Steps
-from solver_backend.rig.sync.clocks import Clocks
+from solver_backend.rig.sync.clocks import read_clocks
 from solver_backend.rig.sync.synchronise import synchronise
 from solver_backend.types import Capture
 
@@ -187,7 +187,7 @@ class _Road:
         drawn = self._pictures / "sync.png"
         kept = self._is_kept(plan.clocks, made_of, "sync")
         if kept:
-            self._clocks = Clocks.from_dict(json.loads(plan.clocks.read_text(encoding="utf-8")))
+            self._clocks = read_clocks(plan.clocks)
         else:
             self._clocks = synchronise(self._detections, cameras, settings.sync, self._progress)
             write_text(plan.clocks, json.dumps(self._clocks.as_dict(), indent=2) + "\n", overwrite=True)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.files import read_json
 
 
 @dataclass(frozen=True)
@@ -69,11 +73,29 @@ class Clocks:
             "findings": list(self.findings),
         }  # fmt: skip
 
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Clocks:
-        """Return the clocks of ``as_dict``."""
-        arrays = {key: np.array(values[key], dtype=np.float64) for key in ("offset_s", "rate", "covariance")}
-        return cls(
-            tuple(values["cameras"]), **arrays, middle_s=float(values["middle_s"]), method=str(values["method"]),
-            findings=tuple(values["findings"]),
-        )  # fmt: skip
+
+def read_clocks(path: Path) -> Clocks:
+    """Read the clocks that ``as_dict`` has written.
+
+    Raises:
+        FileMissing, FileDamaged: there is no such file, or it tells no clocks.
+    """
+    values = read_json(path)
+    try:
+        names, findings = (tuple(_texts(values[key])) for key in ("cameras", "findings"))
+        shapes = {"offset_s": (len(names),), "rate": (len(names),), "covariance": (len(names), 2, 2)}
+        arrays = {key: np.array(values[key], dtype=np.float64).reshape(shape) for key, shape in shapes.items()}
+        middle_s = float(values["middle_s"])
+        if not np.isfinite([*arrays["offset_s"], *arrays["rate"], middle_s]).all():
+            raise ValueError("an offset is no number")
+        return Clocks(names, **arrays, middle_s=middle_s, method=str(values["method"]), findings=findings)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise FileDamaged(
+            f"The file tells no clocks of cameras ({error}).", where=str(path), hint="Remove it to tell them again."
+        ) from error
+
+
+def _texts(values: Any) -> list[str]:
+    if not isinstance(values, list) or not all(isinstance(item, str) for item in values):
+        raise TypeError("names and findings are lists of texts")
+    return values

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.rig.detect.video_detections import VideoDetections
-from solver_backend.rig.sync.clocks import Clocks
+from solver_backend.rig.sync.clocks import Clocks, read_clocks
 from solver_backend.rig.sync.errors import SyncUnknown
 from solver_backend.rig.sync.geometry import FilmedTracks, clocks_by_geometry
 from solver_backend.rig.sync.graph import clocks_of_pairs
@@ -169,14 +170,15 @@ def test_a_pair_that_contradicts_the_others_is_left_out_and_named() -> None:
         clocks_of_pairs(NAMES, {k: v for k, v in pairs.items() if 3 not in k}, "test")
 
 
-def test_clocks_turn_back_and_go_through_a_file() -> None:
+def test_clocks_turn_back_and_go_through_a_file(tmp_path: Path) -> None:
     clocks = replace(
         Clocks.alike(NAMES), offset_s=np.array([0, 1.5, -2, 0.1]), rate=np.array([0, 5e-5, -5e-5, 0]), middle_s=4.0
     )
     times = np.linspace(-3, 90, 11)
     for c in range(4):
         np.testing.assert_allclose(clocks.from_video(c, clocks.in_video(c, times)), times, atol=1e-9)
-    again = Clocks.from_dict(clocks.as_dict())
+    (tmp_path / "sync.json").write_text(json.dumps(clocks.as_dict()))
+    again = read_clocks(tmp_path / "sync.json")
     np.testing.assert_array_equal(again.offset_s, clocks.offset_s)
     assert again.names == NAMES and again.middle_s == 4.0
 

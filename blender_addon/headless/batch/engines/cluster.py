@@ -16,7 +16,7 @@ from typing import Any
 
 from ....errors import BatchTaken
 from ..record import read_record
-from ..request import BatchRequest
+from ..request import Work
 from ..steps import steps_of
 from .base import DIED, ENDED, LOST, Ended, Ticket
 from .connection import connected, require_dask
@@ -56,7 +56,7 @@ class ClusterEngine:
     tries = 3
 
     def __init__(
-        self, request: BatchRequest, choices: dict[str, Any], address: str,
+        self, request: Work, choices: dict[str, Any], address: str,
         tend: Callable[[], None] = lambda: None, patience_s: float = 60.0, stretches: bool = False,
     ) -> None:  # fmt: skip
         require_dask()

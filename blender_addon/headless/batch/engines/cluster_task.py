@@ -11,8 +11,8 @@ from typing import Any
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import silent
 from ..record import version
-from ..request import BatchRequest
 from ..run_take import UNFINISHED, recalled, run_step
+from ..steps import request_of
 from .marker import marker_in
 
 UNSUITABLE = "unsuitable"
@@ -60,8 +60,8 @@ def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None
     )
     if wrong:
         return {"worker": worker, UNSUITABLE: wrong}
-    request, capture = BatchRequest.from_plain(given["request"]), Path(given["capture"])
-    if not capture.exists():
+    request, capture = request_of(given["request"]), Path(given["capture"])
+    if not request.sees(capture):
         return {"worker": worker, UNSUITABLE: f"it does not see the capture {capture}"}
     known = recalled(request, given["choices"], capture)
     if known is None:

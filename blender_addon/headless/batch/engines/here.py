@@ -8,7 +8,7 @@ from typing import Any
 
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import Progress, silent
-from ..request import BatchRequest
+from ..request import Work
 from ..run_take import run_take
 from .base import ENDED, Ended, Ticket
 
@@ -24,7 +24,7 @@ class HereEngine:
 
     tries = 1
 
-    def __init__(self, request: BatchRequest, choices: dict[str, Any], progress: Progress) -> None:
+    def __init__(self, request: Work, choices: dict[str, Any], progress: Progress) -> None:
         self._request, self._choices, self._progress = request, choices, progress
         self._begun: Ticket | None = None
 
@@ -68,7 +68,7 @@ class ProcessesEngine:
 
     tries = 2
 
-    def __init__(self, request: BatchRequest, choices: dict[str, Any], workers: int) -> None:
+    def __init__(self, request: Work, choices: dict[str, Any], workers: int) -> None:
         self._request, self._choices, self._workers = request, choices, workers
         self._pool = ThreadPoolExecutor(workers, "take")
         self._running: dict[Future[dict[str, Any]], Ticket] = {}

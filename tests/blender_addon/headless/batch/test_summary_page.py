@@ -38,6 +38,13 @@ def test_the_worst_come_first_with_their_pictures(tmp_path: Path) -> None:
     assert "2 done, 1 set aside" in page
 
 
+def test_the_dashboard_can_be_followed_and_nothing_else_becomes_a_link(tmp_path: Path) -> None:
+    said = 'by 2 workers, dashboard http://127.0.0.1:8787/status "><script>'
+    page = summary_page([take("a")], tmp_path, said)
+    assert '<a href="http://127.0.0.1:8787/status">http://127.0.0.1:8787/status</a>' in page
+    assert "<script" not in page
+
+
 def test_pictures_of_motions_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
     assert thumbnail(tmp_path / "none.npz") == ""
     (tmp_path / "damaged.npz").write_bytes(b"PK")

@@ -1,0 +1,48 @@
+"""JSON files of people, of bounded size and depth, read with errors that name the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from .errors import FileDamaged
+from .npz import require_file
+
+LARGEST = 20_000_000
+"""Bytes of a file that a person or a program writes as text; real ones have thousands."""
+
+
+def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
+    """Return what a JSON file in UTF-8 says.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is too large, cannot be read, or is not JSON.
+    """
+    path = require_file(path)
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(largest + 1)
+        text = data.decode("utf-8-sig") if len(data) <= largest else ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileDamaged(f"The file cannot be read as text: {error}.", where=str(path)) from error
+    if len(data) > largest:
+        raise FileDamaged(
+            f"The file has more than {largest / 1e6:g} MB.", where=str(path), hint="Check that it is the right file."
+        )
+    return parse_json(text, path)
+
+
+def parse_json(text: str, path: Path | str) -> Any:
+    """Return what the text of a file says.
+
+    Raises:
+        FileDamaged: it is not JSON, or nested more deeply than anything real.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileDamaged(
+            f"The file is truncated or is not JSON ({error}).", where=str(path), hint="Copy or export it again."
+        ) from error
