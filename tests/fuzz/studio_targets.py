@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from solver_backend.studio.writers.png import png_bytes, read_png
 
 from blender_addon.headless.batch.request import BatchRequest
 from blender_addon.render.picture import read_targa
@@ -17,6 +16,7 @@ from blender_addon.solving.child import event_in
 from blender_addon.solving.run import Run
 from blender_addon.studio.scene_file import FORMAT as SCENE
 from blender_addon.studio.scene_file import read_scene
+from solver_backend.io.png import png_bytes, read_png
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.studio.data_set import DESCRIPTION, SHOTS, read_data_set
 from solver_backend.studio.make_shot import DONE

@@ -15,7 +15,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import read_png
 from solver_backend.types import Cameras
-from tests.support.blob_reading import labelled, triangulated
+from tests.support.blob_reading import triangulated
 from tests.support.studio_shots import board, board_points, colour_shot, dots
 
 COLUMNS, ROWS, SQUARE_M = 8, 6, 0.11
@@ -38,7 +38,7 @@ def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_pa
     for view, name in enumerate(cameras.names):
         grey = read_png(folder / "rgb" / name / "000000.png").max(axis=2).astype(float)
         bright = np.maximum(grey - np.median(grey) - 3, 0.0)
-        label, count = labelled(bright > 0)
+        label, count = ndimage.label(bright > 0)
         blobs = np.array(ndimage.center_of_mass(bright, label, range(1, count + 1)))[:, ::-1]
         true = keypoints.xy[view, 0]
         apart = np.linalg.norm(true[:, None] - true[None], axis=-1) + 1e6 * np.eye(len(true))

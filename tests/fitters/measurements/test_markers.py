@@ -20,6 +20,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.sposer import load_sposer
+from solver_backend.residuals.positions import PositionTerm
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, MarkerCloud
 
@@ -122,4 +123,5 @@ def test_what_the_tracker_says_of_its_error_adds_to_the_places(worn):
     plain = measure_markers(cloud, body, np.zeros(1), 0.01)
     unsure = measure_markers(replace(cloud, residual=residual), body, np.zeros(1), 0.01)
     expected = np.where(known, 1.0 / (0.01**2 + np.nan_to_num(residual) ** 2), 0.0)
+    assert isinstance(unsure.term, PositionTerm) and isinstance(plain.term, PositionTerm)
     assert np.allclose(unsure.term.weight, expected) and np.allclose(plain.term.weight, known / 0.01**2)

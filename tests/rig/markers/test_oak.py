@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 import subprocess
 import sys
@@ -31,7 +30,7 @@ from solver_backend.rig.markers.devices.oak_lenses import oak_cameras
 from solver_backend.rig.markers.devices.oak_replay import OakReplay
 from solver_backend.rig.markers.devices.oak_settings import OakSettings
 from solver_backend.rig.markers.errors import PicturesDiffer, SensorFailed, SensorUnknown
-from solver_backend.rig.sync.clocks import Clocks
+from solver_backend.rig.sync.clocks import read_clocks
 from tests.support.fake_depthai import FakeDepthai, Picture
 
 SHAPE = (400, 640)
@@ -261,7 +260,7 @@ def test_colour_of_several_cameras_begins_with_one_exposure_and_is_read_by_the_r
     # The picture that was lost is lost at its own time.
     assert np.allclose(times["a"] - times["a"][0], np.delete(np.arange(30), 10) / 60, atol=2e-4)
     assert np.allclose(times["b"] - times["b"][0], np.arange(30) / 60, atol=2e-4)
-    clocks = Clocks.from_dict(json.loads((tmp_path / "clocks.json").read_text()))
+    clocks = read_clocks(tmp_path / "clocks.json")
     assert clocks.names == ("a", "b") and clocks.offset_s == pytest.approx([0.0, -0.0002], abs=1e-9)
     cv2 = pytest.importorskip("cv2")
     wanted = cv2.imdecode(np.frombuffer(first[3].jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
