@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -38,7 +39,7 @@ def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_pa
     for view, name in enumerate(cameras.names):
         grey = read_png(folder / "rgb" / name / "000000.png").max(axis=2).astype(float)
         bright = np.maximum(grey - np.median(grey) - 3, 0.0)
-        label, count = ndimage.label(bright > 0)
+        label, count = cast(tuple[np.ndarray, int], ndimage.label(bright > 0))
         blobs = np.array(ndimage.center_of_mass(bright, label, range(1, count + 1)))[:, ::-1]
         true = keypoints.xy[view, 0]
         apart = np.linalg.norm(true[:, None] - true[None], axis=-1) + 1e6 * np.eye(len(true))
