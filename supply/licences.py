@@ -12,7 +12,7 @@ from typing import cast
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
-CI_EXTRAS = ("bpy", "capture", "train", "scale", "dev")
+CI_EXTRAS = ("bpy", "capture", "oak", "train", "scale", "dev")
 DATA = (
     ("CMU motion capture (mocap.cs.cmu.edu)", "free to copy, modify and redistribute; no direct resale", "weights"),
     ("UI-PRMD (Vakanski et al. 2018)", "ODC PDDL 1.0", "weights"),
