@@ -8,14 +8,14 @@ from functools import cache, partial
 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
-from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, bundle_objective
+from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
+from solver_backend.fitters.keyframes.bundle_plan import BundlePlan
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.key_density import dense_layout
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
-from solver_backend.fitters.keyframes.turned_keys import LOOSENESS
 from solver_backend.fitters.model.blended_keys import blended_keys
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -50,32 +50,25 @@ def solve_by_bundle(
     single = _keys_of_frames(problem, subject, layout, start)
     objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
     model = BundleModel(subject, problem.prior, objective)
-    scale, steps = settings.robust_scale, settings.iterations
-    known = problem.measurements.subject is not None
-    schedule = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3)
-    if known:  # markers are exact and their person is known: the first pass need only come near
-        schedule = replace(schedule, scales=(2 * scale,), iterations=min(3, steps), tolerance=3e-2)
+    scale, plan = settings.robust_scale, BundlePlan.of(problem, settings)
 
     def solved(
         model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, number: int
     ) -> KeySolution:
-        model = model.single() if known else model
+        model = model.single() if plan.known_person else model
         begin, alive = keys.astype(model.subject.betas.dtype), partial(progress, "Global bundle", number, 3)
         found = solve_long(model, layout, begin, schedule, alive, each=each)
         return replace(found, keys=found.keys.astype(keys.z.dtype))
 
-    found = solved(model, layout, start, schedule, 0)
-    dense = layout if known else dense_layout(model, layout, found.keys, window, problem.fps)
+    found = solved(model, layout, start, plan.first, 0)
+    dense = layout if plan.known_person else dense_layout(model, layout, found.keys, window, problem.fps)
     if dense is not layout:
         found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
         layout, window = dense, round(problem.num_frames / dense.num_windows)
         start = initial_keys(problem, subject, layout)
         single = _keys_of_frames(problem, subject, layout, start)
 
-    passes = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2), Schedule((scale,), steps, tolerance=3e-3)
-    if known:  # thirty frames a second, five or so between two keys, tell what all of them do
-        passes = (Schedule((scale,), steps, problem.frames_of(2, 1), 1e-2),)
-    for number, schedule in enumerate(passes, 2 - len(passes)):
+    for number, schedule in enumerate(plan.passes, 2 - len(plan.passes)):
         poses, keys = model.poses(found.keys, layout), found.keys
         standing = pose(model.subject, poses).points
         anew = restarted(problem.measurements, layout, standing, keys, single)
@@ -83,29 +76,30 @@ def solve_by_bundle(
             keys, poses = anew, model.poses(anew, layout)
         sample = poses.select(index(problem.sample, keys.z))
         # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
-        shape_prior = ShapePrior(free_betas=settings.betas is None and not known, free_offsets=number > 0 and not known)
+        shape_prior = ShapePrior(free_betas=plan.free_betas, free_offsets=number > 0 and not plan.known_person)
         judged = model.objective.frames.select(problem.sample)
         before = model.subject
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
         by_window = settings.learn_noise and problem.measurements.marker_labels is not None
-        if (anew is not None or model.subject is not before) and (by_window or (settings.contacts and number > 0)):
+        feet = settings.contacts and number > 0
+        if (anew is not None or model.subject is not before) and (by_window or feet):
             standing = pose(model.subject, poses).points
         data = with_learned_noise(problem, model.subject, sample, settings)
         if by_window:
             dof = KEY.dof(residuals=settings.residual_rotations) * layout.num_keys / problem.num_frames
             data = with_window_variances(data, standing, problem.fps, scale, dof)
-        if settings.contacts and number > 0:
+        if feet:
             contacts = find_contacts(to_numpy(standing), model.subject.landmarks.names, problem.fps)
-        # Markers tell where a foot is better than that it stands: its heel and toes roll.
-        points = (data,) if contacts is None or known else (data, contacts.term(keys.z, settings.foot_lock))
-        free = settings.residual_rotations
-        loose = LOOSENESS if known else OFF_MANIFOLD
-        objective = bundle_objective(
-            problem, layout, window, points, residuals=free, smoothing=settings.smoothing, looseness=loose
+        points = (
+            (data,) if contacts is None or not plan.holds_feet else (data, contacts.term(keys.z, settings.foot_lock))
         )
-        model = replace(model, objective=objective, residuals=free, codes=not (known and free))
+        free = settings.residual_rotations
+        objective = bundle_objective(
+            problem, layout, window, points, residuals=free, smoothing=settings.smoothing, looseness=plan.looseness
+        )
+        model = replace(model, objective=objective, residuals=free, codes=not (plan.known_person and free))
         found = solved(model, layout, keys, schedule, number + 1)
-    found = regained(problem.measurements, model, layout, found, single, passes[-1])
+    found = regained(problem.measurements, model, layout, found, single, plan.passes[-1])
     progress("Global bundle", 3, 3)
 
     # Solved on the blended curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
@@ -118,10 +112,10 @@ def solve_by_bundle(
     )
     covariance = covariance_of_joints(
         replace(model, objective=measured), layout, keys, frames, scale, inflation,
-        stride=problem.frames_of(4, 1) if known else 1,
+        stride=plan.covariance_stride,
     )  # fmt: skip
-    feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
-    return SolvedFrames(model.subject, frames, layout.key_times, covariance, feet), found.convergence
+    standing_feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
+    return SolvedFrames(model.subject, frames, layout.key_times, covariance, standing_feet), found.convergence
 
 
 def _keys_of_frames(
