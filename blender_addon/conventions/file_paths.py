@@ -8,7 +8,6 @@ from pathlib import Path
 import bpy
 
 from .._exchange.errors import MocapError
-from .._exchange.json_file import read_json_file
 
 BESIDE = "mocap"
 """Folder of captures and takes beside a saved .blend file."""
@@ -62,6 +61,8 @@ def sessions_folder() -> Path:
 def moved_files() -> dict[str, str]:
     """Return where files of unsaved scenes went, by where they were."""
     try:
+        from .._exchange.json_file import read_json_file
+
         kept = read_json_file(sessions_folder() / _MOVED)
     except MocapError:
         return {}

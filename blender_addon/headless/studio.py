@@ -55,7 +55,9 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     if request.colour_of:
         return _colour_of(request, progress)
     given = [str(request.description), "--out", str(request.out)]
-    planned = run_solver("studio", [*given, "--plan"], progress, python=request.python)
+    spread = bool(request.spread.scheduler or request.spread.workers)
+    begin = "--claim" if spread and not request.plan else "--plan"
+    planned = run_solver("studio", [*given, begin], progress, python=request.python)
     coloured = "rgb" in planned["film"]
     if coloured:
         _require_engine(planned["engine"])
@@ -66,7 +68,6 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     result = {**planned, "event": "result", "outputs": [str(request.out)], "notes": notes}
     if request.plan:
         return result
-    spread = request.spread.scheduler or request.spread.workers
     if spread:
         result["notes"] += _by_workers(request, planned["shots"], coloured, progress)
     made = run_solver("studio", given, progress, python=request.python)

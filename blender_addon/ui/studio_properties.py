@@ -93,7 +93,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         name="Frames", description="Frames of a shot at most", default=60, min=1, max=100_000, update=_forget_plan
     )
     fps: bpy.props.FloatProperty(
-        name="Frame Rate", description="Pictures per second", default=30, min=1, max=1000, update=_forget_plan
+        name="Rate", description="Pictures per second", default=30, min=1, max=1000, update=_forget_plan
     )
     people: bpy.props.IntProperty(
         name="People", description="How many people are drawn, each filmed alone", default=1, min=1, max=1000,
@@ -132,7 +132,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         name="Engine", description="What renders colour", items=_ENGINES, update=_forget_plan
     )
     scale: bpy.props.FloatProperty(
-        name="Picture Size", description="Share of the cameras' picture sizes", default=1.0, min=0.05, max=4.0,
+        name="Pictures", description="Share of the cameras' picture sizes", default=1.0, min=0.05, max=4.0,
         update=_forget_plan,
     )  # fmt: skip
     out: bpy.props.StringProperty(
@@ -150,7 +150,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         name="Compare With", description="Other rigs that are judged beside it", items=PRESET_RIGS,
         options={"ENUM_FLAG"}, default=set(),
     )  # fmt: skip
-    fewer: bpy.props.BoolProperty(name="With One Camera Less", description="Also judge the rig without its last camera")
+    fewer: bpy.props.BoolProperty(name="One Camera Less", description="Also judge the rig without its last camera")
     rows: bpy.props.CollectionProperty(type=MocapBenchmarkRow, name="Rows", description="What rigs reached")
     shown_mm: bpy.props.FloatVectorProperty(
         name="Colours", description="Errors of the first and the last colour of the map that is shown, mm", size=2

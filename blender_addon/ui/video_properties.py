@@ -56,7 +56,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         description="Where detections, clocks, calibration and capture of these videos are kept",
     )  # fmt: skip
     cameras: bpy.props.EnumProperty(
-        name="Cameras By", description="What tells where the cameras stand", items=_CAMERA_ITEMS
+        name="Cameras", description="What tells where the cameras stand", items=_CAMERA_ITEMS
     )
     board: bpy.props.StringProperty(
         name="Board", description="Which board was filmed, such as charuco:5x7:35mm; empty for the board.toml beside it"

@@ -23,10 +23,12 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
     make = verbs.add_parser("studio", parents=[common], help="make captures with known truth from a description")
     make.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
     make.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
-    make.add_argument("--plan", action="store_true", help="only say what would be made, and check it")
+    begin = make.add_mutually_exclusive_group()
+    begin.add_argument("--plan", action="store_true", help="only say what would be made, and check it")
+    begin.add_argument("--claim", action="store_true", help="the same, and keep the folder for it: see --shot")
     make.add_argument(
         "--shot", nargs="+", default=[], metavar="NAME",
-        help="make these alone, of a data set that --plan has begun; several processes may do so",
+        help="make these alone, of a folder that --claim keeps; several processes may do so",
     )  # fmt: skip
 
     judge = verbs.add_parser("studio-judge", parents=[common], help="solve a data set and compare with its truth")
@@ -45,19 +47,20 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or say what would be made."""
-    from solver_backend.studio.data_set import check_data_set, free_bytes, make_data_set, plan
+    from solver_backend.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
     from solver_backend.studio.spec import read_spec
     from solver_backend.studio.writers.contact_sheet import write_card
 
     spec = read_spec(args.description)
-    found = check_data_set(spec, args.out) if args.plan else plan(spec)
+    begin = open_data_set if args.claim else check_data_set
+    found = begin(spec, args.out) if args.plan or args.claim else plan(spec)
     said = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
     data = {
         "shots": [shot.name for shot in found.shots], "frames": found.frames, "pictures": found.pictures,
         "needed_mb": round(found.bytes / 2**20, 1), "film": list(spec.film), "engine": spec.rgb.engine,
         "write": list(spec.write), "data_set": str(args.out), "free_mb": round(free_bytes(args.out) / 2**20, 1),
     }  # fmt: skip
-    if args.plan:
+    if args.plan or args.claim:
         return Outcome(f"would make {said}", data)
     if args.shot:
         made = make_data_set(spec, args.out, progress, args.shot)

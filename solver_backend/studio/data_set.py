@@ -138,7 +138,7 @@ def make_data_set(
 
 def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
     if _description(out) is None:
-        raise FileMissing("The folder holds no data set of the studio.", where=str(out), hint="Begin with --plan.")
+        raise FileMissing("The folder holds no data set of the studio.", where=str(out), hint="Begin with --claim.")
     _require_own(spec, out)
     shots = {shot.name: shot for shot in list_shots(spec)}
     if unknown := [name for name in names if name not in shots]:

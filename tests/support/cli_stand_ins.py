@@ -45,7 +45,7 @@ class StandIns:
         self.calls.append(("resolve", {"capture": capture.name, "stretch": stretch}))
         return Solution(motion, "Converged.")
 
-    def report_html(self, capture, motion):
+    def report_html(self, capture, motion, fit=None):
         self.calls.append(("report", {"capture": capture, "motion": motion}))
         return "<html>a page</html>"
 

@@ -110,6 +110,10 @@ class NarrowLayout:
         else:
             self._add(shown, 2 * words + extra if shown else 2 * _ICON)
 
+    def prop_menu_enum(self, data: Any, name: str, text: str | None = None, **_: Any) -> None:
+        shown = data.bl_rna.properties[name].name if text is None else text
+        self._add(shown, text_width(shown) + _PADDING + _ICON)
+
     def prop_search(self, data: Any, name: str, *_: Any, text: str = "", **__: Any) -> None:
         self._add(text, 2 * text_width(text))
 

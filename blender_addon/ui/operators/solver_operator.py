@@ -90,12 +90,13 @@ class SolverOperator(MocapOperator):
         """
         from ...solving.run import start
 
+        self._hold(context)
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
 
     def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
         """Follow a run that was started; without a window, wait for it."""
-        self._scene = context.scene.name
-        self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
+        if not self._scene:
+            self._hold(context)
         current.run = run
         following.solver_reads = True
         if bpy.app.background:
@@ -107,6 +108,11 @@ class SolverOperator(MocapOperator):
         self._timer = manager.event_timer_add(_INTERVAL_S, window=context.window)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
+
+    def _hold(self, context: bpy.types.Context) -> None:
+        """Keep in mind what the run belongs to."""
+        self._scene = context.scene.name
+        self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Poll on each tick; every other event passes through."""

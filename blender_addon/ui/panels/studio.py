@@ -57,7 +57,7 @@ class VIEW3D_PT_mocap_benchmark(MocapPanel, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap.studio
         column = layout.column(align=True)
         column.enabled = not current.busy
-        column.row(align=True).prop(settings, "methods", expand=True)
+        column.column(align=True).prop(settings, "methods", expand=True)
         column.prop_menu_enum(settings, "against")
         column.prop(settings, "fewer")
         button = layout.column()

@@ -33,7 +33,7 @@ def test_few_keys_are_true_to_the_take_at_the_keys_and_say_how_far_between(scene
     full = bake_take(scene, motion, files.body)
     expected = np.stack([evaluated_joints(scene, full.armature, frame) for frame in range(1, 241)])
     action = bake_action("few", motion, full.armature, files.body.rest_joints(motion.betas)[0], full.timing, 2.0)
-    curves = list(action_curves(action))
+    curves = [c for c in action_curves(action) if not c.data_path.startswith('pose.bones["root"]')]  # limbs' switches
     keys = np.array([p.co.x for p in curves[0].keyframe_points])
     assert len(keys) == 17 and all([p.co.x for p in c.keyframe_points] == keys.tolist() for c in curves)
     assert set(keys[:-1].astype(int)) <= set(np.flatnonzero(motion.keyframes) + 1) and keys[-1] == 240

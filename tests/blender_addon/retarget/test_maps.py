@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from blender_addon._exchange.errors import FileMissing, OutputExists
+from blender_addon._exchange.errors import FileDamaged, FileMissing, OutputExists
 from blender_addon.errors import MapInvalid
 from blender_addon.retarget.maps.names import guess_roles
 from blender_addon.retarget.maps.presets import GUESSED, choose_map, fit, named_preset, preset_files
@@ -123,5 +123,5 @@ def test_missing_and_broken_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileMissing):
         read_map(tmp_path / "gone.json")
     (tmp_path / "broken.json").write_bytes(b"\xff{")
-    with pytest.raises(MapInvalid, match="not JSON"):
+    with pytest.raises(FileDamaged, match="cannot be read as text"):
         read_map(tmp_path / "broken.json")

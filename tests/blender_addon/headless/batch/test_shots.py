@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
+import sys
 import threading
 import time
 from importlib.util import find_spec
@@ -95,8 +97,8 @@ def test_one_shot_that_cannot_be_made_does_not_stop_the_others(tmp_path: Path, m
     (out / RECORDS / name).mkdir(parents=True)
     (out / RECORDS / name / "mine.txt").write_text("somebody else's")
     (out / "studio.json").write_text("{}")
-    run_plan = StudioRequest(spec, tmp_path / "other", plan=True)
-    run_studio(run_plan, silent)
+    claim = [sys.executable, "-m", "solver_backend", "studio", str(spec), "--out", str(tmp_path / "other"), "--claim"]
+    subprocess.run(claim, check=True, capture_output=True)
     (out / "studio.json").write_bytes((tmp_path / "other" / "studio.json").read_bytes())
     with pytest.raises(ShotsMissing, match=name):
         run_studio(StudioRequest(spec, out, spread=Spread(workers=2)), silent)

@@ -108,11 +108,11 @@ def test_every_take_is_done_once_though_workers_and_the_scheduler_die(cluster: T
     killer.join()
     assert set(states(result).values()) == {"done"} and len(result["takes"]) == 16, result["table"]
     assert {times_done(request, take["take"]) for take in result["takes"]} == {1}
+    page = (request.out / "summary.html").read_text(encoding="utf-8")
+    assert "16 takes, worst first" in page and "done in" in page and " by 0 workers" not in page
     again = run_batch(request, silent, Spread(cluster.address))
     assert set(states(again).values()) == {"skipped"}
     assert not (request.out / ".batch").exists()
-    page = (request.out / "summary.html").read_text(encoding="utf-8")
-    assert "16 takes, worst first" in page and "done in" in page and " by 0 workers" not in page
 
 
 def test_takes_that_crash_are_set_aside_with_their_log_and_the_rest_goes_on(cluster: Tended, tmp_path: Path) -> None:
