@@ -65,8 +65,7 @@ def solve_by_bundle(
     if dense is not layout:
         found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
         layout, window = dense, round(problem.num_frames / dense.num_windows)
-        start = initial_keys(problem, subject, layout)
-        single = _keys_of_frames(problem, subject, layout, start)
+        single = cache(partial(initial_keys, problem, subject, layout))
 
     for number, schedule in enumerate(plan.passes, 2 - len(plan.passes)):
         poses, keys = model.poses(found.keys, layout), found.keys
