@@ -11,6 +11,7 @@ Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" and "Fisheye cam
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -86,6 +87,20 @@ def largest_radius(distortion: Distortion, model: str) -> Float[Array, " cameras
     Returns:
         (C,).
     """
+    if isinstance(distortion, np.ndarray):  # asked for at every projection, of the same few lenses
+        return _known_radius(distortion.tobytes(), distortion.dtype.str, model)
+    return _largest_radius(distortion, model)
+
+
+@lru_cache(maxsize=64)
+def _known_radius(distortion: bytes, dtype: str, model: str) -> np.ndarray:
+    """Return the radii of lenses given as bytes; the array must not be written to."""
+    radius = np.asarray(_largest_radius(np.frombuffer(distortion, dtype).reshape(-1, 8), model))
+    radius.flags.writeable = False
+    return radius
+
+
+def _largest_radius(distortion: Array, model: str) -> Array:
     xp = array_namespace(distortion)
     r = constant(_RADII, distortion)
     u = (r * r)[None, :] * xp.ones_like(distortion[:, :1])

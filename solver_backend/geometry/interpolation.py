@@ -141,10 +141,8 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
         t: scalar or (...), broadcast against the batch of ``keys``.
     """
     xp = array_namespace(keys)
-    t = constant(t, keys)
-    batch = tuple((t + keys[..., 0, 0]).shape)
-    count, width = keys.shape[-2:]
-    keys = xp.broadcast_to(keys, (*batch, count, width))
+    t, count = constant(t, keys), keys.shape[-2]
+    # Broadcast as late as may be: what does not depend on the time is worked out once for all times.
     gram = xp.matmul(keys, xp.matrix_transpose(keys))
     own = identity(count, keys) + xp.zeros_like(gram)
     zero = xp.zeros_like(gram)[..., None, :, :] * xp.ones_like(gram)[..., :, :, None]
@@ -184,7 +182,9 @@ def _geodesic(a: Array, b: Array, t: Array) -> tuple[Array, tuple[Array, Array],
     y = 0.25 * xp.sum((a - b) ** 2, axis=-1)
     z = 0.25 * xp.sum((a + b) ** 2, axis=-1)
     antipodal = is_antipodal(z)
-    (of_a, slope_a), (of_b, slope_b) = geodesic_weights(y, z, 1.0 - t), geodesic_weights(y, z, t)
+    ways = xp.reshape(xp.stack((1.0 - t, t)), (2, *[1] * (y.ndim - t.ndim), *t.shape))
+    weights, slopes = geodesic_weights(y, z, ways)
+    (of_a, of_b), (slope_a, slope_b) = (weights[0], weights[1]), (slopes[0], slopes[1])
     if not bool(xp.any(antipodal)):
         return of_a[..., None] * a + of_b[..., None] * b, (of_a, of_b), (slope_a, slope_b)
     zero, half_turn = xp.zeros_like(of_a), xp.acos(xp.zeros_like(of_a)) * 2.0 * t

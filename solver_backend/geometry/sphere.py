@@ -13,6 +13,8 @@ Vectors = Float[Array, "*#batch d"]
 _SERIES_BELOW = 0.01
 """Of ``(1 + t²) sin²(ψ/2)``: below it the geodesic's weights come from their series."""
 _SERIES_TERMS = 9
+_NO_ANGLE = 1e-24
+"""Of ``sin²(ψ/2)``: below it nothing is divided by the angle, in single precision either."""
 _SMALL_SQUARE = 1e-8
 
 
@@ -94,8 +96,8 @@ def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
         slope = slope + (k + 1.0) * factor * term
         term = term * factor * inner
         total = total + term
-    half_sine = xp.sqrt(xp.where(small, xp.ones_like(y), y))
-    half_cosine = xp.sqrt(xp.clip(xp.where(small, xp.ones_like(z), z), xp.finfo(z.dtype).eps))
+    half_sine = xp.sqrt(xp.where(y < _NO_ANGLE, xp.ones_like(y), y))
+    half_cosine = xp.sqrt(xp.clip(z, xp.finfo(z.dtype).eps))
     sine, cosine = 2.0 * half_sine * half_cosine, 1.0 - 2.0 * half_sine**2
     angle = 2.0 * xp.atan2(half_sine, half_cosine)
     far = xp.sin(t * angle)
