@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.people.sightings import MIN_POINTS, Sightings
 from solver_backend.types import Cameras
 
@@ -174,10 +175,8 @@ def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np
 
 def _median(values: np.ndarray) -> np.ndarray:
     """Return the median over the last axis of what is not NaN; inf where fewer than ``MIN_POINTS`` are."""
-    known = np.isfinite(values).sum(-1)
-    ordered = np.sort(values, axis=-1)
-    middle = np.take_along_axis(ordered, np.maximum(known - 1, 0)[..., None] // 2, axis=-1)[..., 0]
-    return np.where(known >= MIN_POINTS, middle, np.inf)
+    enough = np.isfinite(values).sum(-1) >= MIN_POINTS
+    return np.where(enough, quantile(values, 0.5, axis=-1, lower=True), np.inf)
 
 
 def _is_person_sized(points: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.report.markup import heat_table, section
 from solver_backend.report.plots import WIDTH, Line, Shade, strip_plot, time_plot
-from solver_backend.report.statistics import quantile
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SWAPPED, Motion
 
 

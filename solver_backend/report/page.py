@@ -11,12 +11,13 @@ import numpy as np
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.report_file import REPORT_MARK
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
 from solver_backend.report.calibration import CalibrationFit, calibration_section
 from solver_backend.report.findings import findings_of
 from solver_backend.report.markup import Tile, number, text, tiles
-from solver_backend.report.statistics import Residuals, located_share, quantile, residuals_of
+from solver_backend.report.statistics import Residuals, located_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 
@@ -91,19 +92,6 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
     if sigma.shape != error.shape[-1:] or not np.isfinite(sigma).all():
         sigma = quantile(error.reshape(-1, error.shape[-1]), 0.5, axis=0) / RAYLEIGH_MEDIAN
     return 2.0 * scale * sigma
-
-
-def quantile(values: np.ndarray, q: float, axis: int) -> np.ndarray:
-    """Return the quantile of the finite values along an axis, NaN where there is none (and no warning).
-
-    Linear between the order statistics at ``(n - 1) q`` (Hyndman and Fan 1996, definition 7).
-    """
-    ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=axis)
-    count = np.isfinite(values).sum(axis=axis, keepdims=True)
-    place = np.maximum(count - 1, 0) * q
-    low, high = np.floor(place).astype(int), np.ceil(place).astype(int)
-    below, above = np.take_along_axis(ordered, low, axis), np.take_along_axis(ordered, high, axis)
-    return (below + (place - low) * (above - below)).squeeze(axis)
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:

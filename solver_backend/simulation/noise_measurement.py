@@ -15,6 +15,7 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics.rank_correlation import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
@@ -104,7 +105,7 @@ def measure_noise(capture: Capture) -> NoiseFigures:
     length = np.linalg.norm(error, axis=-1)
     seen, wrong = np.isfinite(length), length > OUTLIER_MM
     inlier = _inliers(error)
-    jitter = inlier - _median(inlier, axis=1)[:, None]
+    jitter = inlier - quantile(inlier, 0.5, axis=1)[:, None]
     missing = ~(keypoints.confidence > 0)
     clipped = np.clip(inlier, -CLIP_MM, CLIP_MM)
     constant, drift, lasting = _shares(clipped, keypoints.fps)
@@ -112,12 +113,12 @@ def measure_noise(capture: Capture) -> NoiseFigures:
         keypoints=keypoints.joint_set.keypoints,
         as_calibrated_mm=_bias(_inliers(_errors(given, keypoints)[2])),
         bias_mm=_bias(inlier),
-        jitter_mm=1.4826 * _median(np.abs(jitter), axis=(0, 1, 3)),
+        jitter_mm=1.4826 * quantile(np.abs(jitter), 0.5, axis=(0, 1, 3)),
         error_mm=float(np.sqrt(np.nanmean(clipped**2))),
         constant_share=constant,
         drift_share=drift,
         drift_s=lasting,
-        unevenness=float(np.nanstd(np.log(1.4826 * _median(np.abs(jitter), axis=(1, 3))))),
+        unevenness=float(np.nanstd(np.log(1.4826 * quantile(np.abs(jitter), 0.5, axis=(1, 3))))),
         missing=missing.mean(axis=(0, 1)),
         burst_frames=_run_length(missing),
         outliers=float(wrong[seen].mean()),
@@ -143,7 +144,7 @@ def _inliers(error: np.ndarray) -> np.ndarray:
 
 
 def _bias(inlier: np.ndarray) -> np.ndarray:
-    return np.sqrt(_mean((_median(inlier, axis=1) ** 2).sum(-1), axis=0))
+    return np.sqrt(_mean((quantile(inlier, 0.5, axis=1) ** 2).sum(-1), axis=0))
 
 
 def millimetres_per_px(cameras: Cameras, points: np.ndarray) -> np.ndarray:
@@ -203,13 +204,6 @@ def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[i
 
 def _by_fifths(confidence: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.array([np.median(part) for part in np.array_split(error[np.argsort(confidence, kind="stable")], 5)])
-
-
-def _median(values: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the median of the finite values; NaN, without a warning, where there is none."""
-    empty = ~np.isfinite(values).any(axis=axis, keepdims=True)
-    median = np.nanmedian(np.where(empty, 0.0, values), axis=axis)
-    return np.where(empty.reshape(median.shape), np.nan, median)
 
 
 def _mean(values: np.ndarray, axis: int) -> np.ndarray:

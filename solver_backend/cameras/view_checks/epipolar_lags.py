@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.types import Cameras
 
 ROBUST_SIGMAS = 3.0
@@ -74,20 +75,16 @@ def _distances(cameras: Cameras, i: int, j: int, seen: np.ndarray, place: np.nda
 
 
 def _robust_means(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return (L,) means of ``r²/(r² + s²)`` of (L, N, K) distances less their medians, 1 where few are known."""
-    square = (distance - _medians(distance)) ** 2
+    """Return (L,) means of ``r²/(r² + s²)`` of (L, N, K) distances less their medians, 1 where few are known.
+
+    The median over the frames is what an inexact calibration causes.
+    """
+    square = (distance - quantile(distance, 0.5, axis=1, lower=True)[:, None]) ** 2
     share = square / (square + scale**2)
     known = np.isfinite(share)
     number = known.sum(axis=(1, 2))
     enough = number >= np.maximum(LEAST_SHARE * number.max(), 1)
     return np.where(enough, np.where(known, share, 0.0).sum(axis=(1, 2)) / np.maximum(number, 1), 1.0)
-
-
-def _medians(values: np.ndarray) -> np.ndarray:
-    """Return (L, 1, K) medians over the frames, zero where nothing is known: what an inexact calibration causes."""
-    ordered = np.sort(values, axis=1)
-    count = np.isfinite(values).sum(axis=1, keepdims=True)
-    return np.nan_to_num(np.take_along_axis(ordered, np.maximum(count - 1, 0) // 2, axis=1))
 
 
 def _descended(tables: np.ndarray, lags: np.ndarray) -> np.ndarray:

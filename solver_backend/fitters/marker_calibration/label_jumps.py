@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 
 NEIGHBOURS = 6
@@ -22,9 +23,8 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
     """Return (M, n) the markers that are nearest to each, by the median distance in frames spread over the take."""
     some = points[np.unique(np.linspace(0, len(points) - 1, 60).astype(int))]
     distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
-    known = np.isfinite(distance).any(axis=0)
-    median = np.full(known.shape, np.inf)
-    median[known] = np.nanmedian(distance[:, known], axis=0)
+    median = quantile(distance, 0.5, axis=0)
+    median = np.where(np.isfinite(median), median, np.inf)
     np.fill_diagonal(median, np.inf)
     return np.argsort(median, axis=1, kind="stable")[:, : min(count, points.shape[1] - 1)]
 
@@ -78,9 +78,4 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray) -> bool:
 
 def _middle(values: np.ndarray) -> np.ndarray:
     """Return the median of (F, n, 3) over n without what is missing, 0 where all is."""
-    known = np.isfinite(values)
-    ordered = np.sort(values, axis=1)  # what is missing comes last
-    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
-    low, high = ((count - 1) // 2, count // 2)
-    middle = 0.5 * (np.take_along_axis(ordered, low, 1) + np.take_along_axis(ordered, high, 1))
-    return np.nan_to_num(middle[:, 0])
+    return np.nan_to_num(quantile(values, 0.5, axis=1))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.length_unit import METRES, metres_in
-from solver_backend.io.recognition.quantile import quantile
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0
 """Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.io.recognition.quantile import quantile
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
 
 UPRIGHT = 2.0

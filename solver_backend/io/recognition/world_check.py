@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -144,10 +145,10 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
     highest = np.max(np.where(np.isfinite(z[some]), z[some], -np.inf), axis=1)
     return WorldCheck(
         stature_m=_legs(named) / LEG_SHARE,
-        height_m=_quantile(highest - lowest, 0.95),
-        lowest_m=_quantile(lowest, 0.05),
+        height_m=float(quantile(highest - lowest, 0.95, axis=0)),
+        lowest_m=float(quantile(lowest, 0.05, axis=0)),
         upright=_upright(named),
-        residual_px=_quantile(residual[np.isfinite(residual)], 0.5),
+        residual_px=float(quantile(residual.ravel(), 0.5, axis=0)),
         off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
     )
 
@@ -173,7 +174,7 @@ def _legs(named: dict[str, np.ndarray]) -> float:
     for upper, lower in (("hip", "knee"), ("knee", "ankle")):
         lengths = [np.linalg.norm(named[f"{s}_{upper}"] - named[f"{s}_{lower}"], axis=-1) for s in ("left", "right")]
         both = np.concatenate(lengths)
-        total += _quantile(both[np.isfinite(both)], 0.5)
+        total += float(quantile(both.ravel(), 0.5, axis=0))
     return total
 
 
@@ -183,7 +184,3 @@ def _upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
     known = direction[np.isfinite(direction).all(-1)]
     x, y, z = np.median(known, axis=0).tolist() if len(known) else (np.nan, np.nan, np.nan)
     return x, y, z
-
-
-def _quantile(values: np.ndarray, q: float) -> float:
-    return float(np.quantile(values, q)) if values.size else float("nan")

@@ -14,7 +14,6 @@ from solver_backend.io.recognition.marker_labels import (
 )
 from solver_backend.io.recognition.marker_unit import find_unit, unit_named
 from solver_backend.io.recognition.marker_up_axis import find_up_axis
-from solver_backend.io.recognition.quantile import quantile
 from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
 
 BODY = {"LFHD": 1.7, "RSHO": 1.4, "C7": 1.5, "LASI": 1.0, "LKNE": 0.5, "LANK": 0.08, "RTOE": 0.03}
@@ -29,17 +28,6 @@ def standing(frames: int = 30) -> np.ndarray:
     points[..., 1] = rng.normal(0, 0.1, len(BODY))
     points[..., 2] = list(BODY.values())
     return points
-
-
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.9, 1.0])
-@pytest.mark.parametrize("axis", [0, 1])
-def test_quantile(share: float, axis: int) -> None:
-    values = np.random.default_rng(0).normal(size=(31, 17, 3))
-    values[values > 1.2] = np.nan
-    expected = np.nanquantile(values, share, axis=axis, method="nearest")
-    np.testing.assert_array_equal(quantile(values, share, axis=axis), expected)
-    values[:, :, 1] = np.nan
-    assert np.isnan(quantile(values, share, axis=axis)[..., 1]).all()
 
 
 def test_labels() -> None:
