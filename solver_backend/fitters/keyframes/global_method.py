@@ -16,7 +16,7 @@ from solver_backend.fitters.keyframes.key_density import dense_layout
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
-from solver_backend.fitters.model.blended_keys import blended_keys
+from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
@@ -101,8 +101,8 @@ def solve_by_bundle(
     found = regained(problem.measurements, model, layout, found, single, plan.passes[-1])
     progress("Global bundle", 3, 3)
 
-    # Solved on the blended curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
-    keys, frames = found.keys, model.poses(blended_keys(found.keys, layout), layout, blended=True)
+    # Solved on a smooth curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
+    keys, frames = found.keys, model.poses(control_points(found.keys, layout), layout, spline=True)
     inflation = noise_inflation(model.subject, frames, problem.measurements.term, scale, max(1, window // 2))
     give_back_freed_memory()
     # Standing feet steady the solution, but how sure it is follows from what was measured.

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.model.blended_keys import blended_keys
+from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import pose
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.types import Motion
 
-CALM_M_S2 = 6.0
+CALM_M_S2 = 5.2
 """Mean acceleration of the landmarks up to which the settings' window holds; exercises and walking have 2 to 5."""
 CLOSEST = 0.6
 """Of the settings' window at least; dances, at 15 m/s², reach it."""
@@ -21,7 +21,7 @@ CLOSEST = 0.6
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Return the windows for a take that moves as a first solution does: ``w max(0.6, min(1, √(6 / a)))`` frames.
+    """Return the windows for a take that moves as a first solution does: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
     a is the mean acceleration of the landmarks in m/s². A parabola through three keys misses a fast limb by more than
     a detector does; through slow ones closer keys would let the detector's noise pass. What a is depends little on that
@@ -34,7 +34,7 @@ def dense_layout(
         window: frames of its windows.
         fps: frames per second.
     """
-    frames = model.poses(blended_keys(keys, layout), layout, blended=True)
+    frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(pose(model.subject, frames).points)
     acceleration = float(np.linalg.norm(np.diff(points, 2, axis=0), axis=-1).mean()) * fps**2
     closer = max(2, round(window * max(CLOSEST, min(1.0, (CALM_M_S2 / max(acceleration, 1e-6)) ** 0.5))))

@@ -83,13 +83,14 @@ class BundleModel:
         return replace(self, subject=single_subject(self.subject), objective=objective)
 
     def poses(
-        self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, blended: bool = False
+        self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, spline: bool = False
     ) -> PosedFrames:
         """Return the poses that the keys make of these frame numbers, or of all frames of the layout.
 
-        They lie on the windows' own curves, which is what is solved; or, as a take is handed over, on the blended one.
+        They lie on the windows' own curves, which is what is solved; or, as a take is handed over, on the spline of
+        control points.
         """
-        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals, blended=blended)
+        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals, spline=spline)
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES

@@ -109,12 +109,12 @@ class KeyframeCurve:
         return cls(keys, *between, lagrange(t, keys.z.shape[1]), residuals)
 
     @classmethod
-    def blended(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-        """Return the curve whose velocities agree where windows meet.
+    def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
+        """Return the curve whose velocities and accelerations agree where windows meet.
 
         Args:
-            keys: (W, 5) keys, see ``Keyframes.fives``.
-            shares: (W, n, 5) weights of these keys, see ``KeyframeLayout.blended_shares``.
+            keys: (W, 5) control points, see ``Keyframes.fives``.
+            shares: (W, n, 5) weights of these points, see ``KeyframeLayout.spline_shares``.
             residuals: let the residual rotations act.
         """
         weights = constant(shares, keys.z)
@@ -206,16 +206,16 @@ def by_turns(quat: Array, by_quat: Array) -> Array:
 
 def key_poses(
     prior: PosePrior, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, residuals: bool,
-    blended: bool = False,
+    spline: bool = False,
 ) -> PosedFrames:  # fmt: skip
     """Return the poses of these frame numbers, or of all frames of the layout."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 
     def curve(part: slice) -> KeyframeCurve:
-        if not blended:
+        if not spline:
             return _curve_at(keys, window[part], time[part], residuals=residuals)
-        shares = layout.blended_shares(window[part], time[part])[:, None]
-        return KeyframeCurve.blended(keys.fives(window[part]), shares, residuals=residuals)
+        shares = layout.spline_shares(window[part], time[part])[:, None]
+        return KeyframeCurve.spline(keys.fives(window[part]), shares, residuals=residuals)
 
     parts = [slice(i, i + BLOCK_POSES) for i in range(0, len(time), BLOCK_POSES)]
     return PosedFrames.concatenate([curve(part).poses(prior) for part in parts])

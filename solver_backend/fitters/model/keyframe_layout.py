@@ -49,30 +49,37 @@ class KeyframeLayout:
         window = np.clip(np.searchsorted(self.bounds, times, side="left") - 1, 0, self.num_windows - 1)
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
-    def blended_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return (..., 5) weights of the keys 2w - 1 .. 2w + 3 on the blended curve at places of the same shape.
+    def spline_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return (..., 5) weights of the control points 2w - 1 .. 2w + 3 on the spline at places of the same shape.
 
-        Between the keys k and k + 1, at the share u of the way, ``(1 - u) P_k(t) + u P_{k+1}(t)`` with the parabola
-        P_k through the keys k - 1, k, k + 1: the curve passes through its keys, and so do its velocities, P_k's at k.
-        The first and the last stretch are parabolas.
+        ``Σ_k B_k(t) c_k`` with the cubic B-splines whose knots are the keys' times: velocity and acceleration are
+        continuous. Beyond both ends stands a point more, ``3 c_0 - 3 c_1 + c_2``, so that as many points are free as
+        there are keys.
 
-        Reference: Overhauser 1968, "Analytic definition of curves and surfaces by parabolic blending".
+        Reference: de Boor 1972, "On calculating with B-splines".
         """
         late = (time >= 0.5).astype(int)
         key, u, last = 2 * window + late, 2.0 * time - late, self.num_keys - 1
-        blend = np.where(key == 0, 1.0, np.where(key + 1 == last, 0.0, u))
-        times = self.key_times
-        times = np.concatenate([[2 * times[0] - times[1]], times, [2 * times[-1] - times[-2]]])
-        at = times[key + 1] + u * (times[key + 2] - times[key + 1])
+        steps = np.diff(self.key_times)
+        knots = np.concatenate([[steps[0]] * 3, steps, [steps[-1]] * 3]).cumsum()
+        knots = np.concatenate([[0.0], knots])  # the key k stands at 3 + k
+        at = knots[key + 3] + u * (knots[key + 4] - knots[key + 3])
+        basis = [np.ones_like(at)]
+        for degree in (1, 2, 3):
+            before = [at - knots[key + 4 - degree + i] for i in range(degree)]
+            after = [knots[key + 4 + i] - at for i in range(degree)]
+            parts = [value / (before[i] + after[i]) for i, value in enumerate(basis)]
+            basis = [
+                (after[i] * parts[i] if i < degree else 0.0) + (before[i - 1] * parts[i - 1] if i else 0.0)
+                for i in range(degree + 1)
+            ]
         shares = np.zeros((*time.shape, 5))
-        for after, part in ((0, 1.0 - blend), (1, blend)):
-            nodes = np.stack([times[key + after + i] for i in range(3)])
-            for i in range(3):
-                others = [j for j in range(3) if j != i]
-                weight = np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in others], axis=0)
-                column = (late + after + i)[..., None]
-                old = np.take_along_axis(shares, column, axis=-1)
-                np.put_along_axis(shares, column, old + (part * weight)[..., None], axis=-1)
+        for i, value in enumerate(basis):
+            np.put_along_axis(shares, (late + i)[..., None], value[..., None], axis=-1)
+        for beyond, inner in ((key == 0, slice(1, 4)), (key + 1 == last, slice(3, 0, -1))):
+            outer = 0 if inner.start == 1 else 4
+            shares[beyond, inner] += shares[beyond, outer, None] * [3.0, -3.0, 1.0]
+            shares[beyond, outer] = 0.0
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:

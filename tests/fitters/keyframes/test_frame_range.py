@@ -78,7 +78,7 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
 def test_frames_that_nothing_changed_are_found_again(capture, solved):
     """The same data, shape and noise: what is left is where keys stand and how feet are judged.
 
-    The take lies on the blended curve, what is solved again on its windows' own; so the first time moves most, and
+    The take lies on a spline, what is solved again on its windows' own; so the first time moves most, and
     every further time a third as far.
     """
     again = resolve_range(capture, solved, FrameRange(FIRST, LAST), QUICK).motion

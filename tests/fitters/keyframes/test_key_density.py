@@ -39,7 +39,7 @@ def swaying(acceleration: float) -> Keyframes:
     return Keyframes(z, np.tile([1.0, 0, 0, 0], (count, 1)), transl, np.zeros((count, 21, 3)))
 
 
-@pytest.mark.parametrize(("acceleration", "window"), [(3.0, 10), (5.5, 10), (9.5, 8), (15.5, 6), (60.0, 6)])
+@pytest.mark.parametrize(("acceleration", "window"), [(3.0, 10), (5.5, 10), (8.0, 8), (15.5, 6), (60.0, 6)])
 def test_windows_shorten_with_the_root_of_acceleration(acceleration, window):
     layout = dense_layout(model(), LAYOUT, swaying(acceleration), 10, FPS)
     assert (layout is LAYOUT) == (window == 10)

@@ -1,4 +1,4 @@
-"""From the curves that were solved to one curve whose velocities agree: keys for the blended curve."""
+"""From the parabolas that were solved to one curve of continuous acceleration: control points of a cubic spline."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from solver_backend.fitters.model.keyframe_curve import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.geometry.arrays import constant, to_numpy
-from solver_backend.geometry.sphere import spherical_normalisation
 
 _STEPS = 60
 _TOLERANCE = 1e-10
 _CODE, _QUAT, _TRANSL = slice(0, 32), slice(32, 36), slice(36, 39)
 
 
-def blended_keys(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return the keys whose blended curve lies nearest to the parabolas through the given ones.
+def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
+    """Return as many control points, whose spline lies nearest to the parabolas through the keys.
 
-    ``argmin_y Σ_f |Σ_k b_k(f) y_k - Σ_k w_k(f) x_k|²`` over the frames f, with the blended curve's weights b (see
-    ``KeyframeLayout.blended_shares``) and Lagrange's w; neighbouring keys lie close together, so codes and quaternions
-    are taken as points of space and brought back to their spheres.
+    ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
+    ``KeyframeLayout.spline_shares``) and Lagrange's w; neighbouring keys lie close together, so codes and quaternions
+    are taken as points of space. Control points are off the spheres that the spline's points are brought back to.
 
     Args:
         keys: 2 N + 1 keys, solved on the parabolas of N windows.
@@ -29,11 +28,10 @@ def blended_keys(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
     rows = layout.rows()
-    shares = layout.blended_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
+    shares = layout.spline_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
     found = _nearest(flat, rows, shares)
-    quat = found[:, _QUAT] / np.linalg.norm(found[:, _QUAT], axis=1, keepdims=True)
     residual = found[:, _TRANSL.stop :].reshape(given[3].shape)
-    parts = spherical_normalisation(found[:, _CODE]), quat, found[:, _TRANSL], residual
+    parts = found[:, _CODE], found[:, _QUAT], found[:, _TRANSL], residual
     return Keyframes(*(constant(part, keys.z) for part in parts))
 
 
