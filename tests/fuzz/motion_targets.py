@@ -245,7 +245,7 @@ TARGETS: tuple[Target, ...] = (
         {".pkl": "pickle"},
         30,
         tuple(file("a.pkl", content) for content in odd_bodies.PICKLES),
-        odd_bodies.BOMBS,
+        (odd_bodies.BOMB,),
     ),
     Target(
         "weights",

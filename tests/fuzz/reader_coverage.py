@@ -71,21 +71,27 @@ _NOT_READING = frozenset(
 
 
 class _Lines:
-    """A trace that notes the lines of the readers' files."""
+    """A trace that notes the lines of the readers' files; a function whose lines are all seen costs no more time."""
 
     def __init__(self, files: Sequence[Path]) -> None:
         self._names = {str(path) for path in files}
+        self._missing: dict[CodeType, set[int]] = {}
         self.seen: dict[str, set[int]] = {name: set() for name in self._names}
 
     def __call__(self, frame: FrameType, event: str, argument: Any) -> Any:
-        name = frame.f_code.co_filename
-        if name not in self._names:
+        code = frame.f_code
+        if code.co_filename not in self._names:
             return None
-        seen = self.seen[name]
+        if code not in self._missing:
+            self._missing[code] = {line for *_, line in code.co_lines() if line} - {code.co_firstlineno}
+        missing, seen = self._missing[code], self.seen[code.co_filename]
+        if not missing:
+            return None
 
         def line(frame: FrameType, event: str, argument: Any) -> Any:
             seen.add(frame.f_lineno)
-            return line
+            missing.discard(frame.f_lineno)
+            return line if missing else None
 
         return line
 
