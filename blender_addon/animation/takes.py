@@ -54,7 +54,7 @@ def person_of(provenance: str) -> str:
     """Return whose motion it is by its provenance, JSON text; "" where its capture shows one person alone."""
     try:
         whom = json.loads(provenance)["person"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return ""
     return whom if isinstance(whom, str) else ""
 

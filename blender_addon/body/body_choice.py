@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 from .._exchange.body_choice import SHIPPED, SUFFIXES, bodies_folder, is_path
@@ -25,9 +26,9 @@ def body_path_of(provenance: str) -> Path:
     if choice == SHIPPED:
         return default_body_path()
     by_name = [bodies_folder() / f"{choice}{end}" for end in SUFFIXES]
-    places = [Path(choice).expanduser()] if is_path(choice) else by_name
+    places = [Path(os.path.expanduser(choice))] if is_path(choice) else by_name
     for place in places:
-        if place.is_file():
+        if os.path.isfile(place):
             return place
     raise BodyMissing(
         f"The motion was solved for the body '{places[0].stem}', whose file is not there.",
@@ -53,6 +54,6 @@ def require_body(motion: MotionFile, body: BodyFile) -> None:
 def _choice(provenance: str) -> str:
     try:
         choice = json.loads(provenance)["settings"]["body"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return SHIPPED
     return choice if isinstance(choice, str) and choice else SHIPPED

@@ -36,9 +36,9 @@ def find_footage(path: Path | None) -> Footage | None:
     """
     if path is None:
         return None
-    if path.is_file() and path.suffix.lower() in _VIDEOS | _IMAGES:
+    if os.path.isfile(path) and path.suffix.lower() in _VIDEOS | _IMAGES:
         return Footage((path,))
-    if path.is_dir():
+    if os.path.isdir(path):
         images = sorted((p for p in path.iterdir() if p.suffix.lower() in _IMAGES), key=_natural)
         return Footage(tuple(images)) if images else None
     return None

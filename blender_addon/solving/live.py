@@ -133,7 +133,7 @@ def read_pose_line(line: str) -> LivePose | None:
     cloud = _numbers(values.get("cloud") or [], None)
     if cloud is None:
         return None
-    off = values.get("off_mm")
+    off = _numbers(values.get("off_mm"), 1)
     rotvec = transl = None
     if "pose" in values:
         root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * _BODY_JOINTS)
@@ -144,7 +144,7 @@ def read_pose_line(line: str) -> LivePose | None:
         rotvec[0], rotvec[1 : 1 + _BODY_JOINTS] = root, pose.reshape(-1, 3)
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
-        float(off) if isinstance(off, float | int) else math.nan,
+        math.nan if off is None else float(off[0]),
     )  # fmt: skip
 
 

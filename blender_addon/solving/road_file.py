@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from .._exchange.errors import MocapError
+from .._exchange.json_file import read_json_file
 from .._exchange.plain_text import plain
 
 NAME = "road.json"
@@ -35,10 +36,8 @@ def read_road(folder: Path) -> tuple[RoadStep, ...]:
     """
     path = folder / NAME
     try:
-        if path.stat().st_size > _LARGEST:
-            return ()
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        values = read_json_file(path, _LARGEST)
+    except MocapError:
         return ()
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (_FORMAT, _VERSION):
         return ()

@@ -11,9 +11,9 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_SUB = 1
-_LARGEST = 1 << 28
-"""Bytes of a picture, unpacked."""
+_SUB, _UP, _PAETH = 1, 2, 4
+_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15
+"""Bytes of a picture, unpacked, and its pixels along a side: the largest that a sensor or the studio films."""
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
@@ -72,7 +72,7 @@ def _decoded(data: bytes) -> np.ndarray:
         raise ValueError("interlaced or of another depth")
     step = channels * depth // 8
     size = height * (1 + width * step)
-    if not 0 < size <= _LARGEST:
+    if not 0 < size <= _LARGEST or not 0 < width <= _LONGEST_SIDE or not 0 < height <= _LONGEST_SIDE:
         raise ValueError(f"{width} x {height} pixels")
     rows = np.frombuffer(_unpacked(b"".join(parts), size), np.uint8).reshape(height, 1 + width * step)
     raw = _unfiltered(rows[:, 0], rows[:, 1:].reshape(height, width, step))
@@ -92,29 +92,29 @@ def _unpacked(packed: bytes, size: int) -> bytes:
 def _unfiltered(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:
     if (kinds == _SUB).all():
         return np.cumsum(rows, axis=1, dtype=np.uint8)
+    if kinds.max() > _PAETH:
+        raise ValueError("an unknown filter")
+    if kinds.max() > _UP:
+        return _by_diagonals(kinds, rows)
     out = np.zeros_like(rows)
     above = np.zeros_like(rows[0])
     for y, kind in enumerate(kinds.tolist()):
-        if kind in (0, 1, 2):
-            line = rows[y] if kind != 1 else np.cumsum(rows[y], axis=0, dtype=np.uint8)
-            out[y] = line + above if kind == 2 else line
-        else:
-            out[y] = _by_pixel(kind, rows[y], above)
+        line = rows[y] if kind != _SUB else np.cumsum(rows[y], axis=0, dtype=np.uint8)
+        out[y] = line + above if kind == _UP else line
         above = out[y]
     return out
 
 
-def _by_pixel(kind: int, row: np.ndarray, above: np.ndarray) -> np.ndarray:
-    out = np.zeros_like(row)
-    left, corner = np.zeros(row.shape[1], np.int32), np.zeros(row.shape[1], np.int32)
-    for x in range(len(row)):
-        up = above[x].astype(np.int32)
-        if kind == 3:
-            guess = (left + up) // 2
-        else:
-            p = left + up - corner
-            a, b, c = np.abs(p - left), np.abs(p - up), np.abs(p - corner)
-            guess = np.where((a <= b) & (a <= c), left, np.where(b <= c, up, corner))
-        left = (row[x].astype(np.int32) + guess) & 255
-        out[x], corner = left, up
-    return out
+def _by_diagonals(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the pixels of rows of any filter: those of one diagonal hang on the diagonals before it alone."""
+    height, width, step = rows.shape
+    out = np.zeros((height + 1, width + 1, step), np.uint8)
+    for diagonal in range(height + width - 1):
+        y = np.arange(max(0, diagonal - width + 1), min(height, diagonal + 1))
+        x = diagonal - y
+        left, up, corner = (out[places].astype(np.int16) for places in ((y + 1, x), (y, x + 1), (y, x)))
+        a, b, c = np.abs(up - corner), np.abs(left - corner), np.abs(left + up - 2 * corner)
+        paeth = np.where((a <= b) & (a <= c), left, np.where(b <= c, up, corner))
+        guess = np.choose(kinds[y, None], (np.zeros_like(left), left, up, (left + up) // 2, paeth))
+        out[y + 1, x + 1] = rows[y, x] + guess.astype(np.uint8)
+    return out[1:, 1:]

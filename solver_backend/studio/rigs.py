@@ -129,8 +129,9 @@ def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
     fov = np.deg2rad(values.number("fov_deg", 65.0, 5.0, 150.0))
     given = values.raw("distortion", [])
     distortion = np.zeros(8)
-    if given:
-        distortion[: len(given)] = values.numbers("distortion", min(len(given), 8))
+    if given != []:
+        count = min(len(given), 8) if isinstance(given, list) else 8
+        distortion[:count] = values.numbers("distortion", count)
     focal, count = width / 2 / np.tan(fov / 2), len(centres)
     K = np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
     forward = target - centres
@@ -169,11 +170,14 @@ def _written_out(values: CheckedValues, folder: Path) -> Cameras:
     read: list[Mapping[str, Any]] = []
     for i, entry in enumerate(given):
         camera = CheckedValues(entry, f"camera {i + 1}", keys)
-        flat = {key: np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t")}
+        try:
+            flat = {key: np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t")}
+            coefficients = np.ravel(np.asarray(camera.raw("distortion", []), dtype=np.float64))[:8]
+        except (TypeError, ValueError, OverflowError) as error:
+            raise StudioInvalid(f"A camera holds what is no number ({error}).", where=camera.where) from error
         if [v.size for v in flat.values()] != [9, 9, 3]:
             raise StudioInvalid("A camera needs K (3 x 3), R (3 x 3) and t (3).", where=camera.where)
         lens = np.zeros(8)
-        coefficients = np.ravel(camera.raw("distortion", []))[:8]
         lens[: len(coefficients)] = coefficients
         size = camera.size("image_size", (0, 0))
         read.append({**flat, "lens": lens, "size": size, "name": camera.text("name", f"cam{i + 1:02d}")})

@@ -13,13 +13,19 @@ from pathlib import Path
 
 from tests.fuzz.campaign import campaign, run_child
 from tests.fuzz.run import keep, turns
-from tests.fuzz.targets import TARGETS
 from tests.fuzz.tried import Tried
 
 
 def main() -> int:
     """Run what the command line asks for."""
     args = _parser().parse_args()
+    if args.coverage:
+        from tests.fuzz.reader_coverage import coverage_table
+
+        sys.stdout.write(coverage_table(args.only, args.count, args.seed) + "\n")
+        return 0
+    from tests.fuzz.targets import TARGETS
+
     targets = [target for target in TARGETS if target.name.startswith(args.only)]
     if args.child is not None:
         run_child(targets, args.count, args.seed, args.first, args.child)
@@ -27,11 +33,6 @@ def main() -> int:
     if args.keep is not None:
         order = turns(targets)
         sys.stdout.write(f"{keep(order[args.first % len(order)], args.seed, args.first, args.keep)}\n")
-        return 0
-    if args.coverage:
-        from tests.fuzz.reader_coverage import coverage_table
-
-        sys.stdout.write(coverage_table(targets, args.count, args.seed) + "\n")
         return 0
     if args.bytes is not None:
         from tests.fuzz.byte_fuzzing import fuzz_bytes

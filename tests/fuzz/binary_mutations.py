@@ -1,9 +1,10 @@
-"""Changes of pickles by their operations, and of other binary files by the numbers in them."""
+"""Changes of pickles by their operations, of pictures by their chunks, of other binary files by their numbers."""
 
 from __future__ import annotations
 
 import pickletools
 import struct
+import zlib
 
 import numpy as np
 
@@ -52,3 +53,34 @@ def change_pickle(data: bytes, rng: np.random.Generator) -> bytes:
     else:
         pieces[i] = change_numbers(pieces[i], rng)
     return b"".join(pieces)
+
+
+def change_png(data: bytes, rng: np.random.Generator) -> bytes:
+    """Change what a picture's chunks hold, packed and summed anew; what is broken is changed as numbers."""
+    try:
+        chunks = _chunks(data)
+        at = int(rng.integers(len(chunks)))
+        name, body = chunks[at]
+        what = int(rng.integers(5))
+        if what == 0:
+            del chunks[at]
+        elif what == 1:
+            chunks.insert(int(rng.integers(len(chunks))), chunks[at])
+        elif name == b"IDAT" and what < 4:
+            chunks[at] = name, zlib.compress(change_numbers(zlib.decompress(body), rng))
+        else:
+            chunks[at] = name, change_numbers(body, rng)
+    except (struct.error, zlib.error, ValueError):
+        return change_numbers(data, rng)
+    return data[:8] + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
+    )
+
+
+def _chunks(data: bytes) -> list[tuple[bytes, bytes]]:
+    found, at = [], 8
+    while at < len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        found.append((data[at + 4 : at + 8], data[at + 8 : at + 8 + length]))
+        at += 12 + length
+    return found

@@ -12,8 +12,9 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.rig.formats.colmap_files import colmap_texts
 from solver_backend.types import Cameras, Capture, JointSet
-from tests.fuzz import odd_recordings
-from tests.fuzz.target import Target, Write, file
+from tests.fuzz import odd_calibrations, odd_captures, odd_recordings
+from tests.fuzz.odd_bodies import ARCHIVES, MANY_MEMBERS
+from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
 from tests.support.scenes import ring_of_cameras, small_capture, small_markers
 from tests.support.trial_files import mp4_bytes, write_trial
@@ -71,17 +72,33 @@ def _colmap(folder: Path) -> None:
 
 
 TARGETS: tuple[Target, ...] = (
-    Target("capture file", (_small(),), lambda f: load_capture(f / "a.npz"), _NPZ, 3, odd_recordings.CAPTURES),
-    Target("capture file, strict", (_small(), _small(JointSet.BODY_25)), lambda f: read_capture(f / "a.npz"), _NPZ, 10),
+    Target("capture file", (_small(),), lambda f: load_capture(f / "a.npz"), _NPZ, 3, odd_captures.CAPTURES),
+    Target(
+        "capture file, strict",
+        (_small(), _small(JointSet.BODY_25)),
+        lambda f: read_capture(f / "a.npz"),
+        _NPZ,
+        10,
+        (*ARCHIVES, *odd_captures.CAPTURES),
+        (MANY_MEMBERS, is_folder("a.npz"), nothing, large("a.npz", 10**10)),
+    ),
     Target(
         "capture file, shown",
         (_small(), _markers),
         lambda f: capture_file.read_capture(f / "a.npz").num_frames,
         _NPZ,
         12,
-        odd_recordings.CAPTURES,
+        odd_captures.CAPTURES,
     ),
     Target("capture file, markers", (_markers,), lambda f: load_capture(f / "a.npz"), _NPZ, 8),
+    Target(
+        "capture file, one of several",
+        (odd_captures.several(),),
+        lambda f: load_capture(f / "a.npz", person="left"),
+        _NPZ,
+        8,
+        (odd_captures.several(person="nobody"), odd_captures.several(people=["left", "left"]), _small()),
+    ),
     Target(
         "OpenPose trial",
         (_trial(JointSet.COCO_17), _trial(JointSet.BODY_25B), _trial(JointSet.HALPE_26, "")),
@@ -105,7 +122,7 @@ TARGETS: tuple[Target, ...] = (
             odd_recordings.table("cam_id", points=17),
         ),
         lambda f: load_capture(next(f.rglob("xy_POSE.csv"))),
-        {".csv": "text", ".toml": "text"},
+        {".csv": "table", ".toml": "text"},
         6,
         (*odd_recordings.TABLES, odd_recordings.table(rate=""), odd_recordings.table(points=20)),
     ),
@@ -113,7 +130,7 @@ TARGETS: tuple[Target, ...] = (
         "tracked points, told",
         (odd_recordings.table(rate=""),),
         lambda f: load_capture(next(f.rglob("xy_POSE.csv")).parent, fps=50.0, up_axis="z", unit="m"),
-        {".csv": "text", ".toml": "text"},
+        {".csv": "table", ".toml": "text"},
         3,
     ),
     Target(
@@ -133,7 +150,8 @@ TARGETS: tuple[Target, ...] = (
         lambda f: read_calibration(f / "a.toml"),
         {".toml": "text"},
         40,
-        tuple(file("a.toml", text) for text in odd_recordings.CAMERAS),
+        (*(file("a.toml", text) for text in odd_recordings.CAMERAS), *odd_calibrations.TOML),
+        (large("a.toml", 10**9), is_folder("a.toml"), nothing),
     ),
     Target(
         "calibration, Qualisys",
@@ -141,6 +159,7 @@ TARGETS: tuple[Target, ...] = (
         lambda f: read_calibration(f / "a.qca.txt"),
         {".txt": "text"},
         40,
+        odd_calibrations.QUALISYS,
     ),
     Target(
         "calibration, OpenCV YAML",
@@ -148,16 +167,32 @@ TARGETS: tuple[Target, ...] = (
         lambda f: read_calibration(f / "a.yml"),
         {".yml": "text"},
         40,
+        odd_calibrations.YAML,
     ),
-    Target("calibration, two YAML files", (_pair,), lambda f: read_calibration(f / "calib"), {".yml": "text"}, 20),
+    Target(
+        "calibration, two YAML files",
+        (_pair,),
+        lambda f: read_calibration(f / "calib"),
+        {".yml": "text"},
+        20,
+        odd_calibrations.PAIRS,
+    ),
     Target(
         "calibration, JSON",
         tuple(file("a.json", json_text(_CAMERAS, layout)) for layout in ("storage", "list", "dict")),
         lambda f: read_calibration(f / "a.json"),
         {".json": "json"},
         40,
+        odd_calibrations.JSON,
     ),
-    Target("calibration, COLMAP", (_colmap,), lambda f: read_calibration(f), {".txt": "text"}, 20),
+    Target(
+        "calibration, COLMAP",
+        (_colmap,),
+        lambda f: read_calibration(f),
+        {".txt": "table"},
+        20,
+        odd_calibrations.COLMAP,
+    ),
     Target(
         "video header",
         (
@@ -167,5 +202,7 @@ TARGETS: tuple[Target, ...] = (
         lambda f: read_video_header(f / "a.mp4"),
         {".mp4": "binary"},
         50,
+        tuple(file("a.mp4", content) for content in odd_recordings.VIDEOS),
+        (large("a.mp4", 10**10), is_folder("a.mp4"), nothing),
     ),
 )

@@ -7,8 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.io.load import load_capture
+from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.motive_csv import read_motive_csv
+from solver_backend.io.markers.nexus_csv import read_nexus_csv
+from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
 from solver_backend.io.markers.read import read_markers
-from tests.fuzz.target import Target, Write, file
+from solver_backend.io.markers.trc import read_trc
+from tests.fuzz import odd_markers
+from tests.fuzz.odd_markers import text as _text
+from tests.fuzz.target import Target, Write, file, is_folder
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
 from tests.support.c3d_takes import LABELS, standing
 from tests.support.marker_texts import NEXUS_SECTIONS, TEXTS
@@ -36,11 +43,20 @@ def _read(folder: Path) -> object:
     return read_markers(next(folder.iterdir()))
 
 
-def _text(name: str, changes: dict[str, str] | None = None) -> Write:
-    text = TEXTS[name]
-    for old, new in (changes or {}).items():
-        text = text.replace(old, new)
-    return file(name, text)
+def _told(folder: Path) -> object:
+    path = next(folder.iterdir())
+    return read_markers(path, **odd_markers.TOLD.get(path.stem, {}))
+
+
+_BY_FORMAT = {
+    "c3d": read_c3d, "trc": read_trc, "motive": read_motive_csv, "nexus": read_nexus_csv, "qtm": read_qualisys_tsv,
+}  # fmt: skip
+"""The reader of each format by the name of the file."""
+
+
+def _by_format(folder: Path) -> object:
+    path = next(folder.iterdir())
+    return _BY_FORMAT[path.stem](path, fps=-1.0 if path.suffix == ".dat" else None)
 
 
 TARGETS: tuple[Target, ...] = (
@@ -53,29 +69,58 @@ TARGETS: tuple[Target, ...] = (
         _read,
         {".c3d": "binary"},
         40,
+        (*odd_markers.C3D, *odd_markers.LYING),
     ),
     Target(
         "markers, TRC",
-        (_text("t.trc"), _text("t.trc", {"\t": "  "}), _text("t.trc", {"C7\t\t\tLTOE": "C7\tLTOE"})),
+        (_text("t.trc"), _text("t.trc", ("\t", "  ")), _text("t.trc", ("C7\t\t\tLTOE", "C7\tLTOE"))),
         _read,
-        {".trc": "text"},
+        {".trc": "table"},
         30,
+        odd_markers.TRC,
+        (is_folder("t.trc"), file("t.xyz", "none of ours"), file("t.csv", "none")),
     ),
     Target(
         "markers, Motive CSV",
-        (_text("motive.csv"), _text("motive.csv", {"Meters": "Millimeters", "Rigid Body": "Bone Marker"})),
+        (_text("motive.csv"), _text("motive.csv", ("Meters", "Millimeters"), ("Rigid Body", "Bone Marker"))),
         _read,
-        {".csv": "text"},
+        {".csv": "table"},
         30,
+        odd_markers.MOTIVE,
     ),
     Target(
         "markers, Nexus CSV",
-        (_text("nexus.csv"), _text("nexus.csv", {",": ";"}), file("a.csv", NEXUS_SECTIONS + TEXTS["nexus.csv"])),
+        (_text("nexus.csv"), _text("nexus.csv", (",", ";")), file("a.csv", NEXUS_SECTIONS + TEXTS["nexus.csv"])),
         _read,
-        {".csv": "text"},
+        {".csv": "table", ".txt": "table"},
         30,
+        odd_markers.NEXUS,
     ),
-    Target("markers, Qualisys TSV", (_text("qtm.tsv"),), _read, {".tsv": "text"}, 30),
+    Target(
+        "markers, Qualisys TSV",
+        (_text("qtm.tsv"),),
+        _read,
+        {".tsv": "table", ".txt": "table"},
+        30,
+        odd_markers.QUALISYS,
+    ),
+    Target(
+        "markers, by their format",
+        (_text("motive.csv"), _text("nexus.csv"), _text("qtm.tsv")),
+        _by_format,
+        {".csv": "table", ".tsv": "table", ".c3d": "binary"},
+        10,
+        (file("motive.csv", ""), file("nexus.csv", "none"), file("qtm.tsv", ""), file("c3d.c3d", "")),
+        (is_folder("nexus.csv"), file("trc.dat", TEXTS["t.trc"])),
+    ),
+    Target(
+        "markers, by what is told",
+        tuple(file(f"{name}.trc", TEXTS["t.trc"]) for name in ("all", "other")),
+        _told,
+        {".trc": "table"},
+        10,
+        tuple(file(f"{name}.trc", TEXTS["t.trc"]) for name in odd_markers.TOLD),
+    ),
     Target(
         "markers, told",
         (_text("t.trc"), _text("nexus.csv"), _text("qtm.tsv"), file("a.c3d", C3dBytes(standing(), LABELS).to_bytes())),
@@ -90,16 +135,16 @@ TARGETS: tuple[Target, ...] = (
         {".trc": "text", ".csv": "text", ".c3d": "binary", ".txt": "text", ".dat": "text"},
         10,
         (
-            _text("nexus.csv", {"A:LTOE": "B:LTOE"}),
-            _text("t.trc", {"LTOE": "C7"}),
-            _text("nexus.csv", {"LTOE": "C7"}),
+            _text("nexus.csv", ("A:LTOE", "B:LTOE")),
+            _text("t.trc", ("LTOE", "C7")),
+            _text("nexus.csv", ("LTOE", "C7")),
             file("a.txt", "no markers at all\n"),
             file("a.dat", "none"),
         ),
     ),
     Target(
         "capture of one subject",
-        (_text("nexus.csv"), _text("nexus.csv", {"A:LTOE": "B:LTOE"}), _c3d_of_two()),
+        (_text("nexus.csv"), _text("nexus.csv", ("A:LTOE", "B:LTOE")), _c3d_of_two()),
         lambda folder: load_capture(next(folder.iterdir()), subject_prefix="A"),
         {".csv": "text", ".c3d": "binary"},
         10,

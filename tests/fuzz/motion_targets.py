@@ -24,9 +24,11 @@ from solver_backend.job import Job
 from solver_backend.priors.svae import load_svae
 from solver_backend.priors.weights import arrays_hash
 from tests.body.oracle import model
-from tests.fuzz import odd_motions
-from tests.fuzz.target import Target, Write, file
-from tests.support.pickle_bytes import chumpy, column, sparse
+from tests.fuzz import odd_bodies, odd_motions
+from tests.fuzz.odd_bodies import ARCHIVES
+from tests.fuzz.odd_bodies import body as _body
+from tests.fuzz.odd_values import RECORDS, variants
+from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
 from tests.support.random_weights import write_random
 from tests.support.scenes import small_motion
 
@@ -58,18 +60,17 @@ _SIX = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
 _MOVING = _BVH.replace("CHANNELS 3 Zrotation Xrotation Yrotation", _SIX)
 _MOVING = _MOVING.replace(" 4 5 6\n", " 0 -40 0 4 5 6\n").replace(" 4 5 7\n", " 0 -41 0 4 5 7\n")
 _ADDED = _MOVING.replace(" 0 -40 0 4", " 0 0.1 0 4").replace(" 0 -41 0 4", " 0 0.2 0 4")
-_THREE = column([1, 2, 3])
-_ODD_PICKLES = (
-    sparse([0, 1], [0, 1, 2]),
-    sparse([0, 7], [0, 1, 2]),
-    chumpy(x=_THREE),
-    chumpy(a=_THREE, idxs=column([2, 0]), preferred_shape=b"K\x02K\x01\x86"),
-    chumpy(a=_THREE, idxs=column([1])),
-    chumpy(),
-    pickle.dumps([1, 2.5, None, True, "text", b"bytes", {1: (2, 3)}, 10**30], protocol=0),
-    pickle.dumps({"a": np.float32(1), "b": np.array(["a", "bc"]), "c": np.asfortranarray(np.eye(3))}, protocol=2),
-    pickle.dumps({"a": np.arange(3, dtype=">i4"), "b": {1, 2}, "c": frozenset({3})}, protocol=4),
-)
+_LONG = "HIERARCHY\n" + "x" * 5_100_000 + "\nMOTION\nFrames: 1\nFrame Time: 0.1\n"
+_CROWD = "ROOT a\n{\n OFFSET 0 0 0\n" + "JOINT b\n{\n OFFSET 0 0 0\n}\n" * 1100 + "}\n"
+_ODD_BVH = (
+    "", "no motion", _BVH.replace("OFFSET 0 -40 0", "OFFSET 0 -40"), _BVH.replace("Frames: 2", "Frames: -1"),
+    _BVH.replace("Time: 0.02", "Time: inf"), _BVH.replace("Frames: 2", "Frames: 9000000"),
+    _BVH.replace("Frames: 2", "Frames: 3"), _BVH.replace("91", "nan"), _BVH.replace("91", "1e999"),
+    _BVH.replace("CHANNELS 6", "CHANNELS 0").replace("CHANNELS 3", "CHANNELS 0"), _BVH.replace("}", "", 1),
+    "HIERARCHY\nROOT a\n{\n OFFSET 0 0 0\n CHANNELS 0\n}\nMOTION\nFrames: 1\nFrame Time: 0.1\n",
+    f"HIERARCHY\n{_CROWD}MOTION\nFrames: 1\nFrame Time: 0.1\n", _BVH.replace("ROOT", "ROOT a {} ROOT"),
+    _BVH.replace("Frame Time: 0.02", "Frame Time: 0.02 x"), _BVH.replace("JOINT Knee", "JOINT").replace("End", "END"),
+)  # fmt: skip
 
 
 def _job(folder: Path) -> None:
@@ -108,12 +109,6 @@ def _amass(parts: bool = False, width: int = 156, model_type: str = "") -> Write
     return write
 
 
-def _body(family: str) -> Write:
-    arrays = {key: value for key, value in model(family).items() if value.dtype != object}
-    arrays["shapedirs"], arrays["posedirs"] = arrays["shapedirs"][..., :10], np.float16(arrays["posedirs"])
-    return lambda folder: np.savez(folder / "a.npz", **arrays)
-
-
 def _pickled(protocol: int) -> Write:
     plain = {name: value for name, value in model("SMPL").items() if value.dtype != object}
     return file("a.pkl", pickle.dumps(plain | {"bs_style": "lbs"}, protocol=protocol))
@@ -140,6 +135,9 @@ _HEADERS: tuple[dict[str, object], ...] = (
 )  # fmt: skip
 
 
+_ODD_WEIGHTS = (np.array("a"), np.zeros((3, 3)), np.full((24, 32), np.nan, np.float32), None)
+
+
 def read_as_if_whole(folder: Path, load: Callable[[Path], object]) -> object:
     """Read changed weights under the hash of what was changed, as somebody who forges them would write it."""
     path, forged = folder / "a.npz", folder / "forged.npz"
@@ -150,6 +148,11 @@ def read_as_if_whole(folder: Path, load: Callable[[Path], object]) -> object:
     except (MocapError, ValueError, KeyError, TypeError, RecursionError):
         return load(path)
     return load(forged)
+
+
+def _shown(folder: Path) -> object:
+    path = next(iter(sorted(folder.iterdir())), folder / "a.npz")
+    return motion_file.is_motion(path) and motion_file.read_motion(path)
 
 
 def _read_record(folder: Path) -> object:
@@ -164,7 +167,8 @@ TARGETS: tuple[Target, ...] = (
         lambda f: load_motion(f / "a.bvh"),
         {".bvh": "text"},
         60,
-        (file("a.bvh", ""), file("a.bvh", "no motion"), file("b.bvh", "HIERARCHY")),
+        (*(file("a.bvh", text) for text in _ODD_BVH), file("b.bvh", "HIERARCHY")),
+        (file("a.bvh", _LONG), large("a.bvh", 10**9), is_folder("a.bvh")),
     ),
     Target(
         "AMASS",
@@ -172,6 +176,12 @@ TARGETS: tuple[Target, ...] = (
         lambda f: load_motion(f / "a.npz"),
         _NPZ,
         16,
+        (
+            *(odd_motions.changed(_amass(), **arrays) for arrays in odd_motions.AMASS),
+            odd_motions.changed(_amass(parts=True), pose_hand=None, surface_model_type=None),
+            odd_motions.changed(_amass(parts=True), root_orient=None),
+        ),
+        (nothing,),
     ),
     Target(
         "motion file",
@@ -195,14 +205,20 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "motion file, shown",
         (_motion(), _amass(), _amass(parts=True)),
-        lambda f: motion_file.is_motion(f / "a.npz") and motion_file.read_motion(f / "a.npz"),
+        _shown,
         _NPZ,
         10,
-        odd_motions.MOTIONS,
+        (*ARCHIVES, *odd_motions.MOTIONS),
+        (file("a.bvh", _BVH), nothing),
     ),
     Target("body .npz", (_body("SMPL"), _body("SMPL-H")), lambda f: load_smpl_file(f / "a.npz"), _NPZ, 8),
     Target(
-        "body .npz, relaxed hands", (_body("SMPL-X"),), lambda f: load_smpl_file(f / "a.npz", flat_hands=False), _NPZ, 4
+        "body .npz, relaxed hands",
+        (_body("SMPL-X"),),
+        lambda f: load_smpl_file(f / "a.npz", flat_hands=False),
+        _NPZ,
+        4,
+        odd_bodies.RELAXED,
     ),
     Target(
         "body .npz, one family",
@@ -212,17 +228,36 @@ TARGETS: tuple[Target, ...] = (
         2,
         (_body("SMPL-H"), odd_motions.changed(_body("SMPL"), kintree_table=None)),
     ),
-    Target("body .npz, shown", (_body("SMPL"), _body("SMPL-H")), lambda f: read_body(f / "a.npz"), _NPZ, 8),
+    Target(
+        "body .npz, shown",
+        (_body("SMPL"), _body("SMPL-H")),
+        lambda f: read_body(f / "a.npz"),
+        _NPZ,
+        8,
+        odd_bodies.SHOWN,
+        (nothing,),
+    ),
+    Target("body of another kind, shown", (), lambda f: read_body(f / "a.pkl"), {".pkl": "pickle"}, 1, (_pickled(2),)),
     Target(
         "body .pkl",
         (_pickled(2), _pickled(4)),
         lambda f: load_smpl_file(f / "a.pkl"),
         {".pkl": "pickle"},
         30,
-        tuple(file("a.pkl", content) for content in _ODD_PICKLES),
+        tuple(file("a.pkl", content) for content in odd_bodies.PICKLES),
+        (odd_bodies.BOMB,),
     ),
     Target(
-        "weights", (_weights,), lambda f: read_as_if_whole(f, load_svae), _NPZ, 8, tuple(map(_weights_of, _HEADERS))
+        "weights",
+        (_weights,),
+        lambda f: read_as_if_whole(f, load_svae),
+        _NPZ,
+        8,
+        (
+            *map(_weights_of, _HEADERS),
+            *(odd_motions.changed(_weights, decoder_w0=value) for value in _ODD_WEIGHTS),
+        ),
+        (nothing,),
     ),
     Target(
         "job file",
@@ -231,7 +266,17 @@ TARGETS: tuple[Target, ...] = (
         {".json": "json"},
         50,
         (*odd_motions.JOBS, *odd_motions.NO_JOBS),
+        (large("job.json", 10**8), nothing),
     ),
-    Target("record of a batch", (_record,), _read_record, {".json": "json"}, 20),
+    Target(
+        "record of a batch",
+        (_record,),
+        _read_record,
+        {".json": "json"},
+        20,
+        variants({"take": "a", "status": "done"}, RECORDS, RECORD),
+        (nothing, large(RECORD, 10**8)),
+    ),
+    Target("weights as they are", (_weights,), lambda f: load_svae(f / "a.npz"), _NPZ, 2),
 )
 """The add-on's readers of captures and motions are those of ``exchange``; bodies it reads by itself."""

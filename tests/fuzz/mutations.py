@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.fuzz.binary_mutations import change_numbers, change_pickle
+from tests.fuzz.binary_mutations import change_numbers, change_pickle, change_png
 
 _TOKEN = re.compile(r"[\w.+\-]+|\s+|.", re.DOTALL)
 _WORDS = (
@@ -22,11 +22,12 @@ _VALUES: tuple[Any, ...] = (
     None, True, 0, -1, 1, 1e308, 10**23, 10**400, float("nan"), float("inf"), "", "1", "x" * 100, [], {}, [[]],
     [1, [2]], {"a": None}, 100, 0.5,
 )  # fmt: skip
+_HOLE = "what is nested goes here"
 _KINDS = ("<f8", "<f4", "<i4", "<u8", "|b1", "<U3", "|S2", "<c16", "<f2", ">f8", "|O", "<M8[s]", "|V4", "f8,f8")
 
 
 def mutated(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
-    """Return changed bytes of a file of this kind: 'text', 'json', 'npz', 'pickle' or 'binary'."""
+    """Return changed bytes of a file of this kind: 'text', 'table', 'json', 'npz', 'png', 'pickle' or 'binary'."""
     for _ in range(int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))):
         structured = rng.random() < 0.8
         data = _BY_KIND[kind](data, rng) if structured else change_bytes(data, rng)
@@ -72,6 +73,35 @@ def change_text(data: bytes, rng: np.random.Generator) -> bytes:
     return "".join(tokens).encode("utf-8", "replace")
 
 
+def change_table(data: bytes, rng: np.random.Generator) -> bytes:
+    """Change rows, columns or a cell of a table; every other time a word as in any text."""
+    lines = data.decode("latin-1").splitlines()
+    delimiters = [mark for mark in "\t,; " if any(mark in line for line in lines)]
+    if not delimiters or rng.random() < 0.5:
+        return change_text(data, rng)
+    delimiter = max(delimiters, key=data.decode("latin-1").count)
+    rows = [line.split(delimiter) for line in lines]
+    i, j = (int(rng.integers(len(rows))) for _ in range(2))
+    column = int(rng.integers(max(map(len, rows))))
+    what = int(rng.integers(7))
+    if what == 0:
+        rows[i], rows[j] = rows[j], rows[i]
+    elif what == 1:
+        del rows[i : i + int(rng.integers(1, 4))]
+    elif what == 2:
+        rows[i:i] = rows[i : i + 3] * int(rng.integers(1, 40))
+    elif what == 3:
+        rows = [row[:column] + row[column + 1 :] for row in rows]
+    elif what == 4:
+        rows = [row[:column] + row[column : column + 1] * 2 + row[column + 1 :] for row in rows]
+    elif what == 5:
+        word = _WORDS[int(rng.integers(len(_WORDS)))]
+        rows = [row if k < i else [*row[:column], word, *row[column + 1 :]] for k, row in enumerate(rows)]
+    else:
+        delimiter = ("\t", ",", ";", " ", "|")[int(rng.integers(5))]
+    return "\n".join([delimiter.join(row) for row in rows] + [""]).encode("utf-8", "replace")
+
+
 def change_json(data: bytes, rng: np.random.Generator) -> bytes:
     """Change one node of a tree; what is no JSON is changed as a text."""
     try:
@@ -82,7 +112,11 @@ def change_json(data: bytes, rng: np.random.Generator) -> bytes:
     if not places or rng.random() < 0.05:
         return json.dumps(_VALUES[int(rng.integers(len(_VALUES)))]).encode()
     holder, key = places[int(rng.integers(len(places)))]
-    what = int(rng.integers(4))
+    what = int(rng.integers(5))
+    if what == 4 and rng.random() < 0.2:
+        holder[key] = _HOLE
+        depth = int(rng.choice([50, 1200, 100_000]))
+        return json.dumps(tree).replace(f'"{_HOLE}"', "[" * depth + "]" * depth, 1).encode()
     if what == 0:
         del holder[key]
     elif what == 1 and isinstance(holder, list):
@@ -173,5 +207,6 @@ def _changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 _BY_KIND = {
-    "text": change_text, "json": change_json, "npz": change_npz, "pickle": change_pickle, "binary": change_numbers,
+    "text": change_text, "table": change_table, "json": change_json, "npz": change_npz, "pickle": change_pickle,
+    "binary": change_numbers, "png": change_png,
 }  # fmt: skip

@@ -51,7 +51,8 @@ _FORGED: tuple[dict[str, Any], ...] = (
     {"trans": np.full((4, 3), 1e9)}, {"trans": np.full((4, 3), np.nan)}, {"betas": np.zeros(3)},
     {"joint_set": "NONE"}, {"keyframes": np.zeros(3, bool)}, {"poses": np.zeros((4, 150))}, {"poses": np.zeros(4)},
     {"markers": np.zeros((4, 2, 3))}, {"joints": np.array([{}], dtype=object)}, {"betas": "none"},
-    {"format": None, "joints": None},
+    {"format": None, "joints": None}, {"betas": np.full(10, 20.0)}, {"provenance": "[" * 5000},
+    {"poses": np.zeros((0, 72)), "trans": np.zeros((0, 3)), "joints": None},
 )  # fmt: skip
 MOTIONS: tuple[Write, ...] = (
     _motion(lambda motion: replace(motion, transl=np.float32([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]]))),
@@ -69,6 +70,12 @@ ODD_SUBJECTS: tuple[Write, ...] = tuple(
         {"betas": None}, {"marker_places": ["LASI"]}, {"marker_labels": 3},
     )
 )  # fmt: skip
+AMASS: tuple[dict[str, Any], ...] = (
+    {"poses": np.zeros((4, 10))}, {"poses": None}, {"poses": np.full((4, 156), np.nan)}, {"mocap_framerate": None},
+    {"mocap_framerate": np.array(-1.0)}, {"mocap_framerate": np.array(np.nan)}, {"gender": None}, {"gender": 5},
+    {"gender": "other"}, {"betas": None}, {"trans": None}, {"betas": np.full(16, 9.0)},
+)  # fmt: skip
+"""Arrays of an AMASS file that are others or left out."""
 _JOB = {"version": 1, "capture": "c.npz", "out": "m.npz"}
 
 
@@ -83,6 +90,7 @@ JOBS: tuple[Write, ...] = (
             {"settings": {"unknown": 1}}, {"settings": {"window": 1}}, {"settings": {"betas": [1.0]}},
             {"settings": {"layout": "l.json", "body": "bodies/b.npz"}}, {"resolve": {"motion": "m.npz"}},
             {"resolve": {"motion": 3, "first": 0, "last": 1}}, {"trim": "yes"}, {"unit": 5}, {"subject": 5},
+            {"resolve": {"first": 0, "last": 1}},
         )
     ),
 )  # fmt: skip

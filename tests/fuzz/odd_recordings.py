@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.io.native.capture_file import write_capture
-from solver_backend.types import Cameras, Capture, JointSet
-from tests.fuzz.odd_motions import changed
+from solver_backend.types import Cameras, JointSet
 from tests.fuzz.target import Write, file
 from tests.support.calibration_files import json_text, qca_text, toml_text, yaml_camera
-from tests.support.scenes import detected, ring_of_cameras, small_capture, small_markers, walker
+from tests.support.scenes import detected, ring_of_cameras, walker
 from tests.support.trial_files import mp4_bytes, renamed, write_trial
 
 People = list[dict[str, Any]]
@@ -104,6 +103,26 @@ def _footage_of(scale: int) -> Callable[[Path], object]:
         _people(lambda people: (_scaled(scale, 0)(people), _scaled(scale, 1)(people)))(trial)
 
     return change
+
+
+def _each_frame(content: bytes) -> Callable[[Path], object]:
+    """Return what writes this into every frame of every camera."""
+    return lambda trial: [path.write_bytes(content) for path in (trial / "pose").rglob("*.json")]
+
+
+def _no_frames_in_common(trial: Path) -> None:
+    folder = sorted((trial / "pose").iterdir())[0]
+    for number, path in enumerate(sorted(folder.iterdir())):
+        path.rename(path.with_name(f"cam01_{5000 + number:012d}_keypoints.json"))
+
+
+def _named_like_a_session(trial: Path) -> None:
+    """Move the calibration three levels up, as far as Pose2Sim's names of sessions and people let it be found."""
+    place = trial.with_name("S00") / "S00_P01" / "trial"
+    place.parent.mkdir(parents=True)
+    trial.rename(place)
+    (place / "calibration").rename(trial.with_name("calibration"))
+    trial.symlink_to(place)
 
 
 def _pictures(trial: Path) -> None:
@@ -198,76 +217,25 @@ TRIALS: tuple[Write, ...] = (
     _trial(_people(_keypoints(33))),
     _trial(_people(_keypoints(133))),
     _trial(_above),
+    _trial(lambda trial: [(path / "words.json").write_text("[") for path in (trial / "pose").iterdir()]),
+    _trial(_each_frame(b"{")),
+    _trial(_each_frame(b"[]")),
+    _trial(_each_frame(b'{"people": [{}]}')),
+    _trial(_each_frame(b'{"people": [{"pose_keypoints_2d": [1, 2]}]}')),
+    _trial(_each_frame(b'{"people": [{"pose_keypoints_2d": [1, 2, "x"]}]}')),
+    _trial(_people(lambda people: people.extend(people * 30))),
+    _trial(_no_frames_in_common),
+    _trial(_people(_scaled(300.0, 2))),
+    _trial(lambda trial: None, config='[project]\nframe_rate = 30\n[pose]\npose_model = "COCO_17"\n'),
+    _trial(_moved(replace(_CAMERAS, t=_CAMERAS.t * 0.3))),
+    _trial(_moved(replace(_CAMERAS, t=_CAMERAS.t - _CAMERAS.R @ [0.0, 0.0, 1.0]))),
+    _trial(_moved(replace(_CAMERAS, K=_CAMERAS.K * [[[1.6, 1.0, 1.0], [1.0, 1.6, 1.0], [1.0, 1.0, 1.0]]]))),
+    _trial(_calibration("a.yml", "a: [")),
+    _trial(_calibration("a.json", json_text(_CAMERAS, "list"))),
+    _trial(_named_like_a_session),
 )  # fmt: skip
 """What is called ``trial`` in the folder."""
 
-
-def _capture(**told: Callable[[Any], Any]) -> Write:
-    """Return what writes a capture whose cameras are changed, or whose keypoints are."""
-
-    def write(folder: Path) -> None:
-        base = small_capture(2, views=2)
-        points = walker(JointSet.COCO_17, 2, (0.0, 0.0), (0.1, 0.0))
-        xy, confidence = detected(base.cameras, points, np.random.default_rng(0))
-        keypoints = replace(base.keypoints, xy=xy, confidence=confidence)
-        of_cameras = {key: value for key, value in told.items() if hasattr(base.cameras, key)}
-        others = {key: value for key, value in told.items() if key not in of_cameras}
-        keypoints = replace(keypoints, **{key: value(getattr(keypoints, key)) for key, value in others.items()})
-        cameras = replace(base.cameras, **{key: value(getattr(base.cameras, key)) for key, value in of_cameras.items()})
-        write_capture(folder / "a.npz", replace(base, cameras=cameras, keypoints=keypoints))
-
-    return write
-
-
-def _set(place: Any, value: float) -> Callable[[np.ndarray], np.ndarray]:
-    def change(array: np.ndarray) -> np.ndarray:
-        array = np.array(array, dtype=np.float64)
-        array[place] = value
-        return array
-
-    return change
-
-
-def _markers_as(**arrays: object) -> Write:
-    """Return what writes a capture of markers and changes its arrays."""
-    return changed(lambda folder: write_capture(folder / "a.npz", Capture("m", markers=small_markers())), **arrays)
-
-
-_PLAIN = small_capture(2, views=2)
-_FORGED: tuple[dict[str, Any], ...] = (
-    {"K": -_PLAIN.cameras.K}, {"K": _PLAIN.cameras.K * np.nan}, {"K": _PLAIN.cameras.K[:1]}, {"K": None},
-    {"image_size": [[0, 0], [0, 0]]}, {"image_size": [["a", "b"], ["c", "d"]]}, {"footage": ["a.mp4"]},
-    {"distortion_model": "other"}, {"confidence": None}, {"confidence": np.zeros((2, 2, 3))}, {"xy": np.zeros((2, 2))},
-    {"camera_names": ["a", "a"]}, {"camera_names": ["", ""]}, {"joint_set": "NONE"}, {"fps": 0.0}, {"fps": "fast"},
-    {"footage": ["/elsewhere/a.mp4", "..\\b.mp4"]}, {"name": 3}, {"sources": 1},
-)  # fmt: skip
-CAPTURES: tuple[Write, ...] = (
-    *(changed(lambda folder: write_capture(folder / "a.npz", _PLAIN), **forged) for forged in _FORGED),
-    _markers_as(marker_labels=["C7", "C7", ""]),
-    _markers_as(marker_labels=["C7"]),
-    _markers_as(markers=np.zeros((5, 3))),
-    _markers_as(markers=np.full((5, 3, 3), np.inf)),
-    _capture(),
-    _capture(K=_set((0, 2, 0), 3.0)),
-    _capture(K=_set((0, 0, 0), 3.0)),
-    _capture(K=_set((0, 0, 0), 1e6)),
-    _capture(K=_set((0, 0, 0), 300.0)),
-    _capture(K=_set((0, 0, 2), -900.0)),
-    _capture(distortion=_set((0, 0), -0.9)),
-    _capture(t=_set((0, 2), 500.0)),
-    _capture(t=_set((0, 2), 1e9)),
-    _capture(t=lambda t: t[[0, 0]], R=lambda R: R[[0, 0]]),
-    _capture(fps=lambda fps: 5000.0),
-    _capture(fps=lambda fps: 1e6),
-    _capture(confidence=lambda c: c * 100),
-    _capture(confidence=lambda c: c * 3),
-    _capture(confidence=lambda c: c * 0),
-    _capture(confidence=_set((0,), 0.0)),
-    _capture(xy=lambda xy: xy + 1e6),
-    _capture(xy=lambda xy: xy + 5000),
-    _capture(xy=lambda xy: xy[::-1]),
-    _capture(xy=lambda xy: xy[:, :1], confidence=lambda c: c[:, :1]),
-)
 
 _HEADER = "sync_index,port,point_id,img_loc_x,img_loc_y\n"
 TABLES: tuple[Write, ...] = tuple(
@@ -296,3 +264,21 @@ def table(camera: str = "port", rate: str = "fps_recording = 24\n", points: int 
         (place / "xy_POSE.csv").write_text("\n".join([header, *rows, "4,0,4,0.1,104,10,10"]) + "\n")
 
     return write
+
+
+def _box(kind: bytes, content: bytes, large: bool = False) -> bytes:
+    if large:
+        return struct.pack(">I4sQ", 1, kind, 16 + len(content)) + content
+    return struct.pack(">I4s", 8 + len(content), kind) + content
+
+
+_VIDEO = mp4_bytes(30, 3, (1920, 1080))
+_MOOV = _VIDEO[_VIDEO.index(b"moov") + 4 :]
+VIDEOS: tuple[bytes, ...] = (
+    b"", b"\0\0", _box(b"mdat", bytes(9), large=True) + _box(b"moov", _MOOV, large=True),
+    struct.pack(">I4s", 3, b"ftyp") + _VIDEO, _box(b"ftyp", b"isom"), struct.pack(">I4s", 1, b"mdat"),
+    _box(b"moov", _box(b"trak", b"", large=True) + _MOOV), _box(b"moov", struct.pack(">I4s", 4, b"trak") + _MOOV),
+    struct.pack(">I4s", 0, b"moov") + _MOOV, _VIDEO.replace(struct.pack(">I", 90000), bytes(4)),
+    _VIDEO.replace(b"vide", b"text"), _VIDEO.replace(b"stts", b"none"),
+)  # fmt: skip
+"""Headers of videos whose boxes are long, empty, too short or not there."""

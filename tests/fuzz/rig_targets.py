@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from solver_backend.body.label_places import read_label_places
 from solver_backend.body.marker_layouts import DEFAULT, load_layouts
-from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.errors import CalibrationInvalid, MocapError
 from solver_backend.io.native.told_file import read_told
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import from_lines
@@ -23,16 +24,20 @@ from solver_backend.rig.detect.noise_map import read_noise_map
 from solver_backend.rig.detect.video_detections import VideoDetections, read_detections, write_detections
 from solver_backend.rig.extrinsics.points_session import read_clicks
 from solver_backend.rig.intrinsics.known_lenses import known_lenses
-from solver_backend.rig.intrinsics.library import keep_lenses
+from solver_backend.rig.intrinsics.library import keep_lenses, lens_named, read_lenses
 from solver_backend.rig.road.records import NAME as STEPS
 from solver_backend.rig.road.records import Records
 from solver_backend.rig.sync.clocks import Clocks, read_clocks
 from solver_backend.types import JointSet
-from tests.fuzz.target import Target, Write, file
-from tests.support.scenes import small_markers
+from tests.fuzz import odd_bodies, odd_motions, odd_values
+from tests.fuzz.target import Target, Write, file, nothing
+from tests.support.calibration_files import json_text, toml_text
+from tests.support.scenes import ring_of_cameras, small_markers
+from tests.support.trial_files import renamed
 
 _JSON = {".json": "json"}
 _CLOUD = small_markers()
+_CAMERAS = ring_of_cameras(2)
 
 
 def _json(values: Any) -> Write:
@@ -62,6 +67,32 @@ def _detections(hands: bool) -> Write:
 def _read_detections(folder: Path) -> object:
     found = read_detections(folder / "a.npz", Path("a.mp4"))
     return found.fps, found.of_track(found.main_track())
+
+
+def _known_lenses(folder: Path) -> object:
+    return known_lenses(folder / "a.json", ("cam01", "cam02"))
+
+
+def _lens_of_size(folder: Path) -> object:
+    lenses = read_lenses(folder / "a.json")
+    with suppress(CalibrationInvalid):
+        lens_named(lenses, "cam01", (640, 480), "a.json")
+    return [lens_named(lenses, "cam01", size, "a.json") for size in (None, (1280, 720), (640, 360))]
+
+
+def _shown_board(text: str) -> object:
+    board = board_named(text)
+    return str(board), board.points, board.size_m, board.tells_ends_apart
+
+
+def _steps(folder: Path) -> object:
+    records = Records(folder)
+    return records.is_ours(folder / "a.npz"), records.is_made(folder / "a.npz", "anything")
+
+
+def _layouts(folder: Path) -> object:
+    read = load_layouts.__wrapped__(folder / "a.json")
+    return [read.place_of(label) for label in ("Anna:l_asis", "ASIS-L", "asis left", "*12")], read.spread_of("C7")
 
 
 def _clocks() -> dict[str, Any]:
@@ -112,29 +143,77 @@ _LINES = '{"t": 0.1, "points": [[0.1, 0.2, 1.0], [0, 0, 1.5]]}\n0.2 1 2 3 4 5 6\
 
 TARGETS: tuple[Target, ...] = (
     Target("noise of a detector", (_json(_NOISE),), lambda f: read_noise_map(f / "a.json").as_dict(), _JSON, 20),
-    Target("detections", (_detections(False), _detections(True)), _read_detections, {".npz": "npz"}, 12),
-    Target("answers of a detector", (_answers,), _read_answers, {".bin": "binary"}, 20),
-    Target("lenses", (_lenses,), lambda f: known_lenses(f / "a.json", ("cam01", "cam02")), _JSON, 20),
+    Target(
+        "detections",
+        (_detections(False), _detections(True)),
+        _read_detections,
+        {".npz": "npz"},
+        12,
+        (odd_motions.changed(_detections(False), joint_set="BODY_25"), *odd_bodies.ARCHIVES),
+    ),
+    Target("answers of a detector", (_answers,), _read_answers, {".bin": "binary"}, 20, odd_values.ANSWERS),
+    Target("lenses", (_lenses,), _known_lenses, _JSON, 20, (file("a.json", json_text(_CAMERAS, "list")),)),
+    Target(
+        "lenses of a calibration",
+        (file("a.toml", toml_text(_CAMERAS)),),
+        lambda f: known_lenses(f / "a.toml", _CAMERAS.names),
+        {".toml": "text"},
+        10,
+        (file("a.toml", toml_text(ring_of_cameras(3))), file("a.toml", toml_text(renamed(_CAMERAS, ("x", "y"))))),
+    ),
+    Target("lens for pictures of a size", (_lenses,), _lens_of_size, _JSON, 10),
     Target(
         "board",
         (file("a.toml", board_toml(board_named("charuco:5x7:35mm"))), file("a.toml", _CHARUCO)),
-        lambda f: str(board_named(str(f / "a.toml"))),
+        lambda f: _shown_board(str(f / "a.toml")),
         {".toml": "text"},
         20,
+        odd_values.BOARDS,
     ),
-    Target("clicks", (file("a.csv", _CLICKS),), lambda f: read_clicks(f / "a.csv"), {".csv": "text"}, 20),
-    Target("clocks", (_json(_clocks()),), lambda f: read_clocks(f / "a.json").lines(), _JSON, 20),
     Target(
-        "steps of a road", (file(STEPS, '{"a.npz": "ab12"}'),), lambda f: Records(f).is_ours(f / "a.npz"), _JSON, 10
+        "board by a word",
+        (file("a.txt", odd_values.NAMED_BOARDS[0]),),
+        lambda f: _shown_board((f / "a.txt").read_bytes().decode("utf-8", "replace")[:100]),
+        {".txt": "text"},
+        10,
+        tuple(file("a.txt", word) for word in odd_values.NAMED_BOARDS),
+    ),
+    Target(
+        "clicks",
+        (file("a.csv", _CLICKS),),
+        lambda f: read_clicks(f / "a.csv"),
+        {".csv": "table"},
+        20,
+        (file("a.csv", "a,b\n"), file("a.csv", "a,cam01,nan,1\n"), file("a.csv", '"' + "x" * 140_000)),
+    ),
+    Target(
+        "clocks",
+        (_json(_clocks()),),
+        lambda f: read_clocks(f / "a.json").lines(),
+        _JSON,
+        20,
+        odd_values.variants(
+            _clocks(), ({"offset_s": [1]}, {"middle_s": None}, {"cameras": [1, 2]}, {"rate": [1e400, 0]})
+        ),
+    ),
+    Target(
+        "steps of a road",
+        (file(STEPS, '{"a.npz": "ab12"}'),),
+        _steps,
+        _JSON,
+        10,
+        (file(STEPS, "["), file(STEPS, "[" * 5000), file(STEPS, "[]"), file(STEPS, b"\xff")),
+        (nothing,),
     ),
     Target("places of labels", (_json(_LABELS),), lambda f: read_label_places(f / "a.json"), _JSON, 20),
-    Target("told points", (_json(_TOLD),), lambda f: read_told(f / "a.json", _CLOUD), _JSON, 20),
     Target(
-        "marker layouts",
-        (file("a.json", DEFAULT.read_bytes()),),
-        lambda f: load_layouts.__wrapped__(f / "a.json").place_of("Anna:l_asis"),
+        "told points",
+        (_json(_TOLD),),
+        lambda f: read_told(f / "a.json", _CLOUD),
         _JSON,
-        6,
+        20,
+        odd_values.variants(_TOLD, odd_values.TOLD_POINTS),
     ),
-    Target("live points", (file("a.txt", _LINES),), _frames, {".txt": "text"}, 20),
+    Target("marker layouts", (file("a.json", DEFAULT.read_bytes()),), _layouts, _JSON, 6, odd_values.LAYOUTS),
+    Target("live points", (file("a.txt", _LINES),), _frames, {".txt": "text"}, 20, odd_values.LINES),
 )

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import struct
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +19,18 @@ from blender_addon.solving.child import event_in
 from blender_addon.solving.run import Run
 from blender_addon.studio.scene_file import FORMAT as SCENE
 from blender_addon.studio.scene_file import read_scene
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.studio.data_set import DESCRIPTION, SHOTS, read_data_set
 from solver_backend.studio.make_shot import DONE
 from solver_backend.studio.spec import read_spec
+from tests.fuzz import odd_values
 from tests.fuzz.motion_targets import read_as_if_whole
-from tests.fuzz.target import Target, Write, file
+from tests.fuzz.odd_motions import changed
+from tests.fuzz.target import Target, Write, file, nothing
 from tests.support.random_weights import write_random
+from tests.support.scenes import small_capture
 
 _JSON = {".json": "json"}
 _SPEC: dict[str, Any] = {
@@ -53,6 +60,66 @@ def _pictures() -> tuple[Write, ...]:
     grey = rng.integers(0, 255, (5, 7))
     colour = rng.integers(0, 255, (5, 7, 3)).astype(np.uint8)
     return _png(grey.astype(np.uint8)), _png((grey * 200).astype(np.uint16)), _png(colour)
+
+
+def _chunk(name: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+
+def _png_of(filters: Sequence[int], depth: int = 8, kind: int = 0, interlaced: int = 0) -> Write:
+    """Return what writes a small picture whose rows are packed by these filters."""
+    step = {0: 1, 2: 3, 3: 1, 6: 4}[kind] * depth // 8
+    rows = b"".join(bytes([which]) + bytes(range(4 * step)) for which in filters)
+    head = struct.pack(">IIBBBBB", 4, len(filters), depth, kind, 0, 0, interlaced)
+    chunks = _chunk(b"IHDR", head) + _chunk(b"IDAT", zlib.compress(rows)) + _chunk(b"IEND", b"")
+    return file("a.png", b"\x89PNG\r\n\x1a\n" + chunks)
+
+
+_ODD_PNG: tuple[Write, ...] = (
+    _png_of([0, 1, 2, 0]), _png_of([3, 4, 3, 4]), _png_of([4, 1, 0, 2, 3], kind=2), _png_of([4, 3], depth=16),
+    _png_of([4, 2], kind=6), _png_of([9]), _png_of([0], interlaced=1), _png_of([0], kind=3), _png_of([]),
+    file("a.png", b"\x89PNG\r\n\x1a\n"), file("a.png", b"GIF89a"),
+)  # fmt: skip
+
+
+def _data_set_of(**values: object) -> Write:
+    def write(folder: Path) -> None:
+        _data_set(folder)
+        kept = json.loads((folder / DESCRIPTION).read_text()) | values
+        (folder / DESCRIPTION).write_text(json.dumps({k: v for k, v in kept.items() if v is not None}))
+
+    return write
+
+
+def _no_shots(folder: Path) -> None:
+    _data_set(folder)
+    (folder / SHOTS / "s" / DONE).unlink()
+
+
+def _shot_of(text: str) -> Write:
+    return lambda folder: (_data_set(folder), (folder / SHOTS / "s" / DONE).write_text(text))
+
+
+_ODD_DATA_SETS: tuple[Write, ...] = (
+    _data_set_of(description=None), _data_set_of(folder=5), _data_set_of(format="other"), _no_shots, _shot_of("[]"),
+    _shot_of("{"),
+)  # fmt: skip
+
+
+def _rig(look: str, rig: dict[str, Any] | None = None) -> Write:
+    """Return what writes a description of shots with a rig, and a capture that one may name."""
+
+    def write(folder: Path) -> None:
+        write_capture(folder / "c.npz", small_capture(2, views=2))
+        rigs = [{"layout": "ring", "count": 2} if rig is None else rig]
+        (folder / "a.json").write_text(json.dumps({"version": 1, "rigs": rigs, "looks": [look]}))
+
+    return write
+
+
+def _read_spec(folder: Path) -> object:
+    spec = read_spec(folder / "a.json")
+    return spec.perturb.views, spec.perturb.of_markers
 
 
 def _targa(folder: Path) -> None:
@@ -109,17 +176,42 @@ _EVENTS = "\n".join(
 )
 
 TARGETS: tuple[Target, ...] = (
-    Target("description of shots", (file("a.json", json.dumps(_SPEC)),), lambda f: read_spec(f / "a.json"), _JSON, 6),
-    Target("data set", (_data_set,), read_data_set, _JSON, 6),
-    Target("picture, PNG", _pictures(), lambda f: read_png(f / "a.png").shape, {".png": "binary"}, 20),
+    Target(
+        "description of shots",
+        (file("a.json", json.dumps(_SPEC)),),
+        _read_spec,
+        _JSON,
+        6,
+        odd_values.variants(_SPEC, odd_values.SHOTS),
+    ),
+    Target(
+        "rig of a description",
+        (_rig("suit"),),
+        _read_spec,
+        {".json": "json", ".npz": "npz"},
+        8,
+        tuple(_rig("suit", rig) for rig in odd_values.RIGS),
+    ),
+    Target("data set", (_data_set,), read_data_set, _JSON, 6, _ODD_DATA_SETS, (nothing,)),
+    Target(
+        "picture, PNG", _pictures(), lambda f: read_png(f / "a.png").shape, {".png": "png"}, 20, _ODD_PNG, (nothing,)
+    ),
     Target("picture, Targa", (_targa,), lambda f: read_targa(f / "a.tga").shape, {".tga": "binary"}, 10),
-    Target("scene of a shot", (_scene,), lambda f: read_scene(f / "a.npz"), {".npz": "npz"}, 12),
+    Target(
+        "scene of a shot",
+        (_scene,),
+        lambda f: read_scene(f / "a.npz"),
+        {".npz": "npz"},
+        12,
+        (changed(_scene, faces=np.array([[0, 1, 99]], np.int32)), changed(_scene, rest=np.zeros((1, 3)))),
+    ),
     Target(
         "map of a rig",
         tuple(file("a.json", path.read_bytes()) for path in _PRESETS),
         lambda f: read_map(f / "a.json"),
         _JSON,
         20,
+        odd_values.variants(json.loads(_PRESETS[0].read_text(encoding="utf-8")), odd_values.MAPS),
     ),
     Target(
         "job of a batch",
@@ -128,6 +220,6 @@ TARGETS: tuple[Target, ...] = (
         _JSON,
         20,
     ),
-    Target("events of a child", (file("a.txt", _EVENTS),), _hear, {".txt": "text"}, 20),
+    Target("events of a child", (file("a.txt", _EVENTS),), _hear, {".txt": "text"}, 20, odd_values.EVENTS),
     *(_prior(name) for name in ("vposer", "rvposer", "lie_vae")),
 )

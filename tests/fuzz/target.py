@@ -25,6 +25,8 @@ class Target:
     """How often it is tried, against the others."""
     odd: tuple[Write, ...] = ()
     """More files that mutations begin from; they may be refused by name."""
+    once: tuple[Write, ...] = ()
+    """What is too large to be changed again and again, or is no file at all: only read as it is."""
 
     @property
     def dialects(self) -> tuple[Write, ...]:
@@ -36,3 +38,22 @@ def file(name: str, content: bytes | str) -> Write:
     """Return what writes one file."""
     data = content.encode() if isinstance(content, str) else content
     return lambda folder: (folder / name).write_bytes(data)
+
+
+def large(name: str, size: int) -> Write:
+    """Return what writes a file of so many zeros that take no room on the disk."""
+
+    def write(folder: Path) -> None:
+        with (folder / name).open("wb") as stream:
+            stream.truncate(size)
+
+    return write
+
+
+def is_folder(name: str) -> Write:
+    """Return what puts a folder where a file is expected."""
+    return lambda folder: (folder / name).mkdir()
+
+
+def nothing(folder: Path) -> None:
+    """Write no file at all."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.fuzz import capture_targets, marker_targets, motion_targets, rig_targets, studio_targets
+from tests.fuzz import capture_targets, marker_targets, motion_targets, rig_targets, sensor_targets, studio_targets
 from tests.fuzz.target import Target
 
 TARGETS: tuple[Target, ...] = (
@@ -11,4 +11,5 @@ TARGETS: tuple[Target, ...] = (
     *marker_targets.TARGETS,
     *rig_targets.TARGETS,
     *studio_targets.TARGETS,
+    *sensor_targets.TARGETS,
 )

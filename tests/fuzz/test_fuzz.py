@@ -36,7 +36,7 @@ def test_every_reader_bears_mutated_files() -> None:
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
 def test_the_sound_files_are_read_and_the_odd_ones_are_read_or_named(target: Target, tmp_path: Path) -> None:
-    for number, write in enumerate(target.dialects):
+    for number, write in enumerate((*target.dialects, *target.once)):
         folder = tmp_path / str(number)
         folder.mkdir()
         write(folder)

@@ -48,7 +48,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Add a row a rig and show the first rig's map on the floor."""
         from ...studio.benchmark_rows import rows_of
-        from ...studio.place_map import read_places
+        from ...studio.place_file import read_places
 
         settings = context.scene.mocap.studio
         places = read_places(Path(result["places"]))
@@ -179,7 +179,8 @@ def show_row(context: bpy.types.Context, index: int) -> None:
     Raises:
         FileMissing, FileDamaged: its file is gone or damaged.
     """
-    from ...studio.place_map import read_places, shared_limits, show_places
+    from ...studio.place_file import read_places, shared_limits
+    from ...studio.place_map import show_places
 
     rig = context.scene.mocap.studio.rows[index].rig
     maps = read_places(_row(context, index)[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,8 +38,8 @@ def resolve_body(choice: str) -> Path:
         BodyUnknown: no body has that name, or there is no file at that path.
     """
     if is_path(choice):
-        path = Path(choice).expanduser()
-        if not path.is_file():
+        path = Path(os.path.expanduser(choice))
+        if not os.path.isfile(path):
             raise BodyUnknown("There is no such body file.", where=choice, hint=f"Bodies by name: {_names()}.")
         return path
     for body in list_bodies():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -48,7 +49,7 @@ def _by_key(folder: Path) -> dict[tuple[str, ...], Path]:
 
 def headers(footage: Sequence[Path | None]) -> list[VideoHeader | None]:
     """Return the header of each video that has one we can read."""
-    return [read_video_header(path) if path is not None and path.is_file() else None for path in footage]
+    return [read_video_header(path) if path is not None and os.path.isfile(path) else None for path in footage]
 
 
 def with_sizes_of(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
+from solver_backend.io.files import read_json
 
 NAME = "steps.json"
 
@@ -19,11 +22,9 @@ class Records:
         self._path = folder / NAME
         self._keys: dict[str, str] = {}
         if self._path.is_file():
-            try:
-                kept = json.loads(self._path.read_text(encoding="utf-8"))
+            with suppress(FileDamaged):
+                kept = read_json(self._path)
                 self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
-            except ValueError:
-                self._keys = {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
         """Return whether an output is there and was made of this (plain values)."""

@@ -14,7 +14,8 @@ import pytest
 from blender_addon._exchange.capture_file import CameraFile
 from blender_addon._exchange.errors import FileDamaged, FileMissing
 from blender_addon.scene.cameras import create_camera
-from blender_addon.studio.place_map import MAP, read_places, shared_limits
+from blender_addon.studio.place_file import read_places, shared_limits
+from blender_addon.studio.place_map import MAP
 from blender_addon.studio.scene_rig import rig_of_scene
 from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from blender_addon.ui.panels import studio as panels

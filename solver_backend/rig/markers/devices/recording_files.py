@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.io.files import read_json
+from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.io.files import read_json, read_text
 from solver_backend.rig.markers.devices.device import Frame
 from solver_backend.rig.markers.errors import RecordingInvalid
 
@@ -98,7 +99,7 @@ def read_about(folder: Path) -> RecordingAbout:
         about = RecordingAbout(values["kind"], float(values["fps"]), sensors)
         if not sensors or not 0 < about.fps < 10_000 or len({s.name for s in sensors}) < len(sensors):
             raise ValueError("no sensors, two of one name, or no frame rate")
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise RecordingInvalid(
             f"{ABOUT} is none of ours, or of a newer version: {error}.", where=str(path), hint="Record again."
         ) from error
@@ -122,11 +123,11 @@ def read_index(path: Path) -> np.ndarray:
         RecordingInvalid: it is not there, or a line is no index.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
         rows = np.array([[float(part) for part in line.split(",")] for line in whole]).reshape(-1, 3)
         if not lines or lines[0] != HEADER or not np.isfinite(rows).all():
             raise ValueError("another header, or times that are no numbers")
-    except (OSError, ValueError) as error:
+    except (FileDamaged, FileMissing, ValueError) as error:
         raise RecordingInvalid(f"The index cannot be read: {error}.", where=str(path), hint="Record again.") from error
     return rows
