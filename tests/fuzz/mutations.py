@@ -23,6 +23,8 @@ _VALUES: tuple[Any, ...] = (
     [1, [2]], {"a": None}, 100, 0.5,
 )  # fmt: skip
 _HOLE = "what is nested goes here"
+_LONGEST = 2**20
+"""Characters that a repeated word grows to: the limit of memory is the reader's, not the mutation's."""
 _KINDS = ("<f8", "<f4", "<i4", "<u8", "|b1", "<U3", "|S2", "<c16", "<f2", ">f8", "|O", "<M8[s]", "|V4", "f8,f8")
 
 
@@ -69,7 +71,8 @@ def change_text(data: bytes, rng: np.random.Generator) -> bytes:
     elif what == 4:
         tokens[i], tokens[j] = tokens[j], tokens[i]
     else:
-        tokens[i:i] = [_WORDS[int(rng.integers(len(_WORDS)))]] * int(rng.integers(1, 300))
+        word, times = _WORDS[int(rng.integers(len(_WORDS)))], int(rng.integers(1, 300))
+        tokens[i:i] = [word] * min(times, 1 + _LONGEST // max(1, len(word)))
     return "".join(tokens).encode("utf-8", "replace")
 
 

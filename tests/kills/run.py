@@ -75,9 +75,16 @@ def kill_once(measured: Measured, folder: Path, solved: Path, share: float) -> t
     _age_leftovers(folder)
     after = contents(folder)
     wrong += [f"resumed: {what}" for what in [*damaged(folder, after), *_changed(before, after, operation, folder)]]
-    lost, doubled = measured.files - set(after), set(after) - measured.files
+    backups = _backups(left)
+    wrong += [f"{name} is not what was saved over" for name in backups & set(after) if after[name] != left[name[:-1]]]
+    lost, doubled = measured.files - set(after), set(after) - measured.files - backups
     wrong += [f"lost {name}" for name in sorted(lost)] + [f"doubled {name}" for name in sorted(doubled)]
     return when, wrong
+
+
+def _backups(left: Mapping[str, str]) -> set[str]:
+    """Return the names under which Blender keeps the files that it saves over."""
+    return {f"{name}1" for name in left if name.endswith(".blend")}
 
 
 def contents(folder: Path) -> dict[str, str]:
