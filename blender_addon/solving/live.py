@@ -21,6 +21,8 @@ NUM_BETAS = 10
 _MOST_LINES = 100_000
 """Taken at one poll: whatever has come; poses before the last one are dropped, not shown late."""
 _LOG_LINES = 200
+SENSORS_GRACE_S = 20.0
+"""Sensors' processes have 5 s to end, and what they recorded is written to the disk before."""
 _BODY_JOINTS, _ALL_JOINTS = 21, 24
 
 
@@ -206,4 +208,4 @@ def start_rig(options: Sequence[str], python: Path | None, folder: Path) -> Live
         BackendMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), "rig-live", *options, "--with-points", "--json", "--parent-pipe"]
-    return LiveRun(SolverProcess(command, environment_for_child(python), folder))
+    return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))

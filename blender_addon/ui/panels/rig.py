@@ -19,7 +19,7 @@ class VIEW3D_PT_mocap_rig(MocapPanel, bpy.types.Panel):
 
     bl_idname = "VIEW3D_PT_mocap_rig"
     bl_label = "Rig"
-    bl_order = 7
+    bl_order = 6
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
