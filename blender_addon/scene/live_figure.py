@@ -77,8 +77,12 @@ class LiveFigure:
         return True
 
 
-def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray) -> LiveFigure:
+def create_live_figure(
+    scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True
+) -> LiveFigure:  # fmt: skip
     """Create the body and the points of a live run in a collection of their own; an earlier run's are replaced.
+
+    A body that is not shown is there all the same, for the person who comes after the wand.
 
     Blender must be in object mode, and the scene the window's current one.
     """
@@ -88,6 +92,8 @@ def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray
     rig = create_rig(NAME, body, betas, collection)
     for joint in JOINTS:
         rig.armature.pose.bones[joint].rotation_mode = "QUATERNION"
+    for part in (rig.armature, rig.mesh):
+        part.hide_viewport = not shown
     timing = TakeTiming(scene.frame_start, scene_frame_rate(scene))
     nowhere = np.full((1, MOST_POINTS, 3), np.nan)
     points = create_point_overlay(f"{NAME} points", nowhere, 1.0, timing, collection, _LOOK)

@@ -27,12 +27,16 @@ class SolverProcess:
         command: program and arguments.
         environment: environment of the process.
         folder: working folder.
+        grace_s: seconds from Cancel until it is killed; 5 if left out.
 
     Raises:
         BackendMissing: the program cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> None:
+    def __init__(
+        self, command: Sequence[str], environment: Mapping[str, str], folder: Path, grace_s: float | None = None
+    ) -> None:
+        self._grace_s = grace_s
         self._lines: SimpleQueue[str | dict[str, Any]] = SimpleQueue()
         self._cancelled_at: float | None = None
         pipe = subprocess.PIPE
@@ -73,12 +77,13 @@ class SolverProcess:
     def received(self, most: int = 200) -> list[str | dict[str, Any]]:
         """Return what arrived since the last call, without waiting: events as dicts, log lines as text.
 
-        A process that was told to end and does not is killed here after five seconds.
+        A process that was told to end and does not is killed here after its grace.
 
         Args:
             most: number of items at most, so that one call stays short.
         """
-        if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > _GRACE_S:
+        grace_s = _GRACE_S if self._grace_s is None else self._grace_s
+        if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > grace_s:
             self.kill()
         items: list[str | dict[str, Any]] = []
         while len(items) < most:

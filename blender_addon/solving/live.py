@@ -21,6 +21,8 @@ NUM_BETAS = 10
 _MOST_LINES = 100_000
 """Taken at one poll: whatever has come; poses before the last one are dropped, not shown late."""
 _LOG_LINES = 200
+SENSORS_GRACE_S = 20.0
+"""Sensors' processes have 5 s to end, and what they recorded is written to the disk before."""
 _BODY_JOINTS, _ALL_JOINTS = 21, 24
 
 
@@ -40,6 +42,8 @@ class LivePose:
     """Why there is no pose."""
     off_mm: float
     """How far markers are from the body in the median; NaN without a pose."""
+    coverage: dict[str, float] = field(default_factory=dict)
+    """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
 
 
 @dataclass
@@ -144,8 +148,19 @@ def read_pose_line(line: str) -> LivePose | None:
         rotvec[0], rotvec[1 : 1 + _BODY_JOINTS] = root, pose.reshape(-1, 3)
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
-        math.nan if off is None else float(off[0]),
+        math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
     )  # fmt: skip
+
+
+def _shares(values: Any) -> dict[str, float]:
+    """Return shares of 0 to 1 by name; what is none is left out."""
+    if not isinstance(values, dict):
+        return {}
+    return {
+        plain(str(name)): float(share)
+        for name, share in values.items()
+        if isinstance(share, float | int) and 0 <= share <= 1
+    }
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
@@ -179,3 +194,18 @@ def start_live(
     command += [] if subject is None else ["--subject", str(subject)]
     command += [] if record is None else ["--record", str(record)]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder))
+
+
+def start_rig(options: Sequence[str], python: Path | None, folder: Path) -> LiveRun:
+    """Start sensors: points, and poses or a wand's coverage, while it happens.
+
+    Args:
+        options: sensors and what is done with them, as the verb ``rig-live`` takes them.
+        python: interpreter to use; None for Blender's own.
+        folder: working folder.
+
+    Raises:
+        BackendMissing: solver or interpreter are not there.
+    """
+    command = [*backend_command(python), "rig-live", *options, "--with-points", "--json", "--parent-pipe"]
+    return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))

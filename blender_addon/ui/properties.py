@@ -10,6 +10,7 @@ from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
+from .rig_properties import RIG_CLASSES, MocapRig
 from .studio_properties import MocapStudio
 from .video_properties import VIDEO_CLASSES, MocapVideos
 
@@ -215,6 +216,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
     solve: bpy.props.PointerProperty(type=MocapSolve)
     live: bpy.props.PointerProperty(type=MocapLive)
+    rig: bpy.props.PointerProperty(type=MocapRig)
     retarget: bpy.props.PointerProperty(type=MocapRetarget)
     videos: bpy.props.PointerProperty(type=MocapVideos)
     studio: bpy.props.PointerProperty(type=MocapStudio)
@@ -251,5 +253,5 @@ class MocapSettings(bpy.types.PropertyGroup):
         self.shown, self.shown_at = index, active_object(self.id_data)
 
 
-CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)
+CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, *RIG_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)
 """In the order of registration: what is pointed to comes first."""

@@ -30,6 +30,7 @@ from .operators import (
     live,
     retarget,
     review,
+    rig,
     solve,
     solve_all,
     solver_operator,
@@ -48,6 +49,7 @@ from .panels import markers as marker_panel
 from .panels import people as people_panel
 from .panels import retarget as retarget_panels
 from .panels import review as review_panels
+from .panels import rig as rig_panel
 from .panels import run as run_panel
 from .panels import shape as shape_panel
 from .panels import solve as solve_panels
@@ -109,6 +111,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, retarget.CLASSES),
     Entry(lambda: None, live.live.abandon),
     *map(_class, live.CLASSES),
+    *map(_class, rig.CLASSES),
     *map(_class, tell_points.CLASSES),
     *map(_class, studio.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
@@ -136,6 +139,7 @@ TABLE: tuple[Entry, ...] = (
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
     _class(live_panel.VIEW3D_PT_mocap_live),
+    *map(_class, rig_panel.CLASSES),
     _handler(bpy.app.handlers.load_pre, live.before_load),
     *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),

@@ -12,6 +12,7 @@ from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
+from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.video_arguments import add_video_verbs
@@ -73,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     add_oak_verbs(verbs, writing, common)
     add_video_verbs(verbs, writing, common)
     add_sensor_verbs(verbs, writing, common)
+    add_rig_live(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)
     return parser
 

@@ -38,7 +38,7 @@ def add_marker_verbs(
         "label", parents=[reading, writing, common], help="name the points of a take that nobody named"
     )
     label.add_argument("capture", type=Path, metavar="TAKE")
-    label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|LABELLED.trc", help="file to write")
+    label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
     label.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
     label.add_argument("--told", type=Path, metavar="TOLD.json", help="names from a person, which bind; see formats")
     add_live(verbs, reading, writing, common)
@@ -54,10 +54,10 @@ def add_marker_verbs(
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Name the points of a take and write them as C3D or TRC."""
+    """Name the points of a take and write them as C3D or TRC, or as our capture, which keeps their covariances."""
     overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise CommandLineInvalid("Markers are written to files that end in .c3d or .trc.", where=str(args.out))
+    if suffix not in (*_SUFFIXES, ".npz"):
+        raise CommandLineInvalid("Labels are written to files that end in .c3d, .trc or .npz.", where=str(args.out))
     for path in (args.out, args.report):
         if path is not None:
             check_output(path, overwrite=overwrite)
@@ -66,6 +66,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.label_first import labelled_capture, said_of
     from solver_backend.io.markers.c3d_writer import write_c3d
     from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.native.capture_file import write_capture
     from solver_backend.io.native.told_file import read_told
     from solver_backend.report.labelling import labelling_html
 
@@ -77,7 +78,10 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     assert take is not None and labelled.markers is not None
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
-    (write_c3d if suffix == ".c3d" else write_trc)(args.out, labelled.markers, overwrite=overwrite)
+    if suffix == ".npz":
+        write_capture(args.out, labelled, overwrite=overwrite)
+    else:
+        (write_c3d if suffix == ".c3d" else write_trc)(args.out, labelled.markers, overwrite=overwrite)
     said = said_of(take)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
     problems = [problem for problem in labelled.problems if problem not in capture.problems]

@@ -5,11 +5,15 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
+
+if TYPE_CHECKING:
+    from solver_backend.rig.markers.devices.oak import Oak
+    from solver_backend.types import Cameras
 
 OAK_VERBS = ("oaks", "record-oak", "record-colour")
 
@@ -27,9 +31,7 @@ def add_oak_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse
         "record-oak", parents=[writing, common], help="record infrared and depth of OAK cameras, for markers and wands"
     )
     sensors.add_argument("--calibration", type=Path, metavar="FILE", help="else the lenses the devices have themselves")
-    sensors.add_argument("--sync", choices=("none", "wire", "ptp"), default="none", help="what keeps them in step")
-    sensors.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS")
-    sensors.add_argument("--flood", type=float, default=1.0, metavar="SHARE", help="of the infrared light, 0 to 1")
+    add_oak_options(sensors)
     record = verbs.add_parser(
         "record-colour", parents=[common], help="record colour video of OAK cameras in step, for the road from videos"
     )
@@ -43,8 +45,16 @@ def add_oak_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse
             help="a camera; the first gives the pulse",
         )
         verb.add_argument("--seconds", type=float, default=10.0)
-        verb.add_argument("--fps", type=float, default=60.0)
+    record.add_argument("--fps", type=float, default=60.0)
     record.add_argument("--wire", action="store_true", help="a sync wire joins them")
+
+
+def add_oak_options(verb: argparse.ArgumentParser) -> None:
+    """Add how infrared and depth are taken."""
+    verb.add_argument("--fps", type=float, default=60.0)
+    verb.add_argument("--sync", choices=("none", "wire", "ptp"), default="none", help="what keeps cameras in step")
+    verb.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS")
+    verb.add_argument("--flood", type=float, default=1.0, metavar="SHARE", help="of the infrared light, 0 to 1")
 
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -57,20 +67,11 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record infrared and depth of OAKs; markers are found meanwhile, so that it is seen whether there are any."""
-    from solver_backend.io.calibration import read_calibration
-    from solver_backend.rig.markers.devices.oak import Oak
-    from solver_backend.rig.markers.devices.oak_lenses import oak_cameras
-    from solver_backend.rig.markers.devices.oak_settings import OakSettings
     from solver_backend.rig.markers.devices.record import Recording
     from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
     from solver_backend.rig.markers.streaming.worker import SensorTask
 
-    roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
-    oaks = [
-        Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
-        for c, (name, identifier) in enumerate(_named(args).items())
-    ]
-    cameras = oak_cameras(oaks) if args.calibration is None else read_calibration(args.calibration).cameras
+    oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=bool(args.overwrite))
     # Slaves first, so that they wait when the master begins.
     tasks = [SensorTask(oak, cameras, record=args.folder) for oak in reversed(oaks)]
@@ -93,6 +94,30 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome("\n".join([text, *lines]), {"recording": str(args.folder), "frames": counts, "findings": findings})
 
 
+def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
+    """Return the closed cameras of a command line, the one that gives the pulse first, and their calibration.
+
+    Raises:
+        BackendMissing: depthai is not installed.
+        CommandLineInvalid, SensorUnknown: see ``_named``.
+        SensorFailed, CalibrationMissing: see ``oak_cameras``.
+    """
+    from solver_backend.io.calibration import read_calibration
+    from solver_backend.rig.markers.devices import oak_module
+    from solver_backend.rig.markers.devices.oak import Oak
+    from solver_backend.rig.markers.devices.oak_lenses import oak_cameras
+    from solver_backend.rig.markers.devices.oak_settings import OakSettings
+
+    told = _named(args)
+    oak_module.depthai()  # said now, not by each camera's process again and again
+    roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
+    oaks = [
+        Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
+        for c, (name, identifier) in enumerate(told.items())
+    ]
+    return oaks, oak_cameras(oaks) if args.calibration is None else read_calibration(args.calibration).cameras
+
+
 def _named(args: argparse.Namespace) -> dict[str, str]:
     """Return the identifiers of the cameras by their names.
 
@@ -106,7 +131,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     found = {oak.name: oak.identifier for oak in told}
     if len(found) < len(told):
         raise CommandLineInvalid("Two cameras have one name.", hint="Say --oak ID=NAME.")
-    if not (0 < args.seconds <= 3600 and 0 < args.fps <= 120):
+    if not ((args.seconds is None or 0 < args.seconds <= 3600) and 0 < args.fps <= 120):
         raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")
     return found
 

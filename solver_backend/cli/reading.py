@@ -28,13 +28,19 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Return a capture; everybody's where the person is ``EVERYBODY``.
+    """Return a capture, everybody's where the person is ``EVERYBODY``; of a recording of sensors its point cloud.
 
     Raises:
         MocapError: see ``load_capture``.
     """
     from solver_backend.io.load import load_capture
+    from solver_backend.rig.markers.devices.recording_files import ABOUT
 
+    if (path / ABOUT).is_file():
+        from solver_backend.rig.markers.devices.source import open_folder
+        from solver_backend.rig.markers.take import capture_of
+
+        return capture_of(open_folder(path), progress=progress)
     whom = options.get("person")
     options = {**options, "person": None if whom == EVERYBODY else whom}
     return load_capture(path, **options, progress=progress)

@@ -1,60 +1,49 @@
-"""The verbs of the marker rig: a cloud from recorded sensors, a recording, and points or poses while it happens."""
+"""The verbs of the marker rig's recordings: a cloud from recorded sensors, and a recording of them."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.live_verb import Lines
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
-    from solver_backend.live.frames import PointFrame
     from solver_backend.rig.markers.devices.source import SensorFolder
     from solver_backend.rig.markers.streaming.chain import MarkerChain
 
-SENSOR_VERBS = ("markers-from-sensors", "rig-record", "rig-live")
+SENSOR_VERBS = ("markers-from-sensors", "rig-record")
 
 
 def add_sensor_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add markers-from-sensors, rig-record and rig-live to the parser's verbs."""
+    """Add markers-from-sensors and rig-record to the parser's verbs."""
     cloud = verbs.add_parser(
         "markers-from-sensors", parents=[writing, common], help="infrared and depth of several sensors to a point cloud"
     )
     cloud.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
     record = verbs.add_parser("rig-record", parents=[writing, common], help="record sensors to a folder")
     record.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    live = verbs.add_parser(
-        "rig-live", parents=[writing, common], help="points, or poses, from sensors while it happens, one line a frame"
-    )
-    live.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
-    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    live.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
-    live.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
-    live.add_argument("--repeat", action="store_true", help="replay a folder again and again")
-    live.add_argument("--seconds", type=float, help="end after so many")
-    for verb in (record, live):
-        verb.add_argument(
-            "--pictures", choices=("raw", "png"), default="raw",
-            help="raw is fast and takes 1.5 MB a sensor and frame, png takes two thirds of it and much longer",
-        )  # fmt: skip
-    for verb in (cloud, record, live):
+    for verb in (cloud, record):
         verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-        verb.add_argument("--calibration", type=Path, metavar="CALIBRATION.toml", help="in the place of the folder's")
-        verb.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
-    for verb in (cloud, live):
-        verb.add_argument(
-            "--clusters", choices=("test", "radius"), default="test",
-            help="join what covariances allow (default), or all within 1 cm as published",
-        )  # fmt: skip
+        add_chain_options(verb)
+
+
+def add_chain_options(verb: argparse.ArgumentParser) -> None:
+    """Add how frames are read, joined and kept."""
+    verb.add_argument("--calibration", type=Path, metavar="CALIBRATION.toml", help="in the place of the folder's")
+    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
+    verb.add_argument(
+        "--clusters", choices=("test", "radius"), default="test",
+        help="join what covariances allow (default), or all within 1 cm as published",
+    )  # fmt: skip
+    verb.add_argument(
+        "--pictures", choices=("raw", "png"), default="raw",
+        help="of a recording: raw is fast and takes 1.5 MB a sensor and frame, png two thirds of it and much longer",
+    )  # fmt: skip
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -69,18 +58,12 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     from solver_backend.io.markers.trc_writer import write_trc
     from solver_backend.io.native.capture_file import write_capture
     from solver_backend.rig.markers.fusion.settings import FusionSettings
-    from solver_backend.rig.markers.take import cloud_of, masks_of
-    from solver_backend.types import Capture
+    from solver_backend.rig.markers.take import capture_from, cloud_of
 
-    folder = _folder(args)
-    masks = {} if args.empty is None else masks_of(_folder(args, args.empty))
-    take = cloud_of(folder, masks=masks, fusion=FusionSettings(clusters=args.clusters), progress=progress)
+    folder = folder_of(args)
+    take = cloud_of(folder, masks=mask_of(args), fusion=FusionSettings(clusters=args.clusters), progress=progress)
     if suffix == ".npz":
-        capture = Capture(
-            args.out.stem, cameras=folder.cameras, markers=take.cloud, sources=(str(args.source),),
-            problems=take.findings,
-        )  # fmt: skip
-        write_capture(args.out, capture, overwrite=overwrite)
+        write_capture(args.out, capture_from(folder, take, args.out.stem), overwrite=overwrite)
     else:
         (write_c3d if suffix == ".c3d" else write_trc)(args.out, take.cloud, overwrite=overwrite)
     seen = np.isfinite(take.cloud.positions).all(-1)
@@ -105,76 +88,26 @@ def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.rig.markers.streaming.chain import LiveMoment
 
     findings = []
-    with _chain(args, args.out, live=False) as chain:
+    with chain_of(args, folder_of(args), args.out, live=False) as chain:
         for moment in chain.moments():
             if isinstance(moment, LiveMoment):
                 progress("Recording", 0, 1)
             else:
                 findings.append(moment.said)
-    data = {"recording": str(args.out), **_summary(chain), "findings": findings}
+    data = {"recording": str(args.out), **chain_summary(chain), "findings": findings}
     lines = [f"{n}: {end.written} frames, {end.dropped} dropped" for n, end in chain.ends.items()]
     lines += [f"finding     {said}" for said in findings]
     return Outcome("\n  ".join([f"recorded {args.out}", *lines]), data)
 
 
-def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, or the time is over; the lines are points that ``live -`` reads, or poses."""
-    overwrite = bool(args.overwrite)
-    if args.lines is not None:
-        check_output(args.lines, overwrite=overwrite)
-    if args.subject is not None and not args.poses:
-        raise CommandLineInvalid("--subject says whose poses are fitted: it goes with --poses.")
-    session = statistics = None
-    if args.poses:
-        from solver_backend.live.recording import person_fit
-        from solver_backend.live.session import LiveSession
-        from solver_backend.live.statistics import LiveStatistics
-
-        network, fit = person_fit(args.subject)
-        session, statistics = LiveSession(network, fit, unit="m", up_axis="z"), LiveStatistics()
-    with _chain(args, args.record, live=True) as chain, Lines(args.lines, overwrite) as stream:
-        frames = _frames(chain, stream, None if args.seconds is None else chain.start + args.seconds, progress)
-        if session is not None and statistics is not None:
-            for line in session.run(frames):
-                statistics.add(line)
-                _say(stream, line)
-        else:
-            for frame in frames:
-                _say(stream, {"t": round(frame.time, 6), "points": frame.points.round(5).tolist()})
-    data = _summary(chain) | ({} if statistics is None else {"poses": statistics.summary()})
-    if args.record is not None:
-        data["recording"] = str(args.record)
-    # Standard output may be another program's points: to people it says nothing else.
-    text = "" if args.lines is None else f"rig-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
-    return Outcome(text, data)
-
-
-def _frames(chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress) -> Iterator[PointFrame]:
-    """Yield the markers of each moment, ghosts left out; what happens to sensors is written at once."""
-    from solver_backend.live.frames import PointFrame
-    from solver_backend.rig.markers.streaming.chain import LiveMoment
-
-    for moment in chain.moments():
-        progress("Live", 0, 1)
-        if isinstance(moment, LiveMoment):
-            tracked = moment.tracked
-            yield PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
-        else:
-            _say(stream, {"event": moment.kind, "message": moment.said})
-        if until is not None and time.perf_counter() > until:
-            return
-
-
-def _chain(args: argparse.Namespace, record: Path | None, *, live: bool) -> MarkerChain:
+def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
     from solver_backend.rig.markers.devices.record import Recording
     from solver_backend.rig.markers.fusion.settings import FusionSettings
     from solver_backend.rig.markers.streaming.chain import MarkerChain
     from solver_backend.rig.markers.streaming.worker import SensorTask
-    from solver_backend.rig.markers.take import masks_of
 
-    folder = _folder(args)
-    masks = {} if args.empty is None else masks_of(_folder(args, args.empty))
+    masks = mask_of(args)
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     recording = None
     if record is not None:
@@ -183,24 +116,27 @@ def _chain(args: argparse.Namespace, record: Path | None, *, live: bool) -> Mark
         SensorTask(device, folder.cameras, masks.get(device.name), record=record, kind=args.pictures, live=live)
         for device in devices
     ]
-    fusion = FusionSettings(clusters=getattr(args, "clusters", "test"))
-    return MarkerChain(tasks, folder.fps, fusion, recording)
+    return MarkerChain(tasks, folder.fps, FusionSettings(clusters=args.clusters), recording)
 
 
-def _folder(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
+def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
+    """Return the folder of sensors of a command line, opened."""
     from solver_backend.rig.markers.devices.source import open_folder
 
     return open_folder(args.source if path is None else path, args.calibration)
 
 
-def _summary(chain: MarkerChain) -> dict[str, Any]:
+def mask_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return each sensor's mask of what is bright with nobody there, where a recording of that is told."""
+    from solver_backend.rig.markers.take import masks_of
+
+    return {} if args.empty is None else masks_of(folder_of(args, args.empty))
+
+
+def chain_summary(chain: MarkerChain) -> dict[str, Any]:
+    """Return plain values about a chain that has ended."""
     ends = {
         name: {"frames": end.frames, "cpu_s": round(end.cpu_s, 3), "written": end.written, "dropped": end.dropped}
         for name, end in chain.ends.items()
     }
     return {**chain.statistics.summary(), "sensors": ends, "fusion_cpu_s": round(chain.cpu_s, 3)}
-
-
-def _say(stream: TextIO, line: dict[str, Any]) -> None:
-    stream.write(json.dumps(line) + "\n")
-    stream.flush()

@@ -60,10 +60,13 @@ class LabelledTake:
         """
         frames = len(self.labels)
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
-        # The residual, where there is one, goes with its point as a fourth coordinate.
-        given = source.positions
+        # What is known of a point's error goes with it, as further coordinates.
+        parts = [source.positions]
         if source.residual is not None:
-            given = np.concatenate([given, source.residual[..., None]], axis=-1)
+            parts.append(source.residual[..., None])
+        if source.covariance is not None:
+            parts.append(source.covariance.reshape(*source.positions.shape[:2], 9))
+        given = np.concatenate(parts, axis=-1)
         values = np.full((frames, len(named), given.shape[-1]), np.nan)
         for column, label in enumerate(named):
             mine = np.where(self.labels == label, self.confidence, -1.0)
@@ -74,8 +77,9 @@ class LabelledTake:
         rest = rest[:, np.isfinite(rest[..., :3]).all(-1).any(0)]
         values = np.concatenate([values, rest], axis=1)
         residual = None if source.residual is None else values[..., 3]
+        covariance = None if source.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
         names = tuple(MARKERS[label] for label in named) + tuple(f"*{i}" for i in range(1, rest.shape[1] + 1))
-        return replace(source, positions=values[..., :3], labels=names, residual=residual)
+        return replace(source, positions=values[..., :3], labels=names, residual=residual, covariance=covariance)
 
 
 def label_take(

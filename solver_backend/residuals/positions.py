@@ -5,34 +5,61 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, identity
+from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
 
 
 @dataclass(frozen=True)
 class PositionTerm:
-    """``E = 1/2 sum_i rho(|y_i - m_i| / sigma_i)`` with Geman-McClure's rho."""
+    """``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))``, ``e_i = y_i - m_i``, with Geman-McClure's rho.
+
+    ``w M`` is the inverse of the noise's covariance; noise alike in all directions has M = 1 and ``w = 1/sigma²``.
+    """
 
     positions: Array
     """(F, L, 3) metres, finite everywhere (anything where the weight is 0)."""
     weight: Array
-    """(F, L) inverse variance in 1/m²; 0 = not observed."""
+    """(F, L) inverse variance in 1/m², the mean over the axes; 0 = not observed."""
+    metric: Array | None = None
+    """(F, L, 3, 3) M, symmetric, without unit; None = the identity."""
+
+    @classmethod
+    def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
+        """Build the term of positions whose noise is not alike in all directions.
+
+        Args:
+            positions: (F, L, 3) metres, NaN where nothing was observed.
+            covariance: (F, L, 3, 3) m², positive definite wherever something was.
+            like: array that says kind, type and device.
+        """
+        seen = np.isfinite(positions).all(-1)
+        covariance = np.where(seen[..., None, None], covariance, np.eye(3))
+        variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
+        metric = variance[..., None, None] * inverse_symmetric_3x3(covariance, smallest=0.0)
+        return cls(
+            constant(np.where(seen[..., None], positions, 0.0), like), constant(seen / variance, like),
+            constant(metric, like),
+        )  # fmt: skip
 
     def select(self, frames: Any) -> PositionTerm:
         """Return the term of the frames at these indices (or of this slice)."""
-        return PositionTerm(self.positions[frames], self.weight[frames])
+        metric = None if self.metric is None else self.metric[frames]
+        return PositionTerm(self.positions[frames], self.weight[frames], metric)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
         xp = array_namespace(points)
         error = points - self.positions
-        penalty, robust = geman_mcclure(self.weight * xp.sum(error * error, axis=-1), scale)
+        whitened = self._by_metric(error)
+        penalty, robust = geman_mcclure(self.weight * xp.sum(error * whitened, axis=-1), scale)
         weight = (self.weight * robust)[..., None]
-        eye = identity(3, points)
-        return PointEvidence(0.5 * xp.sum(penalty, axis=-1), weight * error, weight[..., None] * eye)
+        metric = identity(3, points) if self.metric is None else self.metric
+        return PointEvidence(0.5 * xp.sum(penalty, axis=-1), weight * whitened, weight[..., None] * metric)
 
     def residuals(self, points: Array) -> Residuals:
         """Return what (F, L, 3) positions leave unexplained, in metres."""
@@ -40,7 +67,7 @@ class PositionTerm:
         error = points - self.positions
         measured = self.weight > 0
         error = xp.where(measured[..., None], error, xp.zeros_like(error))
-        squared = self.weight * xp.sum(error * error, axis=-1)
+        squared = self.weight * xp.sum(error * self._by_metric(error), axis=-1)
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
@@ -50,3 +77,9 @@ class PositionTerm:
     def rescaled(self, variance: Array) -> PositionTerm:
         """Return the term with the noise's variance multiplied by a factor, broadcast against (1, F, L)."""
         return replace(self, weight=(self.weight[None] / variance)[0])
+
+    def _by_metric(self, error: Array) -> Array:
+        """Return M e of (F, L, 3) errors."""
+        if self.metric is None:
+            return error
+        return array_namespace(error).matmul(self.metric, error[..., None])[..., 0]

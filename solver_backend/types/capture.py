@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -107,6 +108,13 @@ class MarkerCloud:
     """One label a marker, or None for an unlabelled cloud."""
     residual: Float[np.ndarray, "frames markers"] | None = None
     """(frames, markers) metres, the tracker's own residual."""
+    covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
+    """(frames, markers, 3, 3) m², how surely each position was measured; it stands in the residual's place."""
+
+    def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None) -> MarkerCloud:
+        """Return these markers under these labels."""
+        residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
+        return MarkerCloud(self.positions[:, chosen], self.fps, labels, residual, covariance)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from solver_backend.exchange.errors import FileDamaged, MarkersUnknown, NoDetect
 from solver_backend.fitters.label_first import labelled_capture, needs_labels, told_by
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
+from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.told_file import read_told
 from solver_backend.labelling.label_take import label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
@@ -109,6 +110,21 @@ def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):
     assert main(command) == 3
 
 
+def test_labels_in_a_capture_keep_covariances(tmp_path: Path, demo):
+    source, out = tmp_path / "cloud.npz", tmp_path / "labelled.npz"
+    positions = demo.positions[:40]
+    covariance = np.where(np.isfinite(positions).all(-1)[..., None, None], 1e-6 * np.eye(3), np.nan)
+    write_capture(source, Capture("cloud", markers=MarkerCloud(positions, demo.fps, None, None, covariance)))
+    assert main(["label", str(source), "--out", str(out)]) == 0
+    markers = read_capture(out).markers
+    assert markers is not None and markers.labels is not None and "C7" in markers.labels
+    assert markers.covariance is not None
+    seen = np.isfinite(markers.positions).all(-1)
+    np.testing.assert_allclose(
+        markers.covariance[seen], np.broadcast_to(1e-6 * np.eye(3), (seen.sum(), 3, 3)), rtol=1e-6
+    )
+
+
 @pytest.mark.parametrize(
     ("item", "error"),
     [
@@ -130,11 +146,13 @@ def test_a_points_residual_goes_with_its_label(demo):
     rng = np.random.default_rng(0)
     order = rng.permutation(demo.positions.shape[1])
     residual = np.where(np.isfinite(demo.positions).all(-1), rng.uniform(1e-4, 3e-3, demo.positions.shape[:2]), np.nan)
-    bare = MarkerCloud(demo.positions[:, order], demo.fps, None, residual[:, order])
+    covariance = residual[..., None, None] * np.arange(9.0).reshape(3, 3)
+    bare = MarkerCloud(demo.positions[:, order], demo.fps, None, residual[:, order], covariance[:, order])
     named = label_take(bare, load_network()).cloud(bare)
     for column, label in enumerate(named.labels):
         if label in demo.labels:
             true = demo.labels.index(label)
             same = (named.positions[:, column] == demo.positions[:, true]).all(-1)
             assert same.any() and (named.residual[same, column] == residual[same, true]).all()
+            assert (named.covariance[same, column] == covariance[same, true]).all()
     assert (np.isnan(named.residual) == np.isnan(named.positions[..., 0])).all()

@@ -15,7 +15,7 @@ PLAIN = 1e6
 """A robust scale so large that every residual counts fully."""
 
 
-@pytest.fixture(params=["views", "positions"])
+@pytest.fixture(params=["views", "positions", "whitened positions"])
 def term(request) -> tuple[DataTerm, np.ndarray]:
     """A term and points near its measurements."""
     cameras, keypoints, points = reprojection()
@@ -23,6 +23,11 @@ def term(request) -> tuple[DataTerm, np.ndarray]:
         return ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), points), points
     rng = np.random.default_rng(3)
     weight = np.where(rng.random(points.shape[:2]) < 0.2, 0.0, 2500.0)
+    if request.param == "whitened positions":
+        shape = rng.normal(size=(*points.shape, 3))
+        covariance = 1e-4 * (shape @ shape.swapaxes(-1, -2) + 0.1 * np.eye(3))
+        measured = np.where(weight[..., None] > 0, points + 0.02 * rng.normal(size=points.shape), np.nan)
+        return PositionTerm.of(measured, covariance, points), points
     return PositionTerm(points + 0.02 * rng.normal(size=points.shape), weight), points
 
 

@@ -33,6 +33,30 @@ def test_gradient_of_positions():
     check_gradient(term, points, 3.0)
 
 
+def test_whitened_positions_weigh_errors_by_their_covariance():
+    _, _, points = reprojection()
+    rng = np.random.default_rng(2)
+    shape = rng.normal(size=(*points.shape, 3))
+    covariance = 1e-3 * (shape @ shape.swapaxes(-1, -2) + 0.1 * np.eye(3))
+    measured = points + 0.05 * rng.normal(size=points.shape)
+    term = PositionTerm.of(measured, covariance, points)
+    check_gradient(term, points, 3.0)
+    information = term(measured, 3.0).information
+    np.testing.assert_allclose(information @ covariance, np.broadcast_to(np.eye(3), covariance.shape), atol=1e-8)
+    error = points - measured
+    squared = np.einsum("fli,flij,flj->fl", error, np.linalg.inv(covariance), error)
+    np.testing.assert_allclose(term.residuals(points).squared[0], squared, rtol=1e-8)
+
+
+def test_noise_alike_in_all_directions_is_the_plain_term():
+    _, _, points = reprojection()
+    measured = points + 0.01
+    plain = PositionTerm(measured, np.full(points.shape[:2], 2500.0))(points, 3.0)
+    whole = PositionTerm.of(measured, np.full((*points.shape, 3), 4e-4) * np.eye(3), points)(points, 3.0)
+    for name in ("cost", "gradient", "information"):
+        np.testing.assert_allclose(getattr(whole, name), getattr(plain, name), rtol=1e-12, atol=1e-9)
+
+
 def test_information_is_the_hessian_at_zero_residual():
     cameras, keypoints, points = reprojection()
     from solver_backend.cameras.projection import project

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,8 @@ class CurrentLive:
     def __init__(self) -> None:
         self.run: LiveRun | None = None
         self.figure: LiveFigure | None = None
+        self.told: Callable[[str], None] | None = None
+        """Called with the recording at the end."""
         self.failure = ""
         self.recorded = ""
         """The take that the last run recorded, as the scene stores paths."""
@@ -35,9 +38,9 @@ class CurrentLive:
         """Whether a run is under way."""
         return self.run is not None
 
-    def begin(self, run: LiveRun, figure: LiveFigure) -> None:
-        """Show a run from now on."""
-        self.run, self.figure, self.failure, self.recorded = run, figure, "", ""
+    def begin(self, run: LiveRun, figure: LiveFigure, told: Callable[[str], None] | None = None) -> None:
+        """Show a run from now on; say where it recorded to at its end."""
+        self.run, self.figure, self.told, self.failure, self.recorded = run, figure, told, "", ""
         if not bpy.app.timers.is_registered(self.tick):
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
@@ -63,8 +66,12 @@ class CurrentLive:
 
     def _ended(self, run: LiveRun) -> None:
         self.failure = self.failure or run.failure
-        self.recorded = "" if run.recorded is None else stored(run.recorded)
-        self.run = None
+        recorded, told = "" if run.recorded is None else stored(run.recorded), self.told
+        self.run = self.told = None
+        if told is None:
+            self.recorded = recorded
+        else:
+            told(recorded)
 
     def abandon(self) -> None:
         """End the run at once; for leaving a file or switching the add-on off."""
@@ -73,7 +80,7 @@ class CurrentLive:
         if self.run is not None:
             self.run.process.kill()
             self.run.process.wait()
-        self.run = self.figure = None
+        self.run = self.figure = self.told = None
         self.failure = self.recorded = ""
 
 

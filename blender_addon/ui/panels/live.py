@@ -12,7 +12,7 @@ from .parts import MocapPanel, wrapped
 
 _STATES = {
     "tracking": ("Tracking", "CHECKMARK"), "unsure": ("Unsure", "QUESTION"), "waiting": ("Waiting", "TIME"),
-    "no_person": ("Nobody seen", "GHOST_DISABLED"), "frozen": ("Frozen", "FREEZE"),
+    "no_person": ("Nobody seen", "GHOST_DISABLED"), "frozen": ("Frozen", "FREEZE"), "waving": ("Waving", "CURVE_PATH"),
 }  # fmt: skip
 
 
@@ -28,7 +28,8 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
         """Draw the settings and Start, or the state and Stop."""
         layout, settings = self.layout, context.scene.mocap.live
         if live.busy:
-            self._draw_run(context)
+            draw_run(layout, context)
+            layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
             return
         column = layout.column(align=True)
         column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
@@ -42,17 +43,20 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
             row.label(text=live.recorded.replace("\\", "/").rpartition("/")[2], icon="FILE_TICK", translate=False)
             row.operator(MOCAP_OT_import_capture.bl_idname, text="Import").filepath = live.recorded
 
-    def _draw_run(self, context: bpy.types.Context) -> None:
-        layout, run = self.layout, live.run
-        assert run is not None  # drawn only while it runs
-        pose = run.latest
-        text, icon = ("Starting", "TIME") if pose is None else _STATES.get(pose.state, (pose.state, "DOT"))
-        layout.label(text="Stopping" if run.process.cancelling else text, icon=icon)
-        if pose is not None:
-            off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
-            layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
-            if pose.why:
-                wrapped(layout, context, pose.why)
-        if run.said:
-            wrapped(layout, context, run.said, "INFO")
-        layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
+
+def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the state of the run under way: what is seen, what of a wand's pictures is covered, what was said last."""
+    run = live.run
+    assert run is not None  # drawn only while it runs
+    pose = run.latest
+    text, icon = ("Starting", "TIME") if pose is None else _STATES.get(pose.state, (pose.state, "DOT"))
+    layout.label(text="Stopping" if run.process.cancelling else text, icon=icon)
+    if pose is not None:
+        off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
+        layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
+        for name, share in pose.coverage.items():
+            layout.progress(factor=share, text=f"{name} {share:.0%}")
+        if pose.why:
+            wrapped(layout, context, pose.why)
+    if run.said:
+        wrapped(layout, context, run.said, "INFO")

@@ -19,6 +19,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import fit_frames
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.residuals.robust import geman_mcclure, graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
@@ -31,6 +32,7 @@ PRIOR_FRAMES = 4.0
 """Frames' worth of evidence that a marker strays as far as all are first taken to."""
 SIGMA_RANGE_M = (0.003, 0.03)
 """Least and largest standard deviation of a marker."""
+SCORING_STEPS = 4
 ROBUST_SCALE = 4.0
 """Of a marker's frames when its deviation is learned."""
 KNOWN = 1e12
@@ -79,25 +81,38 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
         state = levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
     progress(STAGE, 3, 3)
     poses = state.poses(problem.prior)
-    sigma = marker_sigma(problem.measurements.term.select(frames), pose(state.subject, poses).points)
+    measured = problem.measurements
+    sigma = marker_sigma(
+        measured.term.select(frames), pose(state.subject, poses).points, measured.covariance[frames]
+    )  # fmt: skip
     return Calibration(state.subject, sigma, frames, poses)
 
 
-def marker_sigma(term: DataTerm, points: Array) -> np.ndarray:
-    """Return (L,) standard deviations per axis, metres: ``s² = (Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)``.
+def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
+    """Return (L,) standard deviations per axis, metres, of markers around their places, without the tracker's noise Σ.
 
-    w is Geman-McClure's weight and s₀ what was assumed: the mean of the variance's posterior under an inverse-gamma
-    prior worth n frames.
+    ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, a few
+    steps of Fisher scoring; where Σ = 0 that is ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)`` at once. w is
+    Geman-McClure's weight and s₀ what was assumed, worth n frames.
 
     Args:
         term: markers of the frames that were looked at.
         points: (F, L, 3) where the body has them.
+        noise: (F, L, 3, 3) m², what the tracker says of each marker's error.
+
+    Reference: Rao 1971, "Estimation of variance and covariance components — MINQUE theory".
     """
     found = term.residuals(points)
     error, squared = to_numpy(found.error)[0], to_numpy(found.squared)[0]
-    share = to_numpy(found.measured)[0] * geman_mcclure(squared, ROBUST_SCALE)[1]
-    square = (share * (error**2).sum(-1) / 3).sum(0) + PRIOR_FRAMES * SIGMA_M**2
-    return np.clip(np.sqrt(square / (share.sum(0) + PRIOR_FRAMES)), *SIGMA_RANGE_M)
+    share = to_numpy(found.measured)[0] * geman_mcclure(squared, ROBUST_SCALE)[1] / 3
+    variance = np.full(share.shape[1], SIGMA_M**2)
+    for _ in range(SCORING_STEPS):
+        P = inverse_symmetric_3x3(variance[:, None, None] * np.eye(3) + noise, smallest=0.0) * variance[:, None, None]
+        own = ((P @ error[..., None])[..., 0] ** 2).sum(-1) - np.einsum("flij,fljk,flki->fl", P, noise, P)
+        square = (share * own).sum(0) + PRIOR_FRAMES * SIGMA_M**2
+        freedom = (share * (P * P).sum((-2, -1))).sum(0) + PRIOR_FRAMES
+        variance = np.clip(square / freedom, SIGMA_RANGE_M[0] ** 2, SIGMA_RANGE_M[1] ** 2)
+    return np.sqrt(variance)
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:

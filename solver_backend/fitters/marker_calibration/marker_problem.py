@@ -59,8 +59,7 @@ def marker_problem(
         person = calibrated([cloud], body, prior, like, settings, progress)
         found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
     person, columns = matched(person, cloud.labels or ())
-    residual = None if cloud.residual is None else cloud.residual[:, columns]
-    worn = replace(cloud, positions=cloud.positions[:, columns], labels=person.labels, residual=residual)
+    worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
 
     check_handedness(worn.positions, subject.landmarks)
@@ -94,7 +93,7 @@ def _cleaned(
         points[:, [a, b]] = points[:, [b, a]]
         found = [*found, _throughout(cloud, cloud.labels[a], cloud.labels[b])]
     cleaned = clean_labels(points, rough_markers(moving, subject, rough), around, tested, cloud.fps)
-    again = ready(replace(cloud, positions=cleaned.points))
+    again = ready(moved_points(cloud, cleaned.points))
     flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
     for fault in found:
         flags[:, [cloud.labels.index(label) for label in fault.detail.split(" and ")]] |= MARKER_SWAPPED
@@ -103,6 +102,31 @@ def _cleaned(
     progress("Checking the labels", 1, 1)
     measured = replace(again.measurements, marker_flags=flags, rough=rough, provenance=provenance)
     return replace(again, measurements=measured)
+
+
+def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
+    """Return the cloud with its points under other labels: what is known of a point's error goes with it.
+
+    Args:
+        cloud: F frames of L markers.
+        points: (F, L, 3) the same points, some in another column; NaN where a marker is left out.
+    """
+    if cloud.residual is None and cloud.covariance is None:
+        return replace(cloud, positions=points)
+    frame, column = np.nonzero((points != cloud.positions).any(-1) & np.isfinite(points).all(-1))
+    same = (cloud.positions[frame] == points[frame, column][:, None]).all(-1)
+
+    def followed(values: np.ndarray | None) -> np.ndarray | None:
+        if values is None:
+            return None
+        moved = values.copy()
+        moved[frame, column] = np.nan
+        found = same.any(-1)
+        moved[frame[found], column[found]] = values[frame[found], same[found].argmax(-1)]
+        return moved
+
+    residual, covariance = followed(cloud.residual), followed(cloud.covariance)
+    return replace(cloud, positions=points, residual=residual, covariance=covariance)
 
 
 def _throughout(cloud: MarkerCloud, *labels: str) -> Fault:
@@ -172,9 +196,15 @@ def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.labels or ()))
-    parts = []
-    for cloud in clouds:
-        part = np.full((len(cloud.positions), len(labels), 3), np.nan)
-        part[:, [labels.index(label) for label in cloud.labels or ()]] = cloud.positions[:, : len(cloud.labels or ())]
-        parts.append(part)
-    return MarkerCloud(np.concatenate(parts), clouds[0].fps, labels)
+
+    def of_all(values: Sequence[np.ndarray]) -> np.ndarray:
+        parts = []
+        for cloud, value in zip(clouds, values, strict=True):
+            part = np.full((len(value), len(labels), *value.shape[2:]), np.nan)
+            part[:, [labels.index(label) for label in cloud.labels or ()]] = value[:, : len(cloud.labels or ())]
+            parts.append(part)
+        return np.concatenate(parts)
+
+    known = [cloud.covariance for cloud in clouds if cloud.covariance is not None]
+    covariance = of_all(known) if len(known) == len(clouds) else None
+    return MarkerCloud(of_all([cloud.positions for cloud in clouds]), clouds[0].fps, labels, None, covariance)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -40,8 +40,7 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
             hint="Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open.",
         )
     kept = [i for i, label in enumerate(labels) if label in names.known]
-    residual = None if cloud.residual is None else cloud.residual[:, kept]
-    return replace(cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual)
+    return cloud.columns(kept, tuple(labels[i] for i in kept))
 
 
 def measure_markers(
@@ -69,7 +68,8 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     """Return what markers measure whose landmarks are known.
 
     Args:
-        cloud: F frames of L labelled markers; where it has residuals, ``σ² = σ_marker² + residual²``.
+        cloud: F frames of L labelled markers. What the tracker says of its own error adds to the place's: covariances
+            Σ to ``σ_marker² 1 + Σ``, else residuals to ``σ_marker² + residual²``.
         landmarks: the L places of the markers on the body.
         like: array that says kind, type and device.
         sigma_m: (L,) standard deviation of each marker against the body, per axis.
@@ -82,14 +82,18 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     points = np.where(located[..., None], points, np.nan)
     if not seen_frames(points).any():
         raise NoDetections("In no frame are there enough markers to place a body.", hint="Choose another recording.")
-    filled = np.where(located[..., None], points, 0.0)
-    # What the tracker says of its own error, where it does, adds to that of the place.
-    own = 0.0 if cloud.residual is None else np.nan_to_num(np.maximum(cloud.residual, 0.0)) ** 2
+    noise = np.zeros((*points.shape, 3)) if cloud.covariance is None else np.nan_to_num(cloud.covariance)
+    if cloud.covariance is None:
+        own = 0.0 if cloud.residual is None else np.nan_to_num(np.maximum(cloud.residual, 0.0)) ** 2
+        filled = np.where(located[..., None], points, 0.0)
+        term = PositionTerm(constant(filled, like), constant(located / (sigma_m**2 + own), like))
+    else:
+        term = PositionTerm.of(points, noise + (sigma_m**2)[:, None, None] * np.eye(3), like)
     return Measurements(
         landmarks=landmarks,
         points=points,
-        covariance=np.zeros((*points.shape, 3)),
-        term=PositionTerm(constant(filled, like), constant(located / (sigma_m**2 + own), like)),
+        covariance=noise,
+        term=term,
         fps=cloud.fps,
         report=MarkerReport(points),
         marker_labels=cloud.labels,

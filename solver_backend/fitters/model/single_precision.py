@@ -28,4 +28,5 @@ def _single(term: PointTerm) -> PointTerm:
     if not isinstance(term, PositionTerm):
         return term
     single = array_namespace(term.weight).float32
-    return PositionTerm(astype(term.positions, single), astype(term.weight, single))
+    metric = None if term.metric is None else astype(term.metric, single)
+    return PositionTerm(astype(term.positions, single), astype(term.weight, single), metric)

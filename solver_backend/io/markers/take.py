@@ -97,9 +97,8 @@ def of_subject(take: MarkerTake, prefix: str | None = None) -> MarkerTake:
         raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
     kept = [i for i, label in enumerate(labels) if prefix_of(label) == prefix]
     cloud, report = take.cloud, take.report
-    residual = cloud.residual[:, kept] if cloud.residual is not None else None
     return MarkerTake(
-        replace(cloud, positions=cloud.positions[:, kept], labels=tuple(labels[i] for i in kept), residual=residual),
+        cloud.columns(kept, tuple(labels[i] for i in kept)),
         replace(
             report,
             subjects=(prefix,),

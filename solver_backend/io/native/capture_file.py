@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
-from solver_backend.exchange.errors import CalibrationMismatch
+from solver_backend.exchange.errors import CalibrationMismatch, NonFiniteData
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
+from solver_backend.geometry.symmetric import packed, unpacked
 from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews
 
 _TRUTH = "truth_"
+ROUNDING = 1e-5
+"""Share of its largest variance by which a covariance in single precision may be negative."""
 _STORED = (
     "format", "version", "name", "notes", "problems", "sources", "footage", "camera_names", "K", "distortion",
     "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set", "marker_positions",
-    "marker_fps", "marker_labels", "marker_residual",
+    "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
     "people", "people_xy", "people_confidence", "person",
 )  # fmt: skip
 
@@ -112,6 +115,8 @@ def _marker_arrays(markers: MarkerCloud) -> dict[str, np.ndarray]:
         arrays["marker_labels"] = _strings(tuple(markers.labels))
     if markers.residual is not None:
         arrays["marker_residual"] = np.asarray(markers.residual, np.float32)
+    if markers.covariance is not None:
+        arrays["marker_covariance"] = packed(markers.covariance).astype(np.float32)
     return arrays
 
 
@@ -156,4 +161,26 @@ def _markers(fields: Fields) -> MarkerCloud:
         fps=fields.number("marker_fps"),
         labels=fields.texts("marker_labels") if "marker_labels" in fields else None,
         residual=fields.numbers("marker_residual", positions.shape[:2]) if "marker_residual" in fields else None,
+        covariance=_covariance(fields, positions) if "marker_covariance" in fields else None,
     )
+
+
+def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
+    """Return the (F, M, 3, 3) covariances of markers.
+
+    Raises:
+        NonFiniteData: one that is given is not finite, or negative in some direction.
+    """
+    covariance = unpacked(fields.numbers("marker_covariance", (*positions.shape[:2], 6)))
+    given = np.isfinite(positions).all(-1) & ~np.isnan(covariance).all((-2, -1))
+    finite = np.isfinite(covariance).all((-2, -1))
+    least, most = np.linalg.eigvalsh(np.where(finite[..., None, None], covariance, 0.0))[..., [0, 2]].transpose(2, 0, 1)
+    wrong = np.argwhere(given & ~(finite & (least >= -ROUNDING * most)))
+    if len(wrong):
+        frame, marker = wrong[0]
+        raise NonFiniteData(
+            "A marker's covariance is none: it is not finite, or negative in some direction.",
+            where=f"{fields.path}, frame {frame}, marker {marker}",
+            hint="Six numbers in m² are expected, xx, xy, xz, yy, yz, zz; NaN where it is not known.",
+        )
+    return covariance

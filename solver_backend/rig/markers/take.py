@@ -23,7 +23,7 @@ from solver_backend.rig.markers.fusion.gather import Finding, Gatherer
 from solver_backend.rig.markers.fusion.settings import DEFAULT as FUSION
 from solver_backend.rig.markers.fusion.settings import FusionSettings
 from solver_backend.rig.markers.fusion.tracks import MarkerTracks
-from solver_backend.types import MarkerCloud
+from solver_backend.types import Capture, MarkerCloud
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,7 @@ class SensorTake:
     """What a folder of sensors shows."""
 
     cloud: MarkerCloud
-    """Points without names; the residual is each point's standard deviation."""
-    covariance: np.ndarray
-    """(F, N, 3, 3) m², NaN where missing."""
+    """Points without names, with covariances; the residual is each point's standard deviation."""
     frames: dict[str, int]
     """Frames of each sensor."""
     findings: tuple[str, ...]
@@ -67,14 +65,26 @@ def cloud_of(
     for moment in _moments(folder, gatherer, finders, frames, ended):
         builder.add(tracks.update(fuse(moment, fusion)))
         progress("Markers from sensors", len(builder.moments), max(len(builder.moments), expected))
-    cloud, covariance = builder.cloud(folder.fps)
+    cloud = builder.cloud(folder.fps)
     if not cloud.positions.shape[1]:
         raise NoMarkers(
             "No sensor saw a marker in any frame.", where=str(folder.path),
             hint="; ".join(said_of(gatherer.findings)) or "Check that the markers are retro-reflective and lit.",
         )  # fmt: skip
     missing = [f"Sensor {name} is in the calibration and not in the folder." for name in folder.missing]
-    return SensorTake(cloud, covariance, dict(frames), (*missing, *ended, *said_of(gatherer.findings)))
+    return SensorTake(cloud, dict(frames), (*missing, *ended, *said_of(gatherer.findings)))
+
+
+def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
+    """Return the capture of a take: its points without names, its cameras, and what was wrong."""
+    return Capture(
+        name, cameras=folder.cameras, markers=take.cloud, sources=(str(folder.path),), problems=take.findings
+    )  # fmt: skip
+
+
+def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
+    """Return the capture of a folder of sensors, named as it is; raises what ``cloud_of`` raises."""
+    return capture_from(folder, cloud_of(folder, progress=progress), folder.path.name)
 
 
 def said_of(findings: list[Finding]) -> list[str]:

@@ -67,6 +67,7 @@ def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
         "Export",
         "Retarget",
         "Live",
+        "Rig",
         "Studio",
     ]
     parents = {panel.bl_idname for panel in top}

@@ -72,6 +72,28 @@ def test_markers_alone(tmp_path: Path) -> None:
     assert (back.markers.labels, back.markers.fps, back.num_frames) == (("LASI", "RASI", "C7"), 120.0, 5)
 
 
+def test_covariances_of_markers_come_back(tmp_path: Path) -> None:
+    markers = small_markers()
+    shape = np.random.default_rng(0).normal(size=(*markers.positions.shape, 3))
+    covariance = 1e-6 * shape @ shape.swapaxes(-1, -2)
+    covariance[2, 1] = np.nan
+    given = Capture("m", markers=replace(markers, covariance=covariance))
+    back = read_capture(write_capture(tmp_path / "c.npz", given))
+    assert back.markers is not None and back.markers.covariance is not None
+    np.testing.assert_allclose(back.markers.covariance, covariance, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [np.inf, -1e-6])
+def test_a_covariance_that_is_none_is_refused(tmp_path: Path, wrong: float) -> None:
+    markers = small_markers()
+    covariance = np.tile(1e-6 * np.eye(3), (*markers.positions.shape[:2], 1, 1))
+    seen = np.argwhere(np.isfinite(markers.positions).all(-1))[0]
+    covariance[tuple(seen)][0, 0] = wrong
+    path = write_capture(tmp_path / "c.npz", Capture("m", markers=replace(markers, covariance=covariance)))
+    with pytest.raises(NonFiniteData, match=f"frame {seen[0]}, marker {seen[1]}"):
+        read_capture(path)
+
+
 def test_footage_moves_with_its_folder(tmp_path: Path) -> None:
     (tmp_path / "take").mkdir()
     outside = tmp_path / "elsewhere.mp4"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.io.native.capture_file import read_capture
 from solver_backend.live.frames import from_lines
+from solver_backend.rig.formats.write import write_calibration
 from solver_backend.rig.markers.devices.record import Recording
 from solver_backend.rig.markers.devices.recorded import RecordedSensor
 from solver_backend.rig.markers.devices.source import open_folder
@@ -19,6 +22,7 @@ from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
 from solver_backend.rig.markers.streaming.statistics import KEPT, ChainStatistics
 from solver_backend.rig.markers.streaming.worker import SensorTask
 from tests.support.recorded_markers import CAMERAS, FRAMES, POINTS, recorded
+from tests.support.slow_sensor import Slow
 from tests.support.unplugged_sensor import Unplugged
 
 
@@ -37,6 +41,8 @@ def test_frames_go_through_and_are_recorded(recording: Path, tmp_path: Path) -> 
     assert {name: (end.frames, end.written, end.dropped) for name, end in chain.ends.items()} == dict.fromkeys(
         CAMERAS.names, (FRAMES, FRAMES, 0)
     )
+    # Nothing is left out and nobody is called silent, however uneven the processes are.
+    assert [m.kind for m in came if isinstance(m, Finding)] == [] and chain.statistics.moments == FRAMES
     last = [m for m in came if isinstance(m, LiveMoment)][-1].tracked
     off = np.linalg.norm(last.points[:, None] - POINTS - [0, 0, 0.002 * (FRAMES - 1)], axis=-1).min(1)
     assert len(last.points) == 8 and off.max() < 0.01
@@ -44,6 +50,17 @@ def test_frames_go_through_and_are_recorded(recording: Path, tmp_path: Path) -> 
     for one, other in zip(folder.devices, again.devices, strict=True):
         for a, b in zip(one.frames(), other.frames(), strict=True):
             assert (a.infrared == b.infrared).all() and a.device_s == pytest.approx(b.device_s) and a.number == b.number
+
+
+def test_sensors_that_can_wait_wait_for_the_slowest(recording: Path) -> None:
+    folder = open_folder(recording)
+    fast, slow = folder.devices
+    assert isinstance(slow, RecordedSensor)
+    tasks = [SensorTask(fast, CAMERAS, live=False), SensorTask(Slow(slow), CAMERAS, live=False)]
+    with MarkerChain(tasks, folder.fps) as chain:
+        came = list(chain.moments())
+    assert all(isinstance(m, LiveMoment) for m in came) and len(came) == FRAMES
+    assert chain.statistics.skipped == 0 and not chain.statistics.lost
 
 
 def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:
@@ -56,21 +73,23 @@ def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(r
         SensorTask(wrong, CAMERAS),
     ]  # fmt: skip
     kinds: list[str] = []
+    told = {"sensor_failed", "sensor_silent", "sensor_unknown", "sensor_back"}
     with MarkerChain(tasks, folder.fps) as chain:
         for came in chain.moments():
             if isinstance(came, Finding):
                 kinds.append(came.kind)
-            if "sensor_back" in kinds or chain.statistics.moments > 600:
+            # On a busy machine a sensor may be late, and back, before the cable comes out.
+            if (told <= set(kinds) and chain.statistics.frames["sensor0"] > 5) or chain.statistics.moments > 2000:
                 break
-    assert {"sensor_failed", "sensor_silent", "sensor_unknown", "sensor_back"} <= set(kinds)
-    assert chain.statistics.frames["sensor1"] > chain.statistics.frames["sensor0"] > 5
+    assert told <= set(kinds)
+    assert chain.statistics.frames["sensor1"] > 0 and chain.statistics.frames["sensor0"] > 5
 
 
 def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines, take = tmp_path / "lines.jsonl", tmp_path / "take"
-    command = ["rig-live", str(recording), "--lines", str(lines), "--record", str(take), "--json"]
+    command = ["rig-live", str(recording), "--repeat", "--lines", str(lines), "--record", str(take), "--json"]
     assert main([*command, "--seconds", "3"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["moments"] > 0 and said["latency_ms"] > 0
@@ -79,6 +98,61 @@ def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
     assert frames and not any(frame.fault for frame in frames)
     assert max(len(frame.points) for frame in frames) == 8
     assert all(device.count() > 0 for device in open_folder(take).devices)
+
+
+def test_a_wand_is_told_where_it_was_and_where_to_go(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Eight markers are no wand: it is said so, and nothing counts as covered."""
+    lines = tmp_path / "lines.jsonl"
+    command = ["rig-live", str(recording), "--wand", "--repeat", "--seconds", "2", "--lines", str(lines), "--json"]
+    assert main(command) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["moments"] > 0
+    told = [line for line in map(json.loads, lines.read_text("utf-8").splitlines()) if "coverage" in line]
+    assert told and all(line["coverage"] == dict.fromkeys(CAMERAS.names, 0.0) for line in told)
+    assert any("More than one point shines" in line["why"] for line in told)
+    assert "Wave in the" in told[-1]["why"] and len(told[-1]["cloud"]) > 0
+
+
+def test_a_recording_of_sensors_is_read_as_any_capture(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "capture.npz"
+    assert main(["convert", str(recording), "--out", str(out), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    markers = read_capture(out).markers
+    assert said["frames"] == FRAMES and markers is not None and markers.covariance is not None
+    assert np.isfinite(markers.covariance[np.isfinite(markers.positions).all(-1)]).all()
+
+
+def test_what_does_not_go_together_is_refused_before_a_sensor_opens(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for arguments, code in (
+        ([], "command_line_invalid"),
+        ([str(recording), "--oak", "1"], "command_line_invalid"),
+        ([str(recording), "--wand", "--poses"], "command_line_invalid"),
+        ([str(recording), "--solve", str(tmp_path / "m.npz")], "command_line_invalid"),
+        ([str(recording), "--subject", "s.npz"], "command_line_invalid"),
+        (["--oak", "webcam:1"], "sensor_unknown"),
+        (["--oak", "1=a", "--oak", "2=a"], "command_line_invalid"),
+    ):
+        assert main(["rig-live", *arguments, "--json"]) != 0
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code, arguments
+
+
+def test_oaks_without_depthai_are_named_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "depthai", None)  # an import of it fails
+    calibration = tmp_path / "rig.toml"
+    write_calibration(calibration, CAMERAS)
+    told = ["--oak", "1=sensor0", "--calibration", str(calibration), "--json"]
+    for command in (["rig-live", *told], ["record-oak", str(tmp_path / "take"), *told], ["oaks", "--json"]):
+        assert main(command) != 0
+        error = json.loads(capsys.readouterr().out.splitlines()[-1])
+        assert error["code"] == "backend_missing" and "manifold-mocap[oak]" in error["hint"]
+    assert not (tmp_path / "take").exists()
 
 
 def test_the_command_line_writes_a_cloud_and_names_its_errors(

@@ -8,12 +8,15 @@ the median absolute deviation; so is it here, about the median.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from solver_backend.rig.markers.acquisition.blobs import Blobs
 from solver_backend.rig.markers.acquisition.settings import DEFAULT, AcquisitionSettings
 
+GROUP_M = 128.0
+"""More than any depth of 16 bits in millimetres."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution by its median absolute deviation."""
 
@@ -43,6 +46,15 @@ class RingDepths:
     rough: np.ndarray
     """(N,) metres, the ring's middle even where it agrees on nothing; tells a blob's size, no marker's place."""
 
+    def with_parts(self, other: RingDepths, parts: np.ndarray) -> RingDepths:
+        """Return these with the other's for the (N',) blobs that are parts, N' >= N."""
+        size = len(self.depth)
+        names = ("depth", "count", "spread", "rough")
+        found = {name: getattr(other, name).copy() for name in names}
+        for name in names:
+            found[name][:size] = np.where(parts[:size], found[name][:size], getattr(self, name))
+        return RingDepths(**found)
+
 
 def ring_of(
     blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray,
@@ -63,22 +75,32 @@ def ring_of(
     for other in (flat[blobs.pixel] == 0, np.ones(len(core), dtype=bool)):
         without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
         core = core | (other & without[blobs.owner])
-    y, x = np.divmod(blobs.pixel[core], width)
-    reach = np.arange(-settings.ring_px, settings.ring_px + 1)
-    dy, dx = (g.ravel() for g in np.meshgrid(reach, reach, indexing="ij"))
-    far_first = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
-    dy, dx = dy[far_first, None], dx[far_first, None]
-    inside = ((y + dy >= 0) & (y + dy < height) & (x + dx >= 0) & (x + dx < width)).ravel()
-    pixel = ((y + dy) * width + x + dx).ravel()[inside]
-    owner = np.broadcast_to(blobs.owner[core], (len(dy), len(y))).ravel()[inside]
-    valid = flat[pixel] > 0
-    pixel, owner = pixel[valid], owner[valid]
+    blind, blob = blobs.pixel[core], blobs.owner[core]
+    dy, dx = _far_first(settings.ring_px)
+    around = (blind + (dy * width + dx)).ravel()
+    y, x = np.divmod(blind, width)
+    reach = settings.ring_px
+    if len(y) and not (y[0] >= reach and y[-1] < height - reach and x.min() >= reach and x.max() < width - reach):
+        inside = ((y + dy >= 0) & (y + dy < height) & (x + dx >= 0) & (x + dx < width)).ravel()
+        valid = np.flatnonzero(inside & (flat.take(around, mode="clip") > 0))
+    else:
+        valid = np.flatnonzero(flat[around])
+    pixel, owner = around[valid], blob[valid % max(len(blob), 1)]
     # Of several that want a pixel, the last written has it: the nearest.
     order = np.arange(len(pixel), dtype=np.int32)
     scratch[pixel] = order
     once = scratch[pixel] == order
     pixel, owner = pixel[once], owner[once]
     return Ring(pixel, owner, flat[pixel] * 1e-3)
+
+
+@cache
+def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (n, 1) rows and columns from a pixel to those around it, the farthest first."""
+    steps = np.arange(-reach, reach + 1)
+    dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
+    order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
+    return dy[order, None], dx[order, None]
 
 
 def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
@@ -91,13 +113,13 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
     deviation around the median".
     """
     sizes = np.bincount(ring.owner, minlength=count)
-    ordered = np.lexsort((ring.depth, ring.owner))
-    owner, depth = ring.owner[ordered], ring.depth[ordered]
+    owner = np.repeat(np.arange(count), sizes)
+    depth = _sorted_in_groups(ring.depth, ring.owner)
     middle = sorted_medians(depth, sizes)
     spread = _spread(depth, owner, middle, sizes, settings)
     two = spread > settings.two_depths_m
     if two.any():
-        middle = np.where(two, _closest_half(depth, owner, sizes), middle)
+        middle[two] = _closest_half(depth[two[owner]], sizes[two])
         chosen = np.abs(depth - middle[owner]) <= settings.two_depths_m
         of_chosen = np.bincount(owner[chosen], minlength=count)
         narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen, settings)
@@ -117,22 +139,30 @@ def _spread(
 ) -> np.ndarray:
     """Return each ring's standard deviation by the median absolute deviation from its middle, at least a floor."""
     off = np.abs(depth - middle[owner])
-    return np.maximum(NORMAL_MAD * sorted_medians(off[np.lexsort((off, owner))], sizes), settings.mad_floor_m)
+    return np.maximum(NORMAL_MAD * sorted_medians(_sorted_in_groups(off, owner), sizes), settings.mad_floor_m)
 
 
-def _closest_half(depth: np.ndarray, owner: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the middle of the shortest interval that holds half of each group's sorted values (Rousseeuw 1984)."""
-    half = np.maximum((sizes + 1) // 2, 1)
-    last = np.arange(len(depth)) + half[owner] - 1
-    inside = last < np.cumsum(sizes)[owner]
+def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return (R,) values, 0 to ``GROUP_M``, by rising group and rising in each: one sort, faster than by two keys."""
+    return values[np.argsort(GROUP_M * group + values)]
+
+
+def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the middle of the shortest interval that holds half of each group's sorted values (Rousseeuw 1984).
+
+    Args:
+        depth: (R,) ordered by group, and rising within each.
+        sizes: (N,) values of each group, 1 or more.
+    """
+    ends = np.cumsum(sizes)
+    owner = np.repeat(np.arange(len(sizes)), sizes)
+    last = np.arange(len(depth)) + ((sizes + 1) // 2)[owner] - 1
+    inside = last < ends[owner]
     last = np.minimum(last, len(depth) - 1)
     width = np.where(inside, depth[last] - depth, np.inf)
-    best = np.lexsort((width, owner))
-    found = np.full(len(sizes), np.nan)
-    full = sizes > 0
-    first = best[(np.cumsum(sizes) - sizes)[full]]
-    found[full] = 0.5 * (depth[first] + depth[last[first]])
-    return found
+    shortest = np.flatnonzero(width == np.minimum.reduceat(width, ends - sizes)[owner])
+    first = shortest[np.diff(owner[shortest], prepend=-1) > 0]
+    return 0.5 * (depth[first] + depth[last[first]])
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:

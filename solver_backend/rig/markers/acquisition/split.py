@@ -43,8 +43,10 @@ def split_merged(
         xy = _xy(blobs.pixel[mine], blobs.width)
         centres = _far_apart(xy, shapes.middle[blob], number)
         nearest = np.zeros(len(mine), np.int64)
-        for _ in range(_STEPS):
-            nearest = _nearest(xy, centres)
+        for step in range(_STEPS):
+            before, nearest = nearest, _nearest(xy, centres)
+            if step and np.array_equal(before, nearest):
+                break
             size = np.bincount(nearest, minlength=number)[:, None]
             sums = np.stack([np.bincount(nearest, xy[:, i], minlength=number) for i in (0, 1)], axis=1)
             centres = np.where(size > 0, sums / np.maximum(size, 1), centres)

@@ -20,15 +20,15 @@ class CloudBuilder:
         """Take a moment."""
         self.moments.append(moment)
 
-    def cloud(self, fps: float) -> tuple[MarkerCloud, np.ndarray]:
-        """Return the take on frames of equal length, and (F, N, 3, 3) covariances, NaN where missing.
+    def cloud(self, fps: float) -> MarkerCloud:
+        """Return the take on frames of equal length.
 
         A track is a marker if its log-odds ever rose above 0; it takes the first column that is free. The cloud's
         residual is each point's standard deviation, ``√(tr Σ / 3)``.
         """
         rows, track, score, points, covariance = self._table(fps)
         if not len(rows):
-            return MarkerCloud(np.full((0, 0, 3), np.nan), fps), np.zeros((0, 0, 3, 3))
+            return MarkerCloud(np.full((0, 0, 3), np.nan), fps)
         names, of_point = np.unique(track, return_inverse=True)
         best = np.full(len(names), -np.inf)
         np.maximum.at(best, of_point, score)
@@ -41,7 +41,7 @@ class CloudBuilder:
         positions[rows, column[of_point]] = points
         spread[rows, column[of_point]] = covariance
         residual = np.sqrt(np.trace(spread, axis1=-2, axis2=-1) / 3.0)
-        return MarkerCloud(positions, fps, None, residual), spread
+        return MarkerCloud(positions, fps, None, residual, spread)
 
     def _frames(self, fps: float) -> int:
         return round((self.moments[-1].time - self.moments[0].time) * fps) + 1

@@ -111,9 +111,10 @@ class _Clusters:
         both = spread[i] + width[:, None, None] * flat + direction[j, :, None] * direction[j, None, :]
         square = chi_square(off, both)
         # The sensor's own points are other markers than its rays.
-        own = np.isfinite(seen.depth)
-        mine = (np.linalg.norm(at[i][:, None] - seen.points[own], axis=-1) < settings.radius_m).any(1)
-        near = np.flatnonzero((square < settings.joined_ray) & ~mine)
+        near = np.flatnonzero(square < settings.joined_ray)
+        own = seen.points[np.isfinite(seen.depth)]
+        mine = (((at[i[near]][:, None] - own) ** 2).sum(-1) < settings.radius_m**2).any(1)
+        near = near[~mine]
         ii, jj = matched(i[near], j[near], square[near])
         distance = along[ii, jj]
         planes = np.eye(3) - direction[jj, :, None] * direction[jj, None, :]

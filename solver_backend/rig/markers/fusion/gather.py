@@ -82,6 +82,10 @@ class Gatherer:
             self._tell("sensor_silent", before, f"nothing came from it for {step:.2f} s")
         return seen
 
+    def waiting(self, index: int) -> int:
+        """Return how many frames of a sensor wait for the others."""
+        return len(self._queues[index])
+
     def ended(self, index: int) -> None:
         """Say that a sensor has no more frames."""
         self._ended[index] = True

@@ -32,6 +32,10 @@ def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray,
     chosen = size[of_pair] == 1
     for several in np.flatnonzero(size > 1).tolist():
         rows = np.flatnonzero(of_pair == several)
+        first, second = of_a[rows], of_b[rows]
+        if (first == first[0]).all() or (second == second[0]).all():
+            chosen[rows[cost[rows].argmin()]] = True
+            continue
         _, i = np.unique(a[rows], return_inverse=True)
         _, j = np.unique(b[rows], return_inverse=True)
         table = np.full((int(i.max()) + 1, int(j.max()) + 1), _NEVER)

@@ -1,4 +1,7 @@
-"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and says so."""
+"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and says so.
+
+Where no sensor is live, all of them can wait: every frame is taken, however long it takes.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,15 @@ from solver_backend.rig.markers.fusion.settings import DEFAULT, FusionSettings
 from solver_backend.rig.markers.fusion.tracks import MarkerTracks, TrackedPoints
 from solver_backend.rig.markers.streaming.statistics import ChainStatistics
 from solver_backend.rig.markers.streaming.worker import SensorEnd, SensorTask, run_sensor
+from solver_backend.types import Cameras
 
 WAIT_S = 0.012
 """A moment waits this long for its last sensor."""
 LISTEN_S = 0.005
 MOST_WAITING = 2
 """Complete moments that are fused; of more, the newest."""
+MOST_AHEAD = 8
+"""Frames of a sensor that wait for the others where all can wait."""
 READY_S, AHEAD_S = 60.0, 0.05
 """Time that sensors' processes have for starting, and from when all are ready until a replay begins."""
 END_S = 5.0
@@ -38,6 +44,8 @@ class LiveMoment:
     tracked: TrackedPoints
     arrived: float
     """Host's seconds when its first frame arrived."""
+    seen: tuple[Sightings, ...] = ()
+    """What each sensor saw, in pixels too."""
 
 
 class MarkerChain:
@@ -55,7 +63,8 @@ class MarkerChain:
     ) -> None:
         self._tasks, self._fusion, self._recording = tasks, fusion, recording
         names = tasks[0].cameras.names
-        self._gatherer = Gatherer(names, 1.0 / fps, WAIT_S)
+        self._patient = not any(task.live for task in tasks)
+        self._gatherer = Gatherer(names, 1.0 / fps, None if self._patient else WAIT_S)
         present = {task.device.name for task in tasks}
         for index, name in enumerate(names):
             if name not in present:
@@ -72,6 +81,11 @@ class MarkerChain:
         """How each sensor's process ended."""
         self.cpu_s = 0.0
         """Time that fusion computed for."""
+
+    @property
+    def cameras(self) -> Cameras:
+        """The sensors, as they are calibrated."""
+        return self._tasks[0].cameras
 
     def __enter__(self) -> MarkerChain:
         context = multiprocessing.get_context("spawn")
@@ -115,10 +129,10 @@ class MarkerChain:
         yield from self._fused(float("inf"))
 
     def _fused(self, now: float) -> Iterator[LiveMoment | Finding]:
-        ready = self._gatherer.moments(now)
+        ready = self._gatherer.moments(None if self._patient else now)
         findings, self._gatherer.findings = self._gatherer.findings, []
         yield from findings
-        if len(ready) > MOST_WAITING:
+        if len(ready) > MOST_WAITING and not self._patient:
             self.statistics.skipped += len(ready) - MOST_WAITING
             ready = ready[-MOST_WAITING:]
         for moment in ready:
@@ -127,17 +141,25 @@ class MarkerChain:
             self.cpu_s += time.process_time() - begin
             arrived, done = min(s.host_s for s in moment), time.perf_counter()
             self.statistics.add(done - arrived, len(tracked.points), done)
-            yield LiveMoment(tracked, arrived)
+            yield LiveMoment(tracked, arrived, tuple(moment))
 
     def _listen(self, seconds: float) -> None:
-        """Take all that sensors have sent, or wait for it."""
-        for connection in wait(list(self._open), seconds):
+        """Take all that sensors have sent, or wait for it; a patient chain lets those wait that are far ahead."""
+        for connection in wait([c for c in self._open if not self._is_ahead(c)], seconds):
             assert isinstance(connection, Connection)
             try:
-                while connection.poll():
+                while connection.poll() and not self._is_ahead(connection):
                     self._take(connection.recv(), connection)
             except (EOFError, OSError):
                 self._gone(connection)
+
+    def _is_ahead(self, connection: Connection) -> bool:
+        """Return whether a sensor that can wait has sent enough until the others come."""
+        if not self._patient:
+            return False
+        task = self._tasks[self._open[connection]]
+        names = task.cameras.names
+        return task.device.name in names and self._gatherer.waiting(names.index(task.device.name)) >= MOST_AHEAD
 
     def _take(self, message: tuple[Any, ...], connection: Connection) -> None:
         what, name = message[0], self._tasks[self._open[connection]].device.name

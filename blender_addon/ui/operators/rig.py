@@ -1,0 +1,176 @@
+"""The rig of sensors: which are there, the wand and the Γ, points and body while they are seen, and the take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..._exchange.errors import MocapError
+from ...conventions.counting import counted
+from ...conventions.file_paths import absolute, stored
+from ...errors import TakeMissing
+from ..locations import files_folder, usable
+from ..preferences import chosen_python
+from ..rig_properties import GAMMA_S, PARTS
+from .base import MocapOperator
+from .live import live
+from .solver_operator import SolverOperator
+
+_CALIBRATION = "rig.toml"
+
+
+class MOCAP_OT_rig_find(SolverOperator, bpy.types.Operator):
+    """Lists the cameras that are there."""
+
+    bl_idname = "mocap.rig_find"
+    bl_label = "Find Cameras"
+    bl_description = "List the OAK cameras that are plugged in or on the network"
+
+    is_of_capture = False
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Ask for them."""
+        return self.launch(context, "oaks", [], usable(files_folder(context.scene)))
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Take those that are not named yet."""
+        rig, found = context.scene.mocap.rig, list(result["oaks"])
+        known = {oak.partition("=")[0] for oak in rig.oaks.split()}
+        rig.oaks = " ".join([*rig.oaks.split(), *(oak for oak in found if oak not in known)])
+        said = f"{counted(len(found), 'camera')}: {', '.join(found)}" if found else "No OAK camera is there"
+        self.report({"INFO"} if found else {"WARNING"}, said)
+        return {"FINISHED"}
+
+
+class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
+    """Starts the sensors."""
+
+    bl_idname = "mocap.rig_start"
+    bl_label = "Start Sensors"
+    bl_description = "Start the sensors"
+
+    part: bpy.props.EnumProperty(
+        name="For", items=[(name, *texts[:2]) for name, texts in PARTS.items()], default="TAKE", options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Return what starting them for this is good for."""
+        return PARTS[properties.part][1]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """One run at a time, in object mode, and sensors."""
+        if live.busy:
+            cls.poll_message_set("Live is running; stop it first")
+        elif context.mode != "OBJECT":
+            cls.poll_message_set("Change to object mode first")
+        elif not context.scene.mocap.rig.sensors():
+            cls.poll_message_set("Choose a recording of sensors, or find cameras")
+        else:
+            return True
+        return False
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start the sensors' process and make what shows it."""
+        import numpy as np
+
+        from ...body.body_file import default_body_path, read_body
+        from ...scene.live_figure import create_live_figure
+        from ...solving.live import start_rig
+
+        scene, rig, part = context.scene, context.scene.mocap.rig, self.part
+        _require(rig.subject, *([rig.source] if rig.kind == "FOLDER" else []))
+        folder = usable(files_folder(scene))
+        options = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
+        if part == "TAKE" and rig.subject:
+            options += ["--subject", str(absolute(rig.subject))]
+        if rig.record:
+            options += ["--record", str(next_recording(folder, PARTS[part][2]))]
+        run = start_rig([*rig.sensors(), *options], chosen_python(context), folder)
+        try:
+            figure = create_live_figure(scene, read_body(default_body_path()), np.zeros(10), shown=part == "TAKE")
+        except (MocapError, RuntimeError):
+            run.process.kill()
+            raise
+        live.begin(run, figure, recorded_to(scene.name, part))
+        return {"FINISHED"}
+
+
+class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
+    """Finds where the sensors stand."""
+
+    bl_idname = "mocap.rig_calibrate"
+    bl_label = "Calibrate"
+    bl_description = "Find where the sensors stand by the wand that was waved, and where up is by the Γ on the floor"
+
+    is_of_capture = False
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a wand."""
+        if not context.scene.mocap.rig.wand:
+            cls.poll_message_set("Wave the wand first, or choose a recording of it")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start; an earlier calibration stays beside the new one."""
+        rig = context.scene.mocap.rig
+        _require(rig.wand, rig.gamma)
+        folder = usable(files_folder(context.scene))
+        out = next_file(folder, _CALIBRATION)
+        return self.launch(context, "calibrate-wand", [*rig.calibrating(), "--out", str(out)], folder)
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Use the calibration, and keep what was said of it."""
+        rig = context.scene.mocap.rig
+        rig.calibration = stored(Path(result["calibration"]))
+        told = [*result.get("findings", ()), *result.get("notes", ())]
+        rig.said = "\n".join(str(sentence) for sentence in told)
+        look = f"; {counted(len(told), 'remark')}, see the panel" if told else ""
+        self.report({"WARNING"} if result.get("findings") else {"INFO"}, f"The sensors are calibrated{look}")
+        return {"FINISHED"}
+
+
+class RecordedTo:
+    """Keeps where a run recorded as one of the rig's folders, once it has."""
+
+    def __init__(self, scene: str, part: str) -> None:
+        self.scene, self.part = scene, part
+
+    def __call__(self, recorded: str) -> None:
+        """Take it."""
+        scene = bpy.data.scenes.get(self.scene)
+        if scene is not None and recorded:
+            setattr(scene.mocap.rig, PARTS[self.part][2], recorded)
+
+
+def recorded_to(scene: str, part: str) -> RecordedTo:
+    """Return what keeps a recording of this part."""
+    return RecordedTo(scene, part)
+
+
+def next_recording(folder: Path, name: str) -> Path:
+    """Return the first free ``wand_01``, ``wand_02``, ... of a folder."""
+    numbers = range(1, 10_000)
+    return next(path for n in numbers if not (path := folder / f"{name}_{n:02d}").exists())
+
+
+def next_file(folder: Path, name: str) -> Path:
+    """Return ``rig.toml``, or the first of ``rig_02.toml``, ... that is free."""
+    stem, suffix = Path(name).stem, Path(name).suffix
+    named = (name if n == 1 else f"{stem}_{n:02d}{suffix}" for n in range(1, 10_000))
+    return next(path for text in named if not (path := folder / text).exists())
+
+
+def _require(*paths: str) -> None:
+    """Raise ``TakeMissing`` for the first path that is told and not there."""
+    for path in paths:
+        if path and not absolute(path).exists():
+            raise TakeMissing("It is not there.", where=path, hint="Choose another one.")
+
+
+CLASSES = (MOCAP_OT_rig_find, MOCAP_OT_rig_start, MOCAP_OT_rig_calibrate)

@@ -1,0 +1,216 @@
+"""The verb that goes from sensors to points, poses or a wand's coverage while it happens, one line a moment."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from solver_backend.cli.live_verb import Lines
+from solver_backend.cli.oak_verbs import add_oak_options, oak_devices
+from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.sensor_verbs import add_chain_options, chain_of, chain_summary, folder_of, mask_of
+from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
+from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.progress import Progress
+
+if TYPE_CHECKING:
+    from solver_backend.live.frames import PointFrame
+    from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
+    from solver_backend.rig.markers.wand.coverage import Coverage
+
+RIG_LIVE_VERBS = ("rig-live",)
+TOLD_S = 0.5
+"""Time from one word on the wand's coverage to the next."""
+
+
+def add_rig_live(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add rig-live to the parser's verbs."""
+    live = verbs.add_parser(
+        "rig-live", parents=[writing, common], help="points, or poses, from sensors while it happens, one line a frame"
+    )
+    live.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
+    live.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
+    add_oak_options(live)
+    live.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
+    live.add_argument("--wand", action="store_true", help="tell where a waved wand was, and where to wave it next")
+    live.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
+    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    live.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    live.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
+    live.add_argument("--solve", type=Path, metavar="MOTION.npz", help="and solve what was recorded, by the bundle")
+    live.add_argument("--repeat", action="store_true", help="replay a folder again and again")
+    live.add_argument("--seconds", type=float, help="end after so many")
+    add_chain_options(live)
+
+
+def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Run until the sensors end, the time is over, or whoever started it says so; what was recorded is kept."""
+    overwrite, stopped = bool(args.overwrite), False
+    _check(args)
+    statistics = None
+    with _chain(args) as chain, Lines(args.lines, overwrite) as stream:
+        until = None if args.seconds is None else chain.start + args.seconds
+        lines: Iterator[dict[str, Any]]
+        if args.poses:
+            from solver_backend.live.statistics import LiveStatistics
+
+            statistics = LiveStatistics()
+            lines = _poses(args, chain, stream, until, progress)
+        elif args.wand:
+            lines = _waved(chain, stream, until, progress)
+        else:
+            lines = (
+                {"t": round(frame.time, 6), "points": frame.points.round(5).tolist()}
+                for frame in _frames(chain, stream, until, progress)
+            )
+        try:
+            for line in lines:
+                if statistics is not None:
+                    statistics.add(line)
+                _say(stream, line)
+        except Cancelled:  # the usual end of what is live
+            stopped = True
+            stream.write("\n")
+    data = {**chain_summary(chain), "stopped": stopped} | (
+        {} if statistics is None else {"poses": statistics.summary()}
+    )
+    if args.record is not None and any(end.written for end in chain.ends.values()):
+        data["recorded"] = str(args.record)
+        if args.solve is not None and not stopped:
+            data["solved"] = _solved(args.record, args.solve, progress, overwrite=overwrite)
+    # Standard output may be another program's points: to people it says nothing else.
+    text = "" if args.lines is None else f"rig-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
+    return Outcome(text, data)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse what does not go together, before any sensor is opened.
+
+    Raises:
+        CommandLineInvalid: it does not.
+        OutputExists, OutputNotWritable: what would be written.
+    """
+    if (args.source is None) == (args.oak is None):
+        raise CommandLineInvalid("Sensors are a FOLDER or cameras, --oak ID=NAME: one of both is needed.")
+    if args.subject is not None and not args.poses:
+        raise CommandLineInvalid("--subject says whose poses are fitted: it goes with --poses.")
+    if args.wand and args.poses:
+        raise CommandLineInvalid("--wand tells of a wand and --poses of a person: one at a time.")
+    if args.solve is not None and args.record is None:
+        raise CommandLineInvalid("--solve solves what was recorded: it goes with --record.")
+    for path in (args.lines, args.solve):
+        if path is not None:
+            check_output(path, overwrite=bool(args.overwrite))
+
+
+def _chain(args: argparse.Namespace) -> MarkerChain:
+    """Return the chain of a folder at its recorded rate, or of cameras."""
+    if args.source is not None:
+        return chain_of(args, folder_of(args), args.record, live=True)
+    from solver_backend.rig.markers.devices.record import Recording
+    from solver_backend.rig.markers.fusion.settings import FusionSettings
+    from solver_backend.rig.markers.streaming.chain import MarkerChain
+    from solver_backend.rig.markers.streaming.worker import SensorTask
+
+    oaks, cameras = oak_devices(args)
+    masks, recording = mask_of(args), None
+    if args.record is not None:
+        recording = Recording(args.record, args.pictures, args.fps, cameras, overwrite=bool(args.overwrite))
+    tasks = [
+        SensorTask(oak, cameras, masks.get(oak.name), record=args.record, kind=args.pictures) for oak in reversed(oaks)
+    ]
+    return MarkerChain(tasks, args.fps, FusionSettings(clusters=args.clusters), recording)
+
+
+def _moments(chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress) -> Iterator[LiveMoment]:
+    """Yield moments until the time is over; what happens to sensors is written at once."""
+    from solver_backend.rig.markers.streaming.chain import LiveMoment
+
+    for moment in chain.moments():
+        progress("Live", 0, 1)
+        if isinstance(moment, LiveMoment):
+            yield moment
+        else:
+            _say(stream, {"event": moment.kind, "message": moment.said})
+        if until is not None and time.perf_counter() > until:
+            return
+
+
+def _frames(chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress) -> Iterator[PointFrame]:
+    """Yield the markers of each moment, ghosts left out."""
+    from solver_backend.live.frames import PointFrame
+
+    for moment in _moments(chain, stream, until, progress):
+        tracked = moment.tracked
+        yield PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
+
+
+def _poses(
+    args: argparse.Namespace, chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress
+) -> Iterator[dict[str, Any]]:
+    """Yield the lines of the live fit."""
+    from solver_backend.live.recording import person_fit
+    from solver_backend.live.session import LiveSession
+
+    network, fit = person_fit(args.subject)
+    session = LiveSession(network, fit, unit="m", up_axis="z")
+    for line in session.run(_frames(chain, stream, until, progress)):
+        if args.with_points and session.shown is not None and "frame" in line:
+            line = {**line, "cloud": session.shown.round(4).tolist()}
+        yield line
+
+
+def _waved(
+    chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress
+) -> Iterator[dict[str, Any]]:  # fmt: skip
+    """Yield a line each ``TOLD_S`` on what of every picture the wand visited, and where it should go next."""
+    import numpy as np
+
+    from solver_backend.rig.markers.wand.coverage import Coverage
+
+    cameras = chain.cameras
+    coverage, told, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
+    for moment in _moments(chain, stream, until, progress):
+        px = np.full((len(cameras), 1, 2), np.nan)
+        several = [cameras.names[seen.sensor] for seen in moment.seen if len(seen) > 1]
+        for seen in moment.seen:
+            if len(seen) == 1:
+                px[seen.sensor, 0] = seen.px[0]
+        coverage.add(px)
+        number += 1
+        if moment.arrived - told > TOLD_S:
+            told = moment.arrived
+            yield _coverage_line(number, moment, coverage, several)
+    if moment is not None:
+        yield _coverage_line(number, moment, coverage, [])
+
+
+def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several: list[str]) -> dict[str, Any]:
+    shares = dict(zip(coverage.names, coverage.shares.round(3).tolist(), strict=True))
+    why = f"More than one point shines before {', '.join(several)}." if several else coverage.next_place()
+    return {
+        "frame": number - 1, "t": round(moment.tracked.time, 6), "state": "waving", "why": why or "All is covered.",
+        "coverage": shares, "cloud": moment.tracked.points.round(4).tolist(),
+    }  # fmt: skip
+
+
+def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) -> str:
+    """Solve a recording of sensors and write the motion."""
+    from solver_backend.fitters import solve
+    from solver_backend.fitters.label_first import labelled_capture
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.rig.markers.devices.source import open_folder
+    from solver_backend.rig.markers.take import capture_of
+
+    capture, _ = labelled_capture(capture_of(open_folder(recording), progress=progress), progress)
+    write_motion(out, solve(capture, progress=progress).motion, overwrite=overwrite)
+    return str(out)
+
+
+def _say(stream: TextIO, line: dict[str, Any]) -> None:
+    stream.write(json.dumps(line) + "\n")
+    stream.flush()

@@ -1,0 +1,38 @@
+"""A recorded sensor that takes its time with every frame; it can be sent to another process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from solver_backend.rig.markers.devices.device import Frame
+from solver_backend.rig.markers.devices.recorded import RecordedSensor
+
+PAUSE_S = 0.05
+
+
+@dataclass(frozen=True)
+class Slow:
+    """A sensor of a recording, slowly."""
+
+    device: RecordedSensor
+
+    @property
+    def name(self) -> str:
+        """Name of the sensor."""
+        return self.device.name
+
+    def open(self) -> None:
+        """Open it."""
+        self.device.open()
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames, each after a pause."""
+        for frame in self.device.frames():
+            time.sleep(PAUSE_S)
+            yield frame
+
+    def close(self) -> None:
+        """Close it."""
+        self.device.close()
