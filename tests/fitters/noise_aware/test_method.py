@@ -42,8 +42,9 @@ def test_a_take_with_displaced_markers_and_an_unseen_frame_is_solved() -> None:
     assert motion.flags is not None and (motion.flags & FLAG_UNSEEN > 0).tolist() == [False, False, True, False, False]
     assert motion.provenance["prior"]["name"] == "rvposer"
     assert abs(motion.betas[0] - BETAS[0]) < 0.4, "size is found; least squares lets displaced markers bend the rest"
-    between = 0.5 * (motion.joints[1] + motion.joints[3])
-    assert np.linalg.norm(motion.joints[2] - between, axis=-1).max() < 0.05
+    before, unseen, after = motion.joints[1:4]
+    off = np.linalg.norm(unseen - 0.5 * (before + after), axis=-1).max()
+    assert off < 0.25 * np.linalg.norm(after - before, axis=-1).max(), "it is bridged between its neighbours"
 
 
 def test_a_known_shape_stays_and_one_frame_is_enough() -> None:
