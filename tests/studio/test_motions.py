@@ -64,7 +64,7 @@ def test_recorded_bvh_files_of_three_families_are_filmed_and_stand_on_the_floor(
         require_sight(stage)
         lowest = stage.person.skin(np.arange(stage.num_frames))[..., 2].min(axis=1)
         assert -0.05 < lowest.min() < 0.03, shot.name
-        assert 20 < stage.num_frames <= 30
+        assert 10 < stage.num_frames <= 30
         upright = stage.joints[:, 15, 2] - stage.joints[:, [7, 8], 2].min(axis=1)
         assert np.median(upright) > 1.0, "head over feet"
 

@@ -72,6 +72,7 @@ def test_the_cameras_of_a_capture_stay_where_they_are(tmp_path: Path) -> None:
         ({"markers": "NOBODY_7"}, "MANIFOLD_53"),
         ({"markers": None, "write": ["c3d"]}, "nobody wears any"),
         ({"write": ["video"]}, "colour"),
+        ({"write": ["pose2sim"], "rigs": ["oak_d_4", {"count": 1}]}, "ring has one"),
         ({"markers": "CMU_41", "looks": ["everyday"]}, "loose clothes"),
         ({"rgb": {"engine": "unreal"}, "film": ["rgb"]}, "workbench"),
         ([1, 2], "object"),
