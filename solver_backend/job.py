@@ -84,7 +84,7 @@ class Job(JobFile):
             person=_typed(values, "person", str),
             subject=None if subject is None else folder / subject,
             told=None if told is None else folder / told,
-            settings=_settings(_typed(values, "settings", dict) or {}, folder),
+            settings=settings_of(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
         )
 
@@ -134,12 +134,15 @@ def positive_fps(value: float) -> float:
     return float(value)
 
 
-def _settings(values: Mapping[str, Any], folder: Path) -> SolveSettings:
+def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     """Return the settings after checking that each value is of the type of its default.
 
     Args:
         values: the job's settings.
         folder: what the paths of a body file and of a layout are relative to.
+
+    Raises:
+        JobInvalid: a key is unknown, a type wrong or a value impossible.
     """
     for item in fields(SolveSettings):
         kind = (int, float) if isinstance(item.default, float) else type(item.default)

@@ -163,6 +163,7 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add("--plan", action="store_true", help="only check, and say what would be made and what room it needs")
     add("--judge", nargs="+", default=[], metavar="METHOD", help="also solve by these methods and compare")
     add("--places", action="store_true", help="also map the rigs' errors over the floor")
+    add("--settings", type=Path, metavar="SETTINGS.json", help="of these solves, as a job file's 'settings' are")
     add("--colour-of", default="", metavar="SHOT", help="only the colour pictures of a shot that was filmed")
     _add_workers(studio, "shots")
 

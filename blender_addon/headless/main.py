@@ -174,6 +174,7 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     request = StudioRequest(
         options.description, options.out, options.plan, tuple(dict.fromkeys(options.judge)), options.places,
         options.python, Spread(options.scheduler, options.workers, patience_s=options.patience), options.colour_of,
+        options.settings,
     )  # fmt: skip
     return run_studio(request, progress)
 

@@ -39,6 +39,8 @@ class StudioRequest:
     """Who makes the shots; by default this process, one after the other."""
     colour_of: str = ""
     """Only the colour pictures of this shot, which is there already."""
+    settings: Path | None = None
+    """JSON file of what the judge solves with."""
 
 
 def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
@@ -77,6 +79,7 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     if request.judge or request.places:
         methods = ["--methods", *(request.judge or ("triangulation",))]
         more = ["--places"] if request.places else []
+        more += ["--settings", str(request.settings)] if request.settings else []
         judged = run_solver("studio-judge", [str(request.out), *methods, *more], progress, python=request.python)
         outputs.append(judged["page"])
         result |= {key: judged[key] for key in ("page", "table", "rows", "places") if key in judged}

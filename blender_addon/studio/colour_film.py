@@ -26,6 +26,7 @@ from ..scene.cameras import create_camera, look_through
 from .dressed_person import DressedPerson
 from .engines import enlargement, set_engine, show_paint
 from .lens_picture import LensPicture, lens_picture
+from .lights import LIGHTS, Light
 from .marker_balls import MarkerBalls
 from .paint import person_colours
 from .room import build_room, light_room
@@ -54,6 +55,7 @@ class ColourShot:
     lenses: tuple[LensPicture, ...]
     cameras: tuple[bpy.types.Object, ...]
     settings: dict[str, Any]
+    light: Light
     seed: int
 
 
@@ -97,7 +99,7 @@ def film_in_colour(
 def _record(folder: Path) -> dict[str, Any]:
     path = folder / "shot.json"
     record = read_json_file(path)
-    if not isinstance(record, dict) or not isinstance(record.get("rgb"), dict):
+    if not isinstance(record, dict) or not isinstance(record.get("rgb"), dict) or record.get("light") not in LIGHTS:
         raise FileDamaged("The shot's record says nothing of colour.", where=str(path), hint="Run the studio again.")
     return record
 
@@ -123,11 +125,13 @@ def _set_up(folder: Path, record: dict[str, Any], scene: bpy.types.Scene, stand_
     write_targa(scene)
     set_engine(scene, settings["engine"], int(settings["samples"]))
     scene.view_settings.exposure = float(settings["exposure"]) + float(rng.uniform(-0.25, 0.25))
+    light = LIGHTS[record["light"]]
+    light.set_up(scene)
     if settings["engine"] == "workbench":
         scene.display.light_direction = tuple(_sun(rng).tolist())
     lenses = tuple(lens_picture(camera) for camera in capture.cameras)
     cameras = tuple(create_camera(lens.pinhole, scene.collection) for lens in lenses)
-    return ColourShot(capture, place, lenses, cameras, settings, int(record["rgb_seed"]))
+    return ColourShot(capture, place, lenses, cameras, settings, light, int(record["rgb_seed"]))
 
 
 def _cast(
@@ -168,8 +172,9 @@ def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, fo
     total = np.zeros(1)
     for time in times:
         total = total + _at_time(scene, shot, view, float(time), rolling, folder)
-    picture = shot.lenses[view](np.round(total / len(times)).astype(np.uint8))
-    return _with_noise(picture, float(shot.settings["noise"]), np.random.default_rng([shot.seed, view, frame]))
+    picture = shot.lenses[view](np.round(shot.light.tinted(total / len(times))).astype(np.uint8))
+    sigma = shot.light.gain * float(shot.settings["noise"])
+    return _with_noise(picture, sigma, np.random.default_rng([shot.seed, view, frame]))
 
 
 def _at_time(

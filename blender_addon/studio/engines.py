@@ -48,7 +48,7 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
         shading.light, shading.color_type = "STUDIO", "VERTEX"
         if _BRIGHT in bpy.context.preferences.studio_lights:
             shading.studio_light = _BRIGHT
-        shading.show_shadows, shading.shadow_intensity = True, 0.4
+        shading.show_shadows = True
         shading.show_specular_highlight = False
     elif name == "cycles":
         cycles = scene.cycles

@@ -22,13 +22,15 @@ _RIGS = (
 _MOTIONS = (
     ("CHOREOGRAPHY", "Choreography", "Walking, reaching, turning and crouching: the motion that ships"),
     ("TAKE", "The Solved Take", "The take that the body plays"),
-    ("FILE", "File or Folder", "A motion file, AMASS (.npz), BVH from the source tree, or a folder of them"),
+    ("FILE", "File or Folder", "A motion file, AMASS (.npz), BVH, or a folder of them"),
 )
 _LOOKS = (
     ("suit", "Suit", "A tight suit, on which markers are worn"),
     ("bare", "Bare", "No clothes and no hair: the body alone, with markers"),
     ("everyday", "Everyday", "Clothes and hair that are drawn, and two pieces of furniture"),
     ("cluttered", "Cluttered", "The same with five pieces of furniture in the way"),
+    ("night", "Night", "Everyday in a dark room: colour pictures are dim and noisy"),
+    ("varied", "Varied", "Clothes, hair and light are drawn, with three pieces of furniture"),
 )
 _FILM = (
     ("infrared", "Infrared", "Retro-reflective markers lit from the camera, 16 bit"),
@@ -73,6 +75,7 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
     """What one rig reached in one benchmark."""
 
     rig: bpy.props.StringProperty(name="Rig", description="Name of the rig")
+    faults: bpy.props.EnumProperty(name="Faults", description="What the detector made of the truth", items=FAULTS)
     told: bpy.props.StringProperty(name="Reached", description="Mean joint error of each method")
     median_mm: bpy.props.FloatProperty(
         name="Median", description="Median error of triangulated keypoints over the floor, mm; -1 where nobody is"

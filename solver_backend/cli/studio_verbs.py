@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.progress import Progress
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.settings import SolveSettings
 
 STUDIO_VERBS = ("studio", "studio-judge", "studio-rigs")
 
@@ -39,9 +43,15 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
         "--faults", nargs="+", default=["perturbed"], choices=("clean", "perturbed"), help="which captures"
     )
     judge.add_argument("--places", action="store_true", help="also map the rigs' errors over the floor")
+    judge.add_argument(
+        "--settings", type=Path, metavar="SETTINGS.json", help="of the solves, as a job file's 'settings' are"
+    )
 
     rigs = verbs.add_parser("studio-rigs", parents=[writing, common], help="map the errors of rigs over the floor")
     rigs.add_argument("description", type=Path, metavar="SPEC.json", help="its rigs and its perturb are taken")
+    rigs.add_argument(
+        "--faults", nargs="+", default=[], metavar="PRESET", help="compare these, each rig with each, not its perturb"
+    )
     rigs.add_argument("--out", type=Path, required=True, metavar="PAGE.html", help="page to write")
 
 
@@ -74,13 +84,15 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a data set by some methods, compare with its truth, and write a page."""
     from solver_backend.exchange.outputs import write_text
+    from solver_backend.fitters.settings import SolveSettings
     from solver_backend.studio.data_set import read_data_set
     from solver_backend.studio.judge.judge import judge
     from solver_backend.studio.judge.page import page_html, table
     from solver_backend.studio.judge.place_errors import place_errors, places_text
 
     spec, _ = read_data_set(args.data_set)
-    verdicts = judge(args.data_set, args.methods, args.inputs, args.faults, progress)
+    settings = SolveSettings() if args.settings is None else _settings(args.settings)
+    verdicts = judge(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
     places = [place_errors(rig, spec.perturb, progress=progress) for rig in spec.rigs] if args.places else []
     page = args.data_set / "judge.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
@@ -101,17 +113,33 @@ def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.exchange.outputs import check_output, write_text
     from solver_backend.studio.judge.page import page_html
     from solver_backend.studio.judge.place_errors import place_errors
+    from solver_backend.studio.perturbation import read_perturbation
     from solver_backend.studio.spec import read_spec
 
     check_output(args.out, overwrite=bool(args.overwrite))
     spec = read_spec(args.description)
-    places = [place_errors(rig, spec.perturb, seed=spec.seed, progress=progress) for rig in spec.rigs]
+    faults = {f", {name}": read_perturbation(name) for name in args.faults} or {"": spec.perturb}
+    places = [
+        replace(place_errors(rig, given, seed=spec.seed, progress=progress), rig=f"{rig.name}{said}")
+        for rig in spec.rigs for said, given in faults.items()
+    ]  # fmt: skip
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=bool(args.overwrite))
     medians = {p.rig: p.median_mm for p in places}
     said = "\n".join(
-        f"{name:<20} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
+        f"{name:<32} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
     )
     return Outcome(f"{said}\n  written     {args.out}", {"page": str(args.out), "median_mm": medians})
+
+
+def _settings(path: Path) -> SolveSettings:
+    from solver_backend.exchange.errors import JobInvalid
+    from solver_backend.io.files import read_json
+    from solver_backend.job import settings_of
+
+    values = read_json(path)
+    if not isinstance(values, dict):
+        raise JobInvalid("Settings are an object with keys.", where=str(path), hint='Such as {"smoothing": 2.0}.')
+    return settings_of(values, path.resolve().parent)
 
 
 def _plain(value: float) -> float | None:

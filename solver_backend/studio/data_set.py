@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shutil
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -23,12 +24,18 @@ from solver_backend.studio.stage import require_sight, set_up
 
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
-_BYTES_PER_PIXEL = {"infrared": 1.45, "depth": 0.85, "masks": 0.04, "normals": 0.25, "rgb": 1.6, "exr": 9.0}
-"""Of PNG, measured on the presets (RGB with its noise)."""
-_BYTES_PER_FRAME = {"pose2sim": 700, "coco": 450}
+_BYTES_PER_PIXEL = {"infrared": 1.5, "depth": 1.5, "masks": 0.04, "normals": 0.25, "exr": 9.0, "video": 0.3}
+"""Of PNG, EXR and MP4, somewhat more than what the presets were measured to take."""
+_QUIET_COLOUR = 0.8
+"""The same of colour without noise, which adds the bits of its spread to each of three channels."""
+_NIGHT_GAIN = 4.0
+"""Times the sensor's noise by night."""
+_BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}
 """A view."""
 _TRUTH_BYTES = 9000
 """A view and frame, of truth and captures."""
+_SCENE_BYTES = 260_000
+"""A shot that is filmed in colour."""
 _SPARE = 64 * 2**20
 
 
@@ -58,7 +65,14 @@ def plan(spec: Spec) -> Plan:
         views = len(sizes)
         area = float((sizes[:, 0] * sizes[:, 1]).sum())
         pictures += views * spec.frames * (len(spec.film) + ("exr" in spec.write))
-        total += spec.frames * area * sum(_BYTES_PER_PIXEL.get(kind, 0) for kind in (*spec.film, *spec.write))
+        per_pixel = sum(_BYTES_PER_PIXEL.get(kind, 0) for kind in (*spec.film, *spec.write))
+        if "rgb" in spec.film:
+            gain = 1.0 if shot.look.light == "day" else _NIGHT_GAIN
+            per_pixel += _QUIET_COLOUR + 3 / 8 * math.log2(
+                1 + gain * 255 * math.sqrt(2 * math.pi * math.e) * spec.rgb.noise
+            )
+            total += _SCENE_BYTES
+        total += spec.frames * area * per_pixel
         total += spec.frames * views * (_TRUTH_BYTES + sum(_BYTES_PER_FRAME.get(kind, 0) for kind in spec.write))
     return Plan(shots, spec.frames * len(shots), pictures, int(total))
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.studio.marker_sight import marker_sight
 from solver_backend.studio.scene.costume import MARKER, ROOM
 from solver_backend.studio.sensors.infrared import InfraredModel, infrared, sphere_light
 from solver_backend.studio.sensors.picture_of import Backdrop, backdrop, look
@@ -26,7 +27,7 @@ class Filmed:
     """What filming found out by the way."""
 
     marker_seen: np.ndarray
-    """(C, F, M) share of each marker that each camera sees, float32."""
+    """(C, F, M) share of each marker that each camera sees, float32; where nothing is filmed, told by sight lines."""
     person_seen: np.ndarray
     """(C, F) share of the picture that shows the person, float32."""
 
@@ -45,8 +46,9 @@ def film(spec: Spec, stage: Stage, keep: Keep, told: Callable[[int], None] = lam
     cameras = stage.cameras
     markers = np.zeros((len(cameras), stage.num_frames, stage.markers.shape[1]), np.float32)
     person = np.zeros(markers.shape[:2], np.float32)
-    if not kinds:
-        return Filmed(markers, person)
+    coloured = "rgb" in spec.film and bool(stage.labels)
+    if not kinds and not coloured:
+        return Filmed(marker_sight(stage), person)
     behind = [backdrop(stage, view) for view in range(len(cameras))]
     for start in range(0, stage.num_frames, _CHUNK):
         frames = np.arange(start, min(start + _CHUNK, stage.num_frames))

@@ -8,8 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import write_npz
@@ -20,6 +18,7 @@ from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.studio.film import film
+from solver_backend.studio.histograms import poses_of, views_of
 from solver_backend.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.studio.shots import Shot
 from solver_backend.studio.spec import Spec
@@ -83,7 +82,7 @@ def _write_shot(spec: Spec, stage: Stage, folder: Path, told: Callable[[int], No
         filmed = film(spec, stage, keep, told)
     motion = true_motion(stage.person, stage.joints, truth.contacts, spec.fps)
     clean = clean_capture(spec, stage, truth, motion)
-    if stage.labels and filmed.marker_seen.any():
+    if stage.labels:
         clean.truth["marker_seen"] = filmed.marker_seen
     perturbed = perturbed_capture(spec, stage, truth, clean)
     write_capture(folder / "clean.npz", clean)
@@ -122,16 +121,8 @@ def _record(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> dict[str,
         "person": stage.shot.person, "betas": [round(float(b), 6) for b in motion.betas], "body": motion.body,
         "rig": stage.shot.rig.name, "cameras": list(stage.cameras.names),
         "size": stage.cameras.image_size.tolist(), "look": stage.shot.look.name, "clothes": stage.outfit[0],
-        "hair": stage.outfit[1], "markers": len(stage.labels), "film": list(spec.film), "rgb": asdict(spec.rgb),
+        "hair": stage.outfit[1], "light": stage.light, "markers": len(stage.labels), "film": list(spec.film),
         "visible": round(float(visible.mean()), 4), "inside": round(float(truth.inside.mean()), 4),
-        "views": _histogram_of_views(stage), "rgb_seed": int(stage.shot.rng(spec, "rgb").integers(2**31)),
+        "views": views_of(stage), "poses": poses_of(stage.joints), "rgb": asdict(spec.rgb),
+        "rgb_seed": int(stage.shot.rng(spec, "rgb").integers(2**31)),
     }  # fmt: skip
-
-
-def _histogram_of_views(stage: Stage) -> list[int]:
-    """Return how often the person is seen from each of eight directions, from the front on, to its left."""
-    way = stage.cameras.centres[:, None] - stage.joints[None, :, 0]
-    local = np.einsum("fij,cfi->cfj", stage.person.orient, way)
-    angle = np.arctan2(local[..., 0], local[..., 2]) % (2 * np.pi)
-    eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
-    return np.bincount(eighth.ravel(), minlength=8).tolist()

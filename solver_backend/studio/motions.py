@@ -10,10 +10,11 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.exchange.errors import BackendMissing, FileMissing, MotionInvalid
+from solver_backend.exchange.errors import FileMissing, MotionInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
+from solver_backend.io.motions.recorded_clip import body_rotations, recorded_from_bvh
 from solver_backend.simulation.benchmark import FLOOR_S, Take, cast_person, running_floor
 from solver_backend.simulation.filming import Person
 from solver_backend.synthetic.choreography import author_motion
@@ -46,7 +47,6 @@ class MotionSource:
         Raises:
             MocapError: the file cannot be read.
             MotionInvalid: its joints belong to no skeleton that is known.
-            BackendMissing: BVH files are asked for in an extension, which does not know their skeletons.
         """
         if self.path is None:
             count = min(frames, round(_CHOREOGRAPHY_S * fps))
@@ -95,13 +95,6 @@ def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
 
 
 def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
-    try:
-        from solver_backend.training.data.retarget import body_rotations, recorded_from_bvh
-    except ImportError as error:
-        raise BackendMissing(
-            "BVH files are filmed from the source tree only: the extension does not know their skeletons.",
-            where=str(path), hint="Retarget the clip to our body first and name the motion file.",
-        ) from error  # fmt: skip
     clip = read_bvh(path)
     if len(clip.rotations) < 5:
         raise MotionInvalid(f"The clip has {len(clip.rotations)} frames; 5 are needed.", where=str(path))

@@ -10,6 +10,7 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.simulation.filming import delayed, miscalibrated, px_per_mm
 from solver_backend.simulation.keypoint_detector import DetectorModel, Sight, detect_keypoints
+from solver_backend.studio.marker_sight import marker_sight
 from solver_backend.studio.perturbation import Perturbation
 from solver_backend.studio.spec import Spec
 from solver_backend.studio.stage import Stage, posed_markers
@@ -99,10 +100,15 @@ def _of_markers(spec: Spec, stage: Stage, capture: Capture, rng: np.random.Gener
             swapped[first:last, pair] = True
     ghosts = rng.random((frames, count)) < faults.ghosts
     points = np.where(ghosts[..., None], points + _GHOST_M * rng.normal(size=points.shape), points)
+    lost = np.zeros((frames, count), dtype=bool)
+    if faults.marker_views:
+        seen = capture.truth.get("marker_seen")
+        lost |= ((marker_sight(stage) if seen is None else seen) > 0.5).sum(axis=0) < faults.marker_views
     if faults.marker_gaps:
         gone = bursts(rng.random((count, frames)), faults.marker_gaps, max(1.0, 0.25 * spec.fps)).T
-        points = np.where(gone[..., None], np.nan, points)
-        ghosts, swapped = ghosts & ~gone, swapped & ~gone
+        lost |= gone
+    points = np.where(lost[..., None], np.nan, points)
+    ghosts, swapped = ghosts & ~lost, swapped & ~lost
     truth = capture.truth | {"marker_ghosts": ghosts, "marker_swapped": swapped}
     return replace(capture, markers=MarkerCloud(points, spec.fps, stage.labels), truth=truth)
 

@@ -40,6 +40,8 @@ class Perturbation:
     """Skin that slides under markers."""
     marker_gaps: float = 0.0
     """Share of marker samples that are lost in gaps."""
+    marker_views: float = 0.0
+    """Cameras that must see a marker; one that fewer see is lost."""
     marker_swaps_per_minute: float = 0.0
     """Exchanges of two markers' labels."""
     ghosts: float = 0.0
@@ -60,7 +62,15 @@ _OF_VIEWS = (
     "bias_mm", "drift_mm", "jitter_mm", "missing", "occluded_missing", "outliers", "swaps_per_minute", "anatomy_mm",
     "calibration_mm", "delay_frames",
 )  # fmt: skip
-_OF_MARKERS = ("marker_mm", "placement_mm", "skin_mm", "marker_gaps", "marker_swaps_per_minute", "ghosts")
+_OF_MARKERS = (
+    "marker_mm",
+    "placement_mm",
+    "skin_mm",
+    "marker_gaps",
+    "marker_views",
+    "marker_swaps_per_minute",
+    "ghosts",
+)
 _LARGEST = {"missing": 0.9, "occluded_missing": 0.95, "outliers": 0.9, "marker_gaps": 0.9, "ghosts": 0.9}
 PRESETS: dict[str, dict[str, float]] = {
     "none": {},

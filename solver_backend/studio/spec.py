@@ -143,6 +143,12 @@ def _require_sense(spec: Spec) -> Spec:
         )  # fmt: skip
     if "video" in spec.write and "rgb" not in spec.film:
         raise StudioInvalid("Videos are made of colour pictures.", where="description: film", hint="Add 'rgb'.")
+    alone = [rig.name for rig in spec.rigs if len(rig.cameras) < 2]
+    if "pose2sim" in spec.write and alone:
+        raise StudioInvalid(
+            f"A trial of Pose2Sim has two cameras at least, {', '.join(alone)} has one.", where="description: write",
+            hint="Leave 'pose2sim' out, or film with more cameras.",
+        )  # fmt: skip
     # A marker's centre lies 9.5 mm off the skin: loose clothes would swallow it.
     loose = [look.name for look in spec.looks if look.clothes not in ("suit", "bare")]
     if spec.markers and loose and "markers" in json.loads(spec.text):

@@ -10,6 +10,7 @@ from solver_backend.body.landmarks import Landmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.simulation.filming import Person
 from solver_backend.studio.errors import CameraInsideBody, NobodySeen
+from solver_backend.studio.looks import draw_light
 from solver_backend.studio.scene.costume import CornerSums, Costume, draw_outfit, dress
 from solver_backend.studio.scene.room import Room, furnish
 from solver_backend.studio.scene.z_buffer import in_camera
@@ -19,7 +20,8 @@ from solver_backend.types import Cameras, JointSet
 
 CLEARANCE_M = 0.1
 """A camera is at least so far from the skin."""
-_LOOKED_AT = 12
+_NEAREST = 60
+"""Frames whose skin is looked at: those whose joints are nearest to the camera."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class Stage:
     room: Room
     outfit: tuple[str, str]
     """Clothes and hair."""
+    light: str
+    """Of colour pictures."""
     labels: tuple[str, ...]
     """M marker names."""
     markers: np.ndarray
@@ -69,13 +73,14 @@ def set_up(spec: Spec, shot: Shot) -> Stage:
     rng = shot.rng(spec, "scene")
     clothes, hair = draw_outfit(shot.look.clothes, shot.look.hair, rng)
     costume = dress(body, clothes, hair, rng)
+    light = draw_light(shot.look.light, shot.rng(spec, "light"))
     room = furnish(pelvis, cameras, shot.look.furniture, shot.look.room, rng)
     labels = marker_layout(spec.markers) if spec.markers else ()
     points = np.zeros((len(pelvis), 0, 3))
     if labels:
         points = posed_markers(person, marker_landmarks(body, labels))
     corners = CornerSums(body.faces, len(body.v_template))
-    return Stage(shot, person, cameras, costume, corners, room, (clothes, hair), labels, points, joints)
+    return Stage(shot, person, cameras, costume, corners, room, (clothes, hair), light, labels, points, joints)
 
 
 def posed_markers(person: Person, landmarks: Landmarks, offsets: np.ndarray | None = None) -> np.ndarray:
@@ -86,20 +91,19 @@ def posed_markers(person: Person, landmarks: Landmarks, offsets: np.ndarray | No
 
 
 def require_sight(stage: Stage) -> None:
-    """Check that a shot can be filmed, by some of its frames.
+    """Check that a shot can be filmed.
 
     Raises:
         NobodySeen: no camera sees a joint in any frame.
         CameraInsideBody: a camera is inside the person or closer than ``CLEARANCE_M``.
     """
-    frames = np.unique(np.linspace(0, stage.num_frames - 1, _LOOKED_AT).round().astype(int))
     seen = np.zeros(len(stage.cameras), dtype=bool)
     for view, size in enumerate(stage.cameras.image_size):
         _, px = in_camera(stage.cameras, view, stage.joints.reshape(-1, 3))
         seen[view] = ((px >= -0.5) & (px < size - 0.5)).all(axis=1).any()
-    near = np.linalg.norm(stage.joints[:, None] - stage.cameras.centres[None, :, None], axis=-1).min(axis=(0, 2))
-    for view in np.flatnonzero(near < 0.6).tolist():
-        skin = stage.person.skin(np.arange(stage.num_frames) if stage.num_frames < 60 else frames)
+    near = np.linalg.norm(stage.joints[:, None] - stage.cameras.centres[None, :, None], axis=-1).min(axis=2)
+    for view in np.flatnonzero(near.min(axis=0) < 0.6).tolist():
+        skin = stage.person.skin(np.argsort(near[:, view], kind="stable")[:_NEAREST])
         off = np.linalg.norm(skin - stage.cameras.centres[view], axis=-1).min()
         if off < CLEARANCE_M or _inside(skin, stage.person.body.faces, stage.cameras.centres[view]):
             raise CameraInsideBody(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -18,13 +19,14 @@ from solver_backend.cli.main import main
 from solver_backend.io.load import load_capture, load_motion
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import read_png
-from solver_backend.studio.data_set import SHOTS, make_data_set, read_data_set
+from solver_backend.studio.data_set import SHOTS, make_data_set, plan, read_data_set
 from solver_backend.studio.judge.judge import judge
 from solver_backend.studio.judge.page import page_html, table
 from solver_backend.studio.judge.place_errors import place_errors
 from solver_backend.studio.perturbation import read_perturbation
 from solver_backend.studio.rigs import build_rig
 from solver_backend.studio.spec import spec_of
+from solver_backend.studio.writers.contact_sheet import card_text
 from solver_backend.types import Motion
 
 RIG = {"preset": "azure_kinect_3", "scale": 0.3}
@@ -134,6 +136,59 @@ def test_the_judge_compares_clean_with_perturbed_and_tells_what_failed(made: Pat
     assert "perturbed" in table(verdicts) and len(short) == 2
     page = page_html(made, "a <b>", verdicts)
     assert "a &lt;b&gt;" in page and "data:image/png;base64," in page and "<script" not in page
+
+
+def test_the_judge_solves_with_given_settings_and_compares_rigs_by_their_faults(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "settings.json"
+    said = []
+    for smoothing in (1.0, 50.0):
+        given.write_text(json.dumps({"smoothing": smoothing}))
+        assert main(["studio-judge", str(made), "--settings", str(given), "--json"]) == 0
+        said.append(json.loads(capsys.readouterr().out.splitlines()[-1])["rows"][0]["mpjpe_mm"])
+    assert abs(said[0] - said[1]) > 0.1, "the settings reach the solve"
+    given.write_text(json.dumps({"smoothness": 1}))
+    assert main(["studio-judge", str(made), "--settings", str(given), "--json"]) == 2
+    assert "smoothing" in json.loads(capsys.readouterr().out.splitlines()[-1])["hint"]
+    spec, page = tmp_path / "rigs.json", tmp_path / "rigs.html"
+    spec.write_text(json.dumps({"rigs": ["oak_d_4"]}))
+    asked = ["studio-rigs", str(spec), "--out", str(page), "--faults", "jitter", "detector", "--json"]
+    assert main(asked) == 0
+    medians = json.loads(capsys.readouterr().out.splitlines()[-1])["median_mm"]
+    assert list(medians) == ["oak_d_4, jitter", "oak_d_4, detector"]
+    assert medians["oak_d_4, jitter"] < medians["oak_d_4, detector"]
+    text = page.read_text("utf-8")
+    assert text.count("<svg") == 2
+    left, top, wide, high = map(float, text.partition("viewBox='")[2].partition("'")[0].split())
+    shown = re.findall(r'<path d="M(-?\d+) (-?\d+)h12', text)
+    assert len(shown) == 2 * 4, "cameras stand outside the floor that is mapped, and are drawn"
+    assert all(left < float(x) and float(x) + 12 < left + wide and top < float(y) < top + high for x, y in shown)
+
+
+def test_the_card_counts_views_and_poses(made: Path) -> None:
+    spec, records = read_data_set(made)
+    text = card_text(spec, records, has_sheet=False)
+    for words in (
+        "Seen from",
+        "Poses",
+        "| knee bent |",
+        "150 to 180",
+        "| light | day (2) |",
+        "GPL-3.0",
+        "| seed | 9 |",
+    ):
+        assert words in text
+
+
+@pytest.mark.parametrize("rig", [{"preset": "azure_kinect_3"}, {"count": 2, "size": [160, 120]}])
+def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Path, rig: dict[str, Any]) -> None:
+    kinds = ["infrared", "depth", "masks", "normals"]
+    spec = spec_of({"rigs": [rig], "frames": 4, "fps": 2, "film": kinds, "write": ["pose2sim", "coco"]})
+    needed = plan(spec).bytes
+    make_data_set(spec, tmp_path)
+    taken = sum(path.stat().st_size for path in (tmp_path / SHOTS).rglob("*") if path.is_file())
+    assert 0.5 * needed < taken < needed
 
 
 def test_the_error_by_place_grows_with_the_noise_and_falls_with_the_cameras() -> None:

@@ -18,8 +18,9 @@ from solver_backend.studio.rig_aim import aim_point
 from solver_backend.studio.rigs import build_rig, rig_presets
 from solver_backend.studio.shots import cast, list_shots
 from solver_backend.studio.spec import read_spec, spec_of
-from solver_backend.studio.stage import set_up
+from solver_backend.studio.stage import require_sight, set_up
 from solver_backend.synthetic.demo import demo_capture
+from solver_backend.types import SMPL_JOINTS
 
 
 def test_shots_are_every_combination_and_seeded_by_their_own_names() -> None:
@@ -61,6 +62,7 @@ def test_the_cameras_of_a_capture_stay_where_they_are(tmp_path: Path) -> None:
         ({"rigs": [{"count": "four"}]}, "whole number"),
         ({"rigs": []}, "at least one"),
         ({"looks": ["armour"]}, "everyday"),
+        ({"looks": [{"light": "disco"}]}, "night"),
         ({"film": ["x-ray"]}, "infrared"),
         ({"perturb": "chaos"}, "detector"),
         ({"perturb": {"jitter_mm": -1}}, "jitter_mm"),
@@ -70,6 +72,7 @@ def test_the_cameras_of_a_capture_stay_where_they_are(tmp_path: Path) -> None:
         ({"markers": "NOBODY_7"}, "MANIFOLD_53"),
         ({"markers": None, "write": ["c3d"]}, "nobody wears any"),
         ({"write": ["video"]}, "colour"),
+        ({"write": ["pose2sim"], "rigs": ["oak_d_4", {"count": 1}]}, "ring has one"),
         ({"markers": "CMU_41", "looks": ["everyday"]}, "loose clothes"),
         ({"rgb": {"engine": "unreal"}, "film": ["rgb"]}, "workbench"),
         ([1, 2], "object"),
@@ -117,6 +120,21 @@ def test_rigs_that_cannot_film_are_refused_before_anything_is_made(
     with pytest.raises(error, match="person"):
         make_data_set(spec, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_camera_that_the_person_walks_through_is_found_in_a_long_motion() -> None:
+    """A camera is met for less than a second of six: frames between evenly chosen ones count too."""
+    given = {"frames": 180, "fps": 30}
+    free = spec_of(given)
+    stage = set_up(free, list_shots(free)[0])
+    hand = stage.joints[:, SMPL_JOINTS.index("left_wrist")]
+    still = np.median(hand, axis=0)
+    far = hand[int(np.linalg.norm(hand - still, axis=1).argmax())]
+    K, R = [[400, 0, 319.5], [0, 400, 239.5], [0, 0, 1]], np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    camera = {"K": K, "R": R.tolist(), "t": (-R @ far).tolist(), "image_size": [640, 480]}
+    spec = spec_of({**given, "rigs": [{"layout": "cameras", "cameras": [camera]}]})
+    with pytest.raises(CameraInsideBody):
+        require_sight(set_up(spec, list_shots(spec)[0]))
 
 
 def test_a_check_writes_nothing_and_says_what_a_rig_with_fewer_cameras_is(tmp_path: Path) -> None:

@@ -43,6 +43,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         description = benchmark_description(context)
         path = write_description(description, folder.with_suffix(".json"))
         methods = sorted(context.scene.mocap.studio.methods)
+        self._faults = context.scene.mocap.studio.faults
         return self.film(context, path, folder, ["--judge", *methods, "--places"])
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
@@ -52,10 +53,10 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
 
         settings = context.scene.mocap.studio
         places = read_places(Path(result["places"]))
-        first = len(settings.rows)
+        first, faults = len(settings.rows), self._faults
         for rig, told in rows_of(result["rows"], [item.rig for item in places]):
             row = settings.rows.add()
-            row.rig, row.told = rig, told
+            row.rig, row.told, row.faults = rig, told, faults
             median = next(item.median_mm for item in places if item.rig == rig)
             row.median_mm = -1.0 if median is None else median
             row.page, row.places = stored(result["page"]), stored(result["places"])

@@ -111,7 +111,8 @@ def _draw_row(
     row.label(text=item.rig, icon="CAMERA_DATA", translate=False)
     row.operator(MOCAP_OT_show_places.bl_idname, text="", icon="MESH_GRID").index = index
     row.operator(MOCAP_OT_open_benchmark.bl_idname, text="", icon="URL").index = index
-    wrapped(layout, context, item.told)
+    faults = item.bl_rna.properties["faults"].enum_items[item.faults].name
+    wrapped(layout, context, f"{faults}: {item.told}")
     floor = "nobody is located on the floor" if item.median_mm < 0 else f"{item.median_mm:.1f} mm over the floor"
     wrapped(layout, context, floor)
 

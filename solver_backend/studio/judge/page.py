@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from colorsys import hls_to_rgb
 from hashlib import sha256
 from pathlib import Path
 
@@ -98,7 +99,8 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
                 drawn.append(f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="#8886"/>')
                 continue
             share = float(np.clip((value - low_mm) / max(high_mm - low_mm, 1e-9), 0, 1))
-            colour = f"hsl({210 - 200 * share:.0f} 70% {72 - 22 * share:.0f}%)"
+            red, green, blue = hls_to_rgb((210 - 200 * share) / 360, 0.72 - 0.22 * share, 0.7)
+            colour = f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
             drawn.append(
                 f'<rect x="{x:.0f}" y="{y:.0f}" width="{cell}" height="{cell}" fill="{colour}">'
                 f"<title>{value:.1f} mm at ({xs[column]:.1f}, {ys[row]:.1f}) m, "
@@ -106,16 +108,19 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
                 f'<text x="{x + cell / 2:.0f}" y="{y + cell / 2 + 4:.0f}" font-size="11" text-anchor="middle">'
                 f"{value:.0f}</text>"
             )
+    corners = [(-cell, -cell), (width + cell, height + cell)]
     for centre in places.cameras:
         x = cell * ((centre[0] - xs[0]) / step_x + 0.5)
         y = height - cell * ((centre[1] - ys[0]) / step_y + 0.5)
+        corners += [(x - 12, y - 12), (x + 12, y + 12)]
         drawn.append(f'<path d="M{x - 6:.0f} {y + 5:.0f}h12l-6 -11z" fill="currentColor"/>')
     median = places.median_mm
     said = "nobody is located anywhere" if median is None else f"median {median:.1f} mm over the floor"
+    low, size = np.min(corners, axis=0), np.ptp(corners, axis=0)
     return (
-        f"<figure><svg viewBox='{-cell:.0f} {-cell:.0f} {width + 2 * cell:.0f} {height + 2 * cell:.0f}' "
-        f"width='{width + 2 * cell:.0f}' role='img' aria-label='error by place'>{''.join(drawn)}</svg><figcaption>"
-        f"{text(places.rig)}: {said}</figcaption></figure>"
+        f"<figure><svg viewBox='{low[0]:.0f} {low[1]:.0f} {size[0]:.0f} {size[1]:.0f}' "
+        f"width='{size[0]:.0f}' height='{size[1]:.0f}' role='img' aria-label='error by place'>{''.join(drawn)}</svg>"
+        f"<figcaption>{text(places.rig)}: {said}</figcaption></figure>"
     )
 
 

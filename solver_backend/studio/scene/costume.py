@@ -124,7 +124,7 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
         taper = np.clip(rings[i][used] / _HEM_RINGS, 0.0, 1.0)
         folds = 1.0 + 0.35 * _folds(body.v_template[used], rng) * (thickness > 0.004)
         base.append(used)
-        offset.append(_LEAST_M * (i + 1) + thickness * taper * np.maximum(folds, 0.25))
+        offset.append(_LEAST_M * (i + 1) * (taper > 0) + thickness * taper * np.maximum(folds, 0.25))
         faces.append(corner.reshape(-1, 3) + start)
         label.append(np.full(len(chosen), LABELS.index(_LABEL_OF[name])))
         body_face.append(chosen)

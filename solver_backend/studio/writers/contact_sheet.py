@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.studio.data_set import SHOTS, read_data_set
+from solver_backend.studio.histograms import SECTOR_DEG
 from solver_backend.studio.scene.costume import LABELS
 from solver_backend.studio.spec import Spec
 
@@ -17,6 +18,7 @@ _TILE = (208, 156)
 _COLUMNS, _TILES = 6, 24
 _SHOWN = ("rgb", "infrared", "depth", "masks", "normals")
 _DIRECTIONS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
+_SECTORS = [f"{low} to {low + SECTOR_DEG}" for low in range(0, 180, SECTOR_DEG)]
 _COLOURS = np.array(
     [[20, 20, 24], [224, 150, 90], [190, 60, 60], [50, 80, 170], [50, 120, 120], [60, 60, 60], [80, 50, 30],
      [255, 255, 255], [90, 150, 70], [140, 140, 145]], np.uint8,
@@ -99,7 +101,7 @@ def card_text(spec: Spec, records: list[dict[str, Any]], has_sheet: bool) -> str
         "kinds": ", ".join(spec.film) or "none", "seed": spec.seed,
         "people": len({record["person"] for record in records}),
         "motions": _listed(records, "motion"), "rigs": _listed(records, "rig"), "looks": _listed(records, "look"),
-        "clothes": _listed(records, "clothes"), "hair": _listed(records, "hair"),
+        "clothes": _listed(records, "clothes"), "hair": _listed(records, "hair"), "light": _listed(records, "light"),
         "markers": f"{records[0]['markers']} ({spec.markers})" if spec.markers else "none",
         "keypoints": f"{spec.joint_set.value} in captures; every joint set in truth.npz",
         "visible": f"{100 * np.mean([record['visible'] for record in records]):.0f} % of keypoints",
@@ -110,7 +112,12 @@ def card_text(spec: Spec, records: list[dict[str, Any]], has_sheet: bool) -> str
     lines += ["| what | |", "|---|---|", *(f"| {name} | {value} |" for name, value in facts.items()), ""]
     lines += ["Seen from, share of views:", "", "| " + " | ".join(_DIRECTIONS) + " |", "|---" * 8 + "|"]
     lines += ["| " + " | ".join(f"{100 * v / max(views.sum(), 1):.0f} %" for v in views) + " |", ""]
+    lines += ["Poses, share of frames by degrees:", "", f"| | {' | '.join(_SECTORS)} |", "|---" * 7 + "|"]
+    for name in records[0]["poses"]:
+        counts = np.sum([record["poses"][name] for record in records], axis=0)
+        lines.append(f"| {name} | " + " | ".join(f"{100 * n / max(counts.sum(), 1):.0f} %" for n in counts) + " |")
     lines += [
+        "",
         "Made by Manifold MoCap's studio. The body and the motion that ships are GPL-3.0-or-later; pictures and truth "
         "are output of the program and yours, but for motions you brought, whose own licences hold for what is made of "
         "them.", "",

@@ -14,7 +14,7 @@ from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.bvh import read_bvh
-from solver_backend.training.data.retarget import RecordedClip, body_rotations, read_clip, recorded_from_bvh, resample
+from solver_backend.io.motions.recorded_clip import RecordedClip, body_rotations, read_clip, recorded_from_bvh, resample
 from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
 from solver_backend.training.data.sources.amc_clips import read_amc, read_asf
 from solver_backend.training.data.sources.gltf_clips import read_archive_clips

@@ -14,7 +14,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import rotvec_from_quat
-from solver_backend.training.data.retarget import RecordedClip
+from solver_backend.io.motions.recorded_clip import RecordedClip
 
 TPOSE = "T-Pose"
 """Name of the animation that holds the T-pose."""

@@ -131,3 +131,27 @@ def test_a_cluster_makes_the_same_bytes_though_a_worker_dies(plain: Path, tmp_pa
     records = [read_record(folder) or {} for folder in (out / RECORDS).glob("choreography*")]
     ends = [[attempt["how"] for attempt in record["attempts"]].count("done") for record in records]
     assert [record["status"] for record in records] == ["done"] * 3 and ends == [1, 1, 1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("distributed") is None, reason="Dask is not installed")
+def test_colour_by_a_clusters_workers_is_that_of_one_process(tmp_path: Path) -> None:
+    from tests.support.tended_cluster import Tended
+
+    small = {"film": ["rgb"], "looks": ["varied"], "people": {"count": 2}, "frames": 1}
+    for part in ("one", "many"):
+        (tmp_path / part).mkdir()
+    (tmp_path / "dask").mkdir()
+    spec, one = asked(tmp_path / "one", **small)
+    run_studio(StudioRequest(spec, one), silent)
+    spec, many = asked(tmp_path / "many", **small)
+    cluster = Tended(2, tmp_path / "dask")
+    try:
+        run_studio(StudioRequest(spec, many, spread=Spread(cluster.address)), silent)
+    finally:
+        cluster.close()
+    assert digests(many) == digests(one)
+    assert sum(name.endswith(".png") for name in digests(many)) == 2 * 4
+    steps = [(read_record(folder) or {})["steps"] for folder in (many / RECORDS).glob("choreography*")]
+    assert [sorted(step) for step in steps] == [["colour", "film"]] * 2
+    assert (many / "contact_sheet.png").read_bytes() == (one / "contact_sheet.png").read_bytes()

@@ -11,8 +11,8 @@ from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteDa
 from solver_backend.exchange.joint_sets import SMPL_PARENTS
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
+from solver_backend.io.motions.skeleton_maps import SkeletonMap, skeleton_map
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.training.data.skeleton_maps import SkeletonMap, skeleton_map
 
 _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 _FOREARMS = ((18, 20), (19, 21))
