@@ -17,11 +17,12 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.rig.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
 from solver_backend.rig.extrinsics.result import RigCalibration
 from solver_backend.rig.intrinsics.known_lenses import known_lenses
-from solver_backend.types import Capture, Keypoints2D
+from solver_backend.types import Cameras, Capture, Keypoints2D
 
 if TYPE_CHECKING:
     from solver_backend.rig.boards.board import Board
     from solver_backend.rig.extrinsics.board_session import BoardOptions
+    from solver_backend.rig.extrinsics.evidence import Evidence
     from solver_backend.rig.intrinsics.camera_lens import CameraLens
 
 
@@ -32,20 +33,19 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
         CommandLineInvalid: what the method needs is not told.
         MocapError: see the methods.
     """
-    return {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined}[args.method](
-        args, progress
-    )
+    by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
+    return by[args.method](args, progress)
 
 
-def capture_of(args: argparse.Namespace, progress: Progress) -> Capture:
-    """Return the capture of the command line."""
+def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
+    """Return the capture of the command line, or that at a path, read with its options."""
     from solver_backend.io.load import load_capture
     from solver_backend.job import joint_set_named
 
     joint_set = None if args.joint_set is None else joint_set_named(args.joint_set)
-    path = args.capture if "capture" in args else args.source
     return load_capture(
-        path, fps=args.fps, trim=bool(args.trim), joint_set=joint_set, unit=args.unit, up_axis=args.up_axis,
+        path or (args.capture if "capture" in args else args.source), fps=args.fps, trim=bool(args.trim),
+        joint_set=joint_set, unit=args.unit, up_axis=args.up_axis,
         progress=progress,
     )  # fmt: skip
 
@@ -76,7 +76,7 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     from solver_backend.rig.boards.board import board_named
     from solver_backend.rig.extrinsics.board_session import BoardOptions
 
-    told = args.board or next((str(p) for p in _told_boards(args.source)), None)
+    told = args.board or next((str(p) for p in _told_boards(args.footage or args.source)), None)
     if told is None:
         raise CommandLineInvalid("Which board was filmed?", hint="Say --board, such as --board charuco:5x7:35mm.")
     unknown = [m for m in args.lens or () if m not in LENS_MODELS]
@@ -171,3 +171,59 @@ def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Cameras from the person", 0, 1)
     return refine_by_person(cameras, keypoints, free_focal=bool(args.refine_lenses))
+
+
+def _together(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+    """Return an earlier calibration adjusted to a board, a take and clicks at once."""
+    from solver_backend.io.calibration import read_calibration
+    from solver_backend.rig.extrinsics.evidence import clicks_evidence, in_world_of, person_evidence
+    from solver_backend.rig.extrinsics.points_session import read_clicks
+    from solver_backend.rig.extrinsics.together import calibrate_together
+
+    if args.footage is None and args.take is None and args.clicks is None:
+        raise CommandLineInvalid("Together with what?", hint="Tell --footage, --take or --clicks, or several of them.")
+    if args.hold is not None and not args.hold > 0:
+        raise CommandLineInvalid("--hold is how good the calibration is, more than 0 mm.")
+    start, sources = read_calibration(args.source).cameras, []
+    if args.clicks is not None:
+        clicks = read_clicks(args.clicks)
+        _known_cameras(tuple(clicks.px), start.names, args.clicks)
+        start = in_world_of(clicks, start, with_scale=args.hold is None)
+        sources.append(clicks_evidence(start, clicks))
+    if args.footage is not None:
+        sources.append(_board_evidence(args, start, progress))
+    if args.take is not None:
+        cameras, keypoints = capture_of(args, progress, args.take).require_multiview()
+        _known_cameras(cameras.names, start.names, args.take)
+        if len(cameras) != len(start):
+            missing = ", ".join(n for n in start.names if n not in cameras.names)
+            raise CalibrationMismatch(f"The take has no view of {missing}.", where=str(args.take))
+        sources.append(person_evidence(start, keypoints.views([cameras.names.index(n) for n in start.names])))
+    progress("All sources at once", 0, 1)
+    hold_m = None if args.hold is None else 1e-3 * args.hold
+    return calibrate_together(start, sources, hold_m=hold_m, origin_frame=args.origin)
+
+
+def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> Evidence:
+    from solver_backend.rig.extrinsics.board_session import find_boards
+    from solver_backend.rig.extrinsics.evidence import board_evidence
+    from solver_backend.rig.extrinsics.session_folders import board_footage
+    from solver_backend.rig.frames import VIDEOS
+
+    board, options = _board_options(args)
+    footage = board_footage(args.footage).rig
+    _known_cameras(tuple(footage), start.names, args.footage)
+    sightings = []
+    for done, name in enumerate(start.names):
+        progress(f"Board before {name}", done, len(start))
+        sightings.append(find_boards(footage[name], board)[0] if name in footage else {})
+    moving = all(path.suffix.lower() in VIDEOS for path in footage.values())
+    return board_evidence(start, board, sightings, options.fps if moving else None)
+
+
+def _known_cameras(names: Sequence[str], known: Sequence[str], path: Path) -> None:
+    strange = [name for name in names if name not in known]
+    if strange:
+        raise CalibrationMismatch(
+            f"The calibration has no {', '.join(strange)}; it has {', '.join(known)}.", where=str(path)
+        )

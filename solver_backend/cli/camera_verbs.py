@@ -12,7 +12,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 CAMERA_VERBS = ("board", "calibrate-cameras", "check-cameras")
-METHODS = ("board", "person", "points", "refine", "lenses")
+METHODS = ("board", "person", "points", "refine", "together", "lenses")
 _BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
 
 
@@ -34,7 +34,7 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     rig = verbs.add_parser(
         "calibrate-cameras", parents=[reading, writing, common], help="find the cameras of a rig and write them"
     )
-    rig.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv")
+    rig.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION")
     rig.add_argument("--from", dest="method", choices=METHODS, default="board", help="what tells where they stand")
     rig.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
     rig.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
@@ -47,6 +47,11 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     rig.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
     rig.add_argument("--stature", type=float, metavar="METRES", help="of the person, which tells the scale")
     rig.add_argument("--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance")
+    together = rig.add_argument_group("--from together", "a CALIBRATION is the start; all told here adjusts it")
+    together.add_argument("--footage", type=Path, metavar="FOLDER", help="of --board, seen by several cameras at once")
+    together.add_argument("--take", type=Path, metavar="CAPTURE", help="of a person, synchronous")
+    together.add_argument("--clicks", type=Path, metavar="CLICKS.csv", help="points in pictures, some of known places")
+    together.add_argument("--hold", type=float, metavar="MM", help="the calibration counts too, as good as so many mm")
 
     check = verbs.add_parser(
         "check-cameras", parents=[reading, common], help="say whether a capture's calibration fits what was seen"

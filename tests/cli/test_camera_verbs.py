@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.calibration import read_calibration
@@ -98,3 +100,30 @@ def test_lenses_of_another_calibration_are_used(tmp_path: Path, capsys) -> None:
     assert "0.5 m" in said(capsys)["notes"][0]
     found = read_calibration(out).cameras
     assert np.abs(found.K - capture.cameras.K).max() < 1e-6
+
+
+def test_an_earlier_calibration_a_take_and_clicks_are_adjusted_together(tmp_path: Path, capsys) -> None:
+    truth = benchmark_capture(walk(60), BenchmarkSettings(detector=EXACT, calibration_mm=0.0, anatomy_mm=0.0))
+    path, start, out, clicks = (tmp_path / name for name in ("take.npz", "start.toml", "rig.toml", "clicks.csv"))
+    write_capture(path, truth)
+    cameras = truth.cameras
+    shift = np.random.default_rng(0).normal(0, 0.02, cameras.t.shape)
+    write_calibration(start, replace(cameras, t=cameras.t + shift))
+    places = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.2)]
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, np.array(places), cameras.distortion_model)
+    rows = [f"p{i},world,{x},{y},{z}" for i, (x, y, z) in enumerate(places)]
+    rows += [f"p{i},{name},{u},{v}" for name, seen in zip(cameras.names, px, strict=True)
+             for i, (u, v) in enumerate(seen)]  # fmt: skip
+    clicks.write_text("\n".join(rows))
+    verb = ["calibrate-cameras", str(start), "--from", "together", "--out", str(out), "--json"]
+    assert main([*verb, "--take", str(path), "--clicks", str(clicks)]) == 0
+    found = said(capsys)
+    assert found["method"] == "together" and len(found["notes"]) == 3 and found["findings"] == []
+    assert np.abs(read_calibration(out).cameras.centres - cameras.centres).max() < 0.003
+    assert max(camera["centre_sigma_mm"] for camera in found["cameras"]) < 20.0
+    assert main([*verb, "--overwrite"]) == 2
+    assert "--footage" in said(capsys)["hint"]
+    assert main([*verb, "--overwrite", "--take", str(path), "--hold", "-1"]) == 2
+    clicks.write_text("p0,elsewhere,1,2\n")
+    assert main([*verb, "--overwrite", "--clicks", str(clicks)]) == 3
+    assert said(capsys)["code"] == "calibration_mismatch"

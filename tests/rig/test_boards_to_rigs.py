@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.rig.adjustment.lens import LENS_MODELS, lens_of
 from solver_backend.rig.boards.board import Board
+from solver_backend.rig.extrinsics import board_session
+from solver_backend.rig.extrinsics.board_session import calibrate_by_board
 from solver_backend.rig.extrinsics.from_board import rig_from_board, zoom_doubts
 from solver_backend.rig.extrinsics.result import result_of
+from solver_backend.rig.extrinsics.session_folders import BoardFootage
 from solver_backend.rig.intrinsics.camera_lens import camera_lens
 from solver_backend.rig.intrinsics.lens_fit import fitted_lens
 from solver_backend.types import Cameras
@@ -108,3 +112,35 @@ def test_too_few_pictures_are_named() -> None:
     views = list(carried(ring(1, radius=1.6), 10)[0].values())[:2]
     with pytest.raises(CalibrationInvalid, match="2 pictures"):
         fitted_lens(BOARD, views, SIZE, LENS_MODELS["radial2"])
+
+
+def filmed_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seen: dict[str, dict]) -> BoardFootage:
+    """Return footage whose pictures say what is told here."""
+    footage = {name: tmp_path / f"{name}.mp4" for name in seen}
+    monkeypatch.setattr(board_session, "find_boards", lambda path, board, step=1: (seen[path.stem], SIZE))
+    return BoardFootage({}, footage)
+
+
+def test_a_mirrored_camera_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = ring(3)
+    seen = dict(zip(cameras.names, carried(cameras, 30), strict=True))
+    lenses = {name: lens_of(cameras, c) for c, name in enumerate(cameras.names)}
+    some = sorted(seen["cam2"])
+    few = {f: replace(s, mirrored=f in some[:2]) for f, s in seen["cam2"].items()}
+    found = calibrate_by_board(filmed_folder(tmp_path, monkeypatch, {**seen, "cam2": few}), BOARD, lenses)
+    assert any("cam2 shows the board mirrored in 2 pictures" in word for word in found.findings)
+    seen["cam2"] = {f: replace(s, mirrored=True) for f, s in seen["cam2"].items()}
+    with pytest.raises(CalibrationInvalid, match="The board is mirrored") as caught:
+        calibrate_by_board(filmed_folder(tmp_path, monkeypatch, seen), BOARD, lenses)
+    assert caught.value.where == "camera cam2"
+
+
+def test_a_board_nowhere_found_and_a_camera_alone_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = ring(3)
+    seen = dict(zip(cameras.names, carried(cameras, 30), strict=True))
+    lenses = {name: lens_of(cameras, c) for c, name in enumerate(cameras.names) if name != "cam2"}
+    with pytest.raises(CalibrationInvalid) as caught:
+        calibrate_by_board(filmed_folder(tmp_path, monkeypatch, {**seen, "cam2": {}}), BOARD, lenses)
+    assert caught.value.where == "camera cam2" and caught.value.hint
+    with pytest.raises(CalibrationMissing, match="1 cameras filmed"):
+        calibrate_by_board(filmed_folder(tmp_path, monkeypatch, {"cam1": seen["cam1"]}), BOARD, lenses)

@@ -157,6 +157,9 @@ class _Task:
         bodies = now.bodies
         if bodies.known is not None:
             cost += 0.5 * float(np.nansum((bodies.t - bodies.known) ** 2)) / bodies.known_sigma**2
+        if self.unknowns.held is not None:
+            far = (self.unknowns.held.step_from(now.cameras) ** 2).sum(-1) / self.scale**2
+            cost += 0.5 * self.scale**2 * float(np.log1p(far).sum())
         if self.unknowns.lens_sigma is not None:
             cost += 0.5 * float(((self.lens_change(now.cameras) / self.unknowns.lens_sigma) ** 2).sum())
         return cost
@@ -202,6 +205,11 @@ class _Equations:
             told = np.isfinite(bodies.known).all(-1)
             V[told, -3:, -3:] += np.eye(3) / bodies.known_sigma**2
             by_body[told, -3:] += (bodies.t - bodies.known)[told] / bodies.known_sigma**2
+        if unknowns.held is not None:
+            step, scale = unknowns.held.step_from(cameras), unknowns.held.scale
+            sure = 1.0 / (1.0 + (step**2).sum(-1, keepdims=True) / task.scale**2)
+            U[np.arange(C)[:, None], np.arange(6), np.arange(C)[:, None], np.arange(6)] += sure / scale**2
+            by_camera[:, :6] += sure * step / scale
         U = U.reshape(C * P, C * P)
         if unknowns.lens_sigma is not None:
             precision = np.pad(1.0 / unknowns.lens_sigma**2, ((0, 0), (6, 1)))

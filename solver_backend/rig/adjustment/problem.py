@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.rig.adjustment.lens import PARAMETERS
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
@@ -54,6 +55,29 @@ class Bodies:
 
 
 @dataclass(frozen=True)
+class Held:
+    """Where C cameras are expected, by an earlier calibration."""
+
+    cameras: Cameras
+    """As they were calibrated."""
+    turn_sigma: float
+    """Radians."""
+    centre_sigma_m: float
+    """Metres."""
+
+    def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
+        """Return (C, 6) the steps ``(ω, τ)`` that lead from the expected poses to these, in standard deviations."""
+        turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
+        shift = -(cameras.R @ (cameras.centres - self.cameras.centres)[..., None])[..., 0]
+        return np.concatenate([turn / self.turn_sigma, shift / self.centre_sigma_m], axis=1)
+
+    @property
+    def scale(self) -> Float[np.ndarray, " 6"]:
+        """(6,) standard deviations of a step."""
+        return np.repeat([self.turn_sigma, self.centre_sigma_m], 3)
+
+
+@dataclass(frozen=True)
 class Unknowns:
     """What is solved for beside the bodies."""
 
@@ -67,6 +91,8 @@ class Unknowns:
     """(C, 12) how far each number is expected from where it starts; None is anywhere."""
     delays: Bool[np.ndarray, " cameras"] | None = None
     """(C,) cameras whose delay against the others is unknown; None is no camera's."""
+    held: Held | None = None
+    """Poses that are known beforehand, where all are unknown; a camera far from its own is let go (Cauchy)."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def rig_from_board(
             f"The {board} looks the same when half turned, so cameras cannot agree on its ends.",
             hint="Use a Charuco board, or a checkerboard with an even and an odd number of squares.",
         )
-    poses = [_poses(board, seen, lens) for seen, lens in zip(sightings, lenses, strict=True)]
+    poses = [poses_seen(board, seen, lens) for seen, lens in zip(sightings, lenses, strict=True)]
     together, relative = {}, {}
     for i, j in combinations(range(len(names)), 2):
         common = sorted(poses[i].keys() & poses[j].keys())
@@ -84,7 +84,7 @@ def rig_from_board(
     camera_poses = chained(names, together, relative)
     cameras = _cameras(names, lenses, camera_poses)
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
-    bodies, seen = _bodies(board, sightings, poses, camera_poses, moments, fps)
+    bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
     late = np.arange(len(names)) > 0 if fps is not None else None
     fixed = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool), delays=late)
     found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0, watch=watch)
@@ -140,7 +140,8 @@ def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
     return Unknowns(np.ones(len(cameras), bool), lens, True, sigma)
 
 
-def _poses(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
+def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
+    """Return the board's pose in a camera's axes at each moment the camera sees it."""
     if not seen:
         return {}
     R, t = board_poses(board, list(seen.values()), lens)
@@ -159,7 +160,7 @@ def _cameras(names: Sequence[str], lenses: Sequence[Lens], poses: Sequence[Pose]
     )
 
 
-def _bodies(
+def placed_boards(
     board: Board,
     sightings: Sequence[Mapping[int, BoardSighting]],
     poses: Sequence[Mapping[int, Pose]],

@@ -18,7 +18,7 @@ class RigCalibration:
     cameras: Cameras
     """The result."""
     method: str
-    """'board', 'person', 'points' or 'refine'."""
+    """'board', 'person', 'points', 'refine' or 'together'."""
     rmse_px: float
     """Root mean squared reprojection error."""
     camera_rmse_px: Float[np.ndarray, " cameras"]
@@ -37,19 +37,20 @@ class RigCalibration:
     """Of each camera: model, held-out error, pictures."""
 
 
-def result_of(method: str, found: Adjusted) -> RigCalibration:
-    """Return the calibration of an adjustment, the covariance scaled to the residuals.
+def result_of(method: str, found: Adjusted, *, measured: bool = False) -> RigCalibration:
+    """Return the calibration of an adjustment, the covariance scaled to the residuals where noise was not measured.
 
     A step ``x ← exp(ω) x + τ`` about the camera moves its centre by ``-Rᵀ exp(-ω) τ``.
 
     Args:
         method: how it was found.
         found: the adjustment.
+        measured: the sightings' deviations are those of the residuals already.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
     C = len(found.cameras)
     square = (np.nan_to_num(found.error) ** 2).sum(-1)
-    inflation = float(np.median(square / noise_px**2)) / 1.386 if len(square) else 1.0
+    inflation = float(np.median(square / noise_px**2)) / 1.386 if len(square) and not measured else 1.0
     blocks = found.covariance.reshape(C, CAMERA_PARAMETERS, C, CAMERA_PARAMETERS)[range(C), :, range(C)]
     variance = np.einsum("cii->ci", blocks) * max(inflation, 1e-6)
     by_camera = np.array([float(np.sqrt(square[camera_of == c].mean())) if (camera_of == c).any() else np.nan
