@@ -1,10 +1,13 @@
-"""Pose correctives: shape keys driven by the bones' rotations, so that the skin is the model's and not plain blending.
+"""Pose correctives: geometry nodes before the armature move the skin by the bones' rotations, as the model does.
 
-The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). Each element of a joint's rotation
-matrix is one shape key, driven by a simple expression of the pose bone's quaternion, constraints included.
+The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint reaches few vertices, so
+``P`` is kept as a table, a point for each vertex and joint that moves it, not as a shape key over the whole skin for
+each of 207 features; drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -13,62 +16,92 @@ from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile
-from .mesh import positions
-from .shape import add_key
+from .corrective_nodes import build_corrective_nodes, column_attribute, drive_input, row_attribute
 
-_FEATURES = (
-    "-2*(y*y+z*z)", "2*(x*y-w*z)", "2*(x*z+w*y)",
-    "2*(x*y+w*z)", "-2*(x*x+z*z)", "2*(y*z-w*x)",
-    "2*(x*z-w*y)", "2*(y*z+w*x)", "-2*(x*x+y*y)",
-)  # fmt: skip
-"""``R - I`` of a unit quaternion, row-major."""
+CORRECTIVES = "Pose Correctives"
+"""Name of the modifier."""
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
-"""Keys that never move a vertex this far are left out."""
+"""Displacements that no rotation makes this large are left out."""
 
 
-def add_correctives(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile) -> int:
-    """Add the body's pose correctives as driven shape keys and return how many there are.
+@dataclass(frozen=True)
+class CorrectiveTable:
+    """The pose correctives that are not zero: a row for each vertex and joint that moves it."""
+
+    joint: np.ndarray
+    """(N,) index of the joint, 1..23."""
+    directions: np.ndarray
+    """(N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``."""
+    rows: np.ndarray
+    """(S, V) rows of each vertex, -1 where it has fewer than S."""
+
+
+def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
+    """Return the (V, 3, 207) pose correctives as a table, in the axes they are given in."""
+    blocks = posedirs.astype(np.float32).reshape(len(posedirs), 3, -1, 3, 3)
+    reach = _LARGEST_FEATURE * np.sqrt(np.square(blocks).sum(axis=1).max(axis=(2, 3)))
+    vertex, joint = np.nonzero(reach >= _LEAST_M)
+    first = np.searchsorted(vertex, np.arange(len(posedirs)))
+    slot = np.arange(len(vertex)) - first[vertex]
+    rows = np.full((int(slot.max(initial=-1)) + 1, len(posedirs)), -1, np.int32)
+    rows[slot, vertex] = np.arange(len(vertex))
+    return CorrectiveTable(joint + 1, blocks[vertex, :, joint], rows)
+
+
+def add_correctives(
+    armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, hidden: bpy.types.Collection
+) -> int:
+    """Add the body's pose correctives to a mesh and return how many of its joints have some.
 
     Args:
         armature: from ``create_armature``.
-        mesh: its mesh, with a basis.
+        mesh: its mesh, deformed by an armature modifier.
         body: the body; without correctives nothing is added.
+        hidden: collection that the table's points go into.
     """
     if body.posedirs is None:
         return 0
-    added = 0
-    C, rest = rotation_from_body_axes(armature), positions(mesh.data.vertices)
-    blocks = body.posedirs.astype(np.float32).reshape(len(rest), 3, -1, 9).transpose(2, 0, 1, 3).copy()
-    for joint, block, axes in zip(JOINTS[1:], blocks, C[1:], strict=True):
-        moved = np.flatnonzero(block.reshape(len(rest), -1).any(axis=1))
-        offsets = _in_bone_axes(block[moved], axes)
-        for m, feature in enumerate(_FEATURES):
-            if _LARGEST_FEATURE * np.linalg.norm(offsets[:, :, m], axis=1).max(initial=0.0) < _LEAST_M:
-                continue
-            shaped = rest.copy()
-            shaped[moved] += offsets[:, :, m]
-            _drive(add_key(mesh, f"{joint} {m}", shaped, _LARGEST_FEATURE), feature, armature, joint)
-            added += 1
-    return added
+    table = corrective_table(body.posedirs)
+    joints = np.unique(table.joint).tolist()
+    if not joints:
+        return 0
+    points = _table_object(f"{mesh.name} correctives", table, rotation_from_body_axes(armature))
+    hidden.objects.link(points)
+    for slot, rows in enumerate(table.rows):
+        mesh.data.attributes.new(row_attribute(slot), "INT", "POINT").data.foreach_set("value", rows)
+    modifier = mesh.modifiers.new(CORRECTIVES, "NODES")
+    names = [JOINTS[joint] for joint in joints]
+    modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, len(table.rows))
+    mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
+    for name in names:
+        for axis in range(3):
+            _drive(drive_input(modifier, name, axis), armature, name, "XYZ"[axis])
+    return len(joints)
 
 
-def _in_bone_axes(block: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Return (V, 3, 9) directions per element of ``C (R - I) C^T`` from those per element of ``R - I``."""
-    rotated = R_ARMATURE_BODY @ block.astype(np.float64)
-    return np.einsum("vkab,ia,jb->vkij", rotated.reshape(-1, 3, 3, 3), C, C, optimize=True).reshape(block.shape)
+def _table_object(name: str, table: CorrectiveTable, C: np.ndarray) -> bpy.types.Object:
+    """Return the table as points in the bones' axes ``C``; they stay hidden wherever the body is appended to."""
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(np.zeros((len(table.joint), 3)).tolist(), [], [])
+    order = np.unique(table.joint, return_inverse=True)[1]
+    data.attributes.new("joint", "INT", "POINT").data.foreach_set("value", order.astype(np.int32))
+    axes = C[table.joint]
+    turned = np.einsum("kc,ncab,nia,njb->nkij", R_ARMATURE_BODY, table.directions, axes, axes, optimize=True)
+    for row in range(3):
+        for column in range(3):
+            attribute = data.attributes.new(column_attribute(row, column), "FLOAT_VECTOR", "POINT")
+            attribute.data.foreach_set("vector", turned[:, :, row, column].astype(np.float32).ravel())
+    points = bpy.data.objects.new(name, data)
+    points.hide_viewport = points.hide_render = points.hide_select = True
+    return points
 
 
-def _drive(key: bpy.types.ShapeKey, feature: str, armature: bpy.types.Object, joint: str) -> None:
-    driver = key.driver_add("value").driver
-    driver.type = "SCRIPTED"
-    for axis in "wxyz":
-        if axis not in feature:
-            continue
-        variable = driver.variables.new()
-        variable.name, variable.type = axis, "TRANSFORMS"
-        target = variable.targets[0]
-        target.id, target.bone_target = armature, joint
-        target.transform_type, target.rotation_mode = f"ROT_{axis.upper()}", "QUATERNION"
-        target.transform_space = "LOCAL_SPACE"
-    driver.expression = feature
+def _drive(driver: bpy.types.Driver, armature: bpy.types.Object, joint: str, axis: str) -> None:
+    driver.type = "SUM"
+    variable = driver.variables.new()
+    variable.name, variable.type = axis.lower(), "TRANSFORMS"
+    target = variable.targets[0]
+    target.id, target.bone_target = armature, joint
+    target.transform_type, target.rotation_mode = f"ROT_{axis}", "XYZ"
+    target.transform_space = "LOCAL_SPACE"

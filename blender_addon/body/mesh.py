@@ -51,7 +51,7 @@ def _add_materials(mesh: bpy.types.Mesh, body: BodyFile) -> None:
     index = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material.astype(np.int32)
     index = np.clip(index, 0, len(BODY_COLOURS) - 1)
     for name, colour in BODY_COLOURS[: int(index.max()) + 1]:
-        mesh.materials.append(create_material(name, colour))
+        mesh.materials.append(create_material(name, colour, glossy=True))
     mesh.polygons.foreach_set("material_index", index)
 
 

@@ -24,7 +24,7 @@ class Rig:
     armature: bpy.types.Object
     """24 bones to pose, 24 hidden ones that deform, a root, and hands and feet to place."""
     mesh: bpy.types.Object
-    """The skin, with ten shape sliders and the driven pose correctives."""
+    """The skin, with ten shape sliders and pose correctives."""
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
@@ -40,11 +40,11 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
     """
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, layout, collection)
-    add_control_shapes(armature, body, betas, layout)
+    hidden = add_control_shapes(armature, body, betas, layout)
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)
     drive_joints(armature, mesh, body, betas)
-    add_correctives(armature, mesh, body)
+    add_correctives(armature, mesh, body, hidden)
     return Rig(armature, mesh)
 
 

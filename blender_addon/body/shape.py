@@ -20,7 +20,8 @@ from .sliders import slider_name, sliders
 
 LARGEST_BETA = 5.0
 """Sliders reach this many standard deviations either way."""
-_LEAST_M = 1e-7
+_LEAST_M, _SAME_M = 5e-7, 5e-7
+"""Metres per beta: a smaller effect is none, and two that differ by less are the same."""
 
 
 def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) -> None:
@@ -64,10 +65,40 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
     from_parent = directions - np.where(np.array(PARENTS)[:, None, None] >= 0, directions[list(PARENTS)], 0.0)
     moves = [(name, from_parent[j]) for name, j in _moved_with_joints()]
     moves += [(deform_bone(joint), -directions[j]) for j, joint in enumerate(JOINTS)]
+    driven: list[tuple[str, int, np.ndarray]] = []
     for name, way in moves:
+        bone = armature.pose.bones[name]
         axes = np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64)
         for axis, row in enumerate(axes.T @ way):
-            drive_by_betas(armature.pose.bones[name], "location", axis, row, float(-row @ rest_betas), mesh)
+            like = _same_or_opposite(row, driven)
+            if like is not None:
+                _drive_by_bone(bone, axis, armature, *like)
+            elif drive_by_betas(bone, "location", axis, row, float(-row @ rest_betas), mesh):
+                driven.append((name, axis, row))
+
+
+def _same_or_opposite(row: np.ndarray, driven: list[tuple[str, int, np.ndarray]]) -> tuple[str, int, str] | None:
+    """Return bone, axis and sign of a driven location that moves as this one does, or against it."""
+    if np.abs(row).max() <= _LEAST_M:
+        return None
+    for name, axis, other in driven:
+        for sign, opposite in (("", other), ("-", -other)):
+            if np.abs(row - opposite).max() <= _SAME_M:
+                return name, axis, sign
+    return None
+
+
+def _drive_by_bone(
+    bone: bpy.types.PoseBone, axis: int, armature: bpy.types.Object, source: str, source_axis: int, sign: str
+) -> None:
+    """Drive a bone's location by another's: a file keeps 950 bytes for each variable of a driver, ten for the betas."""
+    driver = bone.driver_add("location", axis).driver
+    driver.type, driver.expression = "SCRIPTED", f"{sign}a"
+    variable = driver.variables.new()
+    variable.name, variable.type = "a", "SINGLE_PROP"
+    target = variable.targets[0]
+    target.id_type, target.id = "OBJECT", armature
+    target.data_path = f'pose.bones["{source}"].location[{source_axis}]'
 
 
 def _moved_with_joints() -> list[tuple[str, int]]:
@@ -82,8 +113,8 @@ def _moved_with_joints() -> list[tuple[str, int]]:
 
 def drive_by_betas(
     owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
-) -> None:
-    """Drive one element of a property by ``constant + row @ betas``; nothing is driven where no beta has an effect.
+) -> bool:
+    """Drive one element of a property by ``constant + row @ betas``; False where no beta has an effect.
 
     Args:
         owner: what the property belongs to.
@@ -95,7 +126,7 @@ def drive_by_betas(
     """
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
-        return
+        return False
     keys = _sliders(mesh)
     driver = owner.driver_add(path, axis).driver
     driver.type = "SCRIPTED"
@@ -107,6 +138,7 @@ def drive_by_betas(
         target.data_path = f'key_blocks["{keys[k].name}"].value'
     # Blender keeps 256 characters of an expression; a tenth of a micrometre is exact enough.
     driver.expression = f"{constant:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)
+    return True
 
 
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:

@@ -24,21 +24,31 @@ FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.
 """Tiles and lines."""
 
 
-def create_material(name: str, colour: Colour, *, roughness: float = 0.55) -> bpy.types.Material:
+def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
     """Create a material whose viewport colour and surface colour agree.
 
     Args:
         name: name of the material.
         colour: linear RGBA.
         roughness: 0 (mirror) to 1 (chalk).
+        glossy: a principled surface, to go on from; otherwise a diffuse one, a tenth as large in a file.
     """
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
     if bpy.app.version < (5, 0):  # later materials always have nodes, and saying so is deprecated
         material.use_nodes = True
-    shader = next((n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled"), None)
-    if shader is not None:
+    nodes = material.node_tree.nodes
+    shader = next((node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled"), None)
+    if glossy and shader is not None:
         shader.inputs["Base Color"].default_value = colour
         shader.inputs["Roughness"].default_value = roughness
+        return material
+    leave = next((node for node in nodes if node.bl_idname == "ShaderNodeOutputMaterial"), None)
+    for node in [node for node in nodes if node != leave]:
+        nodes.remove(node)
+    diffuse = nodes.new("ShaderNodeBsdfDiffuse")
+    diffuse.inputs["Color"].default_value = colour
+    leave = leave or nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(diffuse.outputs[0], leave.inputs["Surface"])
     return material

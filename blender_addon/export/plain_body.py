@@ -11,6 +11,7 @@ import numpy as np
 
 from ..body.armature import bone_axes, deform_bone
 from ..body.controls.wiring import FOLLOW
+from ..body.correctives import CORRECTIVES
 from ..body.mesh import positions
 from ..body.rig import Rig
 from ..body.shape import get_betas
@@ -42,6 +43,10 @@ def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
     mesh.parent = armature
     for joint in JOINTS:
         mesh.vertex_groups[deform_bone(joint)].name = joint
+    correctives = mesh.modifiers.get(CORRECTIVES)
+    if correctives is not None:
+        mesh.modifiers.remove(correctives)
+    mesh.animation_data_clear()
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE":
             modifier.object = armature

@@ -36,6 +36,7 @@ def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
     Raises:
         MocapError: the body is missing or wrong, or the file exists or cannot be written.
     """
+    from ..body.correctives import CORRECTIVES
     from ..body.rig import create_rig, stand_on_floor
     from ..conventions.collections import child_collection
     from ..scene.session import frame_viewports, fresh_scene, save_file
@@ -57,13 +58,12 @@ def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
         frame_viewports((0.0, 0.0, 0.9))
         save_file(temporary[request.out.name])
         add_catalog(request.out.parent)
-    keys = len(rig.mesh.data.shape_keys.key_blocks)
     return {
         "event": "result",
         "outputs": [str(request.out)],
         "notes": [],
         "body": body.id,
         "vertices": len(body.v_template),
-        "pose_correctives": keys - 1 - NUM_BETAS,
+        "pose_correctives": CORRECTIVES in rig.mesh.modifiers,
         "seconds": round(time.monotonic() - start, 3),
     }

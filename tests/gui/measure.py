@@ -45,12 +45,10 @@ def steps(user: Any) -> Any:
     skin = next(child for child in review.armature.children if child.type == "MESH")
     user.note(f"the body has {len(skin.data.vertices)} vertices; the scene asks for {scene.render.fps} fps")
     yield from _played(user, "correctives on")
-    keys = [key for key in skin.data.shape_keys.key_blocks[1:] if not key.name.startswith("Shape")]
-    for key in keys:
-        key.mute = True
-    yield from _played(user, f"{len(keys)} correctives muted")
-    for key in keys:
-        key.mute = False
+    correctives = skin.modifiers["Pose Correctives"]
+    correctives.show_viewport = False
+    yield from _played(user, "correctives off")
+    correctives.show_viewport = True
     yield from user.press("mocap.show_confidence()")
     yield from _played(user, "correctives and bone colours on")
     yield from user.shot("playing")

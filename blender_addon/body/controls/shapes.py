@@ -29,8 +29,10 @@ _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones whose skin the rings around the spine measure together."""
 
 
-def add_control_shapes(armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout) -> None:
-    """Give every posed bone a custom shape that fits the skin.
+def add_control_shapes(
+    armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout
+) -> bpy.types.Collection:
+    """Give every posed bone a custom shape that fits the skin, and return the collection of the shapes.
 
     The shapes' objects lie in a hidden collection beside the armature: they are seen only as controls.
 
@@ -59,6 +61,7 @@ def add_control_shapes(armature: bpy.types.Object, body: BodyFile, betas: np.nda
     _show(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
     for limb in LIMBS:
         _add_limb_shapes(armature, limb, vertices, owner, shapes)
+    return folder
 
 
 def _add_limb_shapes(

@@ -64,15 +64,14 @@ class KeyframeLayout:
         knots = np.concatenate([[steps[0]] * 3, steps, [steps[-1]] * 3]).cumsum()
         knots = np.concatenate([[0.0], knots])  # the key k stands at 3 + k
         at = knots[key + 3] + u * (knots[key + 4] - knots[key + 3])
-        basis = [np.ones_like(at)]
+        basis, none = [np.ones_like(at)], np.zeros_like(at)
         for degree in (1, 2, 3):
             before = [at - knots[key + 4 - degree + i] for i in range(degree)]
             after = [knots[key + 4 + i] - at for i in range(degree)]
             parts = [value / (before[i] + after[i]) for i, value in enumerate(basis)]
-            basis = [
-                (after[i] * parts[i] if i < degree else 0.0) + (before[i - 1] * parts[i - 1] if i else 0.0)
-                for i in range(degree + 1)
-            ]
+            falling = [*(a * part for a, part in zip(after, parts, strict=True)), none]
+            rising = [none, *(b * part for b, part in zip(before, parts, strict=True))]
+            basis = [a + b for a, b in zip(falling, rising, strict=True)]
         shares = np.zeros((*time.shape, 5))
         for i, value in enumerate(basis):
             np.put_along_axis(shares, (late + i)[..., None], value[..., None], axis=-1)

@@ -24,4 +24,5 @@ def test_mesh_carries_groups_materials_and_texture(take: BakedTake, files: Any) 
     corner = np.array([loop.vertex_index for loop in mesh.data.loops])
     uv = np.array([item.uv for item in mesh.data.uv_layers[0].data])
     np.testing.assert_allclose(uv, files.body.uv[corner], atol=1e-6)
-    assert mesh.modifiers[0].object is take.armature and not mesh.modifiers[0].use_deform_preserve_volume
+    assert [modifier.type for modifier in mesh.modifiers] == ["NODES", "ARMATURE"], "correctives come before bones"
+    assert mesh.modifiers[1].object is take.armature and not mesh.modifiers[1].use_deform_preserve_volume

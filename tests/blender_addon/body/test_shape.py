@@ -12,7 +12,7 @@ import pytest
 from assets_procedural.quality.poses import EXTREMES
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile
-from blender_addon.body.correctives import add_correctives
+from blender_addon.body.correctives import CORRECTIVES, add_correctives, corrective_table
 from blender_addon.body.rig import Rig, create_rig
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.body.sliders import sliders
@@ -33,17 +33,15 @@ def test_random_shapes_and_poses_are_the_models(rig: Rig, compare: Compare) -> N
 
 def test_extreme_poses_are_the_models_and_correctives_matter(rig: Rig, compare: Compare) -> None:
     plain_mm = []
-    correctives = list(rig.mesh.data.shape_keys.key_blocks)[11:]
+    correctives = rig.mesh.modifiers[CORRECTIVES]
     for degrees in EXTREMES.values():
         rotvec = np.zeros((24, 3))
         for joint, turn in degrees.items():
             rotvec[JOINTS.index(joint)] = np.deg2rad(turn)
         assert max(compare(rotvec)) < 0.1
-        for key in correctives:
-            key.mute = True
+        correctives.show_viewport = False
         plain_mm.append(compare(rotvec)[1])
-        for key in correctives:
-            key.mute = False
+        correctives.show_viewport = True
     assert min(plain_mm) > 3.0
 
 
@@ -84,10 +82,11 @@ def test_correctives_follow_constraints(rig: Rig, body: BodyFile) -> None:
 
 
 def test_no_driver_needs_python(rig: Rig) -> None:
-    for owner in (rig.armature, rig.mesh.data.shape_keys):
-        drivers = [curve.driver for curve in owner.animation_data.drivers]
-        assert drivers and all(driver.is_simple_expression and driver.is_valid for driver in drivers)
-        assert all(len(driver.expression) < 256 for driver in drivers)
+    drivers = [curve.driver for curve in rig.armature.animation_data.drivers]
+    assert drivers and all(driver.is_simple_expression and driver.is_valid for driver in drivers)
+    assert all(len(driver.expression) < 256 for driver in drivers)
+    sums = [curve.driver for curve in rig.mesh.animation_data.drivers]
+    assert sums and all(driver.type == "SUM" and driver.is_valid for driver in sums)
 
 
 def test_betas_are_read_back_and_sliders_widen(rig: Rig) -> None:
@@ -103,6 +102,15 @@ def test_another_object_is_refused(rig: Rig, body: BodyFile) -> None:
 
 
 def test_body_without_correctives_gets_none(rig: Rig, body: BodyFile) -> None:
-    before = len(rig.mesh.data.shape_keys.key_blocks)
-    assert add_correctives(rig.armature, rig.mesh, replace(body, posedirs=None)) == 0
-    assert len(rig.mesh.data.shape_keys.key_blocks) == before > 11
+    before = len(rig.mesh.modifiers)
+    assert add_correctives(rig.armature, rig.mesh, replace(body, posedirs=None), rig.mesh.users_collection[0]) == 0
+    assert len(rig.mesh.modifiers) == before == 2
+
+
+def test_table_of_correctives_holds_them_all(body: BodyFile) -> None:
+    table = corrective_table(body.posedirs)
+    back = np.zeros((len(body.v_template), 3, 23, 3, 3), np.float32)
+    for rows in table.rows:
+        vertex = np.flatnonzero(rows >= 0)
+        back[vertex, :, table.joint[rows[vertex]] - 1] += table.directions[rows[vertex]]
+    assert np.abs(back.reshape(body.posedirs.shape) - body.posedirs.astype(np.float32)).max() < 2.5e-5
