@@ -77,7 +77,7 @@ def steps(user: Any) -> Any:
     armature = mocap().review.armature
     user.look_at(armature.pose.bones["pelvis"].head, 3.0)
     before = joints()
-    yield from user.press("mocap.limbs_to_ik(limb='ALL')", 0.25)
+    yield from user.press("mocap.switch_limbs(to='IK', limb='ALL')", 0.25)
     assert switches() == [1.0] * 4
     off = float(np.abs(joints() - before).max())
     user.note(f"to IK: joints are at most {1000 * off:.3f} mm off")
@@ -87,8 +87,8 @@ def steps(user: Any) -> Any:
     yield 0.5
     assert switches() == [0.0] * 4, "undone"
     user.note("undone in one step")
-    yield from user.press("mocap.limbs_to_ik(limb='ALL')", 0.25)
-    yield from user.press("mocap.limbs_to_fk(limb='ALL')", 0.75)
+    yield from user.press("mocap.switch_limbs(to='IK', limb='ALL')", 0.25)
+    yield from user.press("mocap.switch_limbs(to='FK', limb='ALL')", 0.75)
     off = float(np.abs(joints() - before).max())
     user.note(f"there and back: joints are at most {1000 * off:.3f} mm off")
     assert off < 1e-3 and switches() == [0.0] * 4

@@ -14,7 +14,7 @@ from ...errors import TakeMissing
 from ..locations import RELATIVE, files_folder, usable
 from ..preferences import detector_python
 from ..video_properties import STEPS
-from .base import MocapOperator
+from .base import MocapOperator, ViewportDrop
 from .solver_operator import SolverOperator, current
 
 SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mts")
@@ -167,18 +167,13 @@ class MOCAP_OT_open_video_picture(MocapOperator, bpy.types.Operator):
         return bpy.ops.wm.path_open(filepath=self.filepath)
 
 
-class MOCAP_FH_videos(bpy.types.FileHandler):
+class MOCAP_FH_videos(ViewportDrop, bpy.types.FileHandler):
     """Takes videos that are dropped on the 3D viewport; one of them stands for its folder."""
 
     bl_idname = "MOCAP_FH_videos"
     bl_label = "Capture from videos"
     bl_import_operator = "mocap.capture_from_videos"
     bl_file_extensions = ";".join(SUFFIXES)
-
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Only in the 3D viewport."""
-        return context.area is not None and context.area.type == "VIEW_3D"
 
 
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
