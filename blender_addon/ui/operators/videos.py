@@ -13,6 +13,7 @@ from ...conventions.file_paths import absolute, file_of, stored
 from ...errors import TakeMissing
 from ..locations import RELATIVE, files_folder, usable
 from ..preferences import detector_python
+from ..settings_layout import draw_setting, settings_layout
 from ..video_properties import STEPS
 from .base import MocapOperator, ViewportDrop
 from .solver_operator import SolverOperator, current
@@ -179,18 +180,18 @@ class MOCAP_FH_videos(ViewportDrop, bpy.types.FileHandler):
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw what the user may tell of videos: cameras, person, clocks, detector."""
     videos = context.scene.mocap.videos
-    layout.use_property_split, layout.use_property_decorate = True, False
-    layout.prop(videos, "cameras")
+    settings_layout(layout, context)
+    draw_setting(layout, context, videos, "cameras")
     if videos.cameras != "person":
-        layout.prop(videos, "board")
+        draw_setting(layout, context, videos, "board")
     if videos.cameras != "board":
-        layout.prop(videos, "stature")
-    layout.prop(videos, "lenses")
-    layout.prop(videos, "sync")
-    layout.prop(videos, "detector")
+        draw_setting(layout, context, videos, "stature")
+    draw_setting(layout, context, videos, "lenses")
+    draw_setting(layout, context, videos, "sync")
+    draw_setting(layout, context, videos, "detector")
     if videos.detector == "model":
-        layout.prop(videos, "model")
-    layout.prop(videos, "people")
+        draw_setting(layout, context, videos, "model")
+    draw_setting(layout, context, videos, "people")
 
 
 def _results(context: bpy.types.Context, folder: Path) -> Path:

@@ -8,6 +8,9 @@ from ...body.controls.limbs import LIMBS, ROOT, has_limbs
 from ..operators.limbs import MOCAP_OT_switch_limbs
 from .parts import MocapPanel, wrapped
 
+_SLIDER = 0.75
+"""Share of a line that a limb's slider has; the button beside it has the rest."""
+
 
 class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
     """The controls of the solved body."""
@@ -28,7 +31,7 @@ class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
         armature = context.scene.mocap.review.armature
         column = layout.column(align=True)
         for limb in LIMBS:
-            row = column.row(align=True)
+            row = column.split(factor=_SLIDER, align=True)
             row.prop(armature.pose.bones[ROOT], f'["{limb.switch}"]', text=limb.label, slider=True, translate=True)
             to = "FK" if armature.pose.bones[ROOT][limb.switch] > 0 else "IK"
             _draw_switch(row, to, limb.switch, to)
