@@ -13,6 +13,9 @@ import bpy
 
 TRIAL = "/work_io/Aufnahme ü/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
 
+_TICK, _CLOCK, _LAST = 0.065, 0.8, 0.87
+"""Where in a row small buttons are: the first, the last but one, the last."""
+
 
 def mocap() -> Any:
     """Return the scene's settings; undo makes earlier references invalid."""
@@ -38,21 +41,21 @@ def steps(user: Any) -> Any:
 def left_out(user: Any) -> Any:
     """Use one camera less, and another less in a range; undo one of them."""
     names = [item.name for item in mocap().capture.cameras]
-    yield from user.press("cameras[1].use", 0.03)
+    yield from user.press("cameras[1].use", _TICK)
     assert not mocap().capture.cameras[1].use
     mocap().review.first, mocap().review.last = 11, 30
-    yield from user.press("mocap.leave_out_range(index=2)", 0.87)
+    yield from user.press("mocap.leave_out_range(index=2)", _CLOCK)
     yield from user.shot("one_left_out")
     yield from user.press("mocap.solve()")
     yield from user.solved("it is solved without them")
     assert job()["leave_out"] == [names[1], f"{names[2]}:10-29"], job()
-    yield from user.press("mocap.use_range(index=0)", 0.97)
+    yield from user.press("mocap.use_range(index=0)", _LAST)
     assert not mocap().capture.left_out
     yield from user.key("Z", ctrl=True)
     assert len(mocap().capture.left_out) == 1
     user.note("undone: the range is left out again")
-    yield from user.press("mocap.use_range(index=0)", 0.97)
-    yield from user.press("cameras[1].use", 0.03)
+    yield from user.press("mocap.use_range(index=0)", _LAST)
+    yield from user.press("cameras[1].use", _TICK)
     assert mocap().capture.leave_out(60.0) == []
 
 
@@ -77,7 +80,7 @@ def refined(user: Any) -> Any:
     yield 0.5
     assert mocap().capture.refined_text() == said
     user.note("undone and redone in one step")
-    yield from user.press("mocap.restore_cameras()", 0.93)
+    yield from user.press("mocap.restore_cameras()", _LAST)
     yield from user.solved("the calibration is restored")
     assert not mocap().capture.original and moved_m(where) < 1e-6
 
@@ -96,14 +99,14 @@ def clean_up(user: Any) -> Any:
     first = mocap().review.take.name
     yield from user.open_panel("VIEW3D_PT_mocap_clean_up")
     mocap().solve.smoothing, mocap().solve.foot_lock = 4.0, 3.0
-    yield from user.find("mocap.feet_to_floor()", 0.95)
+    yield from user.find("mocap.feet_to_floor()", _LAST)
     yield from user.press("mocap.solve()")
     yield from user.solved("it is solved anew, calmer")
     assert mocap().review.take.name != first
     settings = {name: job().get(name) for name in ("smoothing", "foot_lock")}
     user.note(f"solved anew with {settings}")
     assert settings == {"smoothing": 4.0, "foot_lock": 3.0}
-    yield from user.press("mocap.feet_to_floor()", 0.95)
+    yield from user.press("mocap.feet_to_floor()", _LAST)
     user.note(f"floor offset {1000 * mocap().review.floor_offset:.1f} mm")
     assert mocap().review.floor_offset != 0
     mocap().review.below = 0.8
@@ -112,7 +115,7 @@ def clean_up(user: Any) -> Any:
     user.note(f"markers: {marks}")
     assert marks
     yield from user.shot("clean_up")
-    yield from user.press("mocap.clear_marks()", 0.95)
+    yield from user.press("mocap.clear_marks()", _LAST)
     assert not bpy.context.scene.timeline_markers
     yield from user.open_panel("VIEW3D_PT_mocap_take")
     yield from user.press("mocap.thin_take(by='TOLERANCE'", 0.75)
