@@ -97,6 +97,7 @@ def moved_m(where: list[Any]) -> float:
 def clean_up(user: Any) -> Any:
     """Solve calmer, set the feet down, mark gaps, keep few keys."""
     first = mocap().review.take.name
+    yield from user.find("mocap.resolve_range()")
     yield from user.open_panel("VIEW3D_PT_mocap_clean_up")
     mocap().solve.smoothing, mocap().solve.foot_lock = 4.0, 3.0
     yield from user.find("mocap.feet_to_floor()", _LAST)

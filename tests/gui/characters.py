@@ -44,7 +44,7 @@ def steps(user: Any) -> Any:
     yield from user.press("mocap.solve()")
     yield from user.until(lambda: mocap().review.armature, "the capture is solved", 900)
     rigs, measures = support()
-    yield from user.open_panel("VIEW3D_PT_mocap_retarget")
+    yield from user.open_panel("VIEW3D_PT_mocap_retarget", at_the_end=True)
     for name, make, label in (("Mixamo", rigs.mixamo, "Mixamo"), ("Rigify", rigs.rigify, "Rigify")):
         with bpy.context.temp_override(window=user.window, area=user.viewport, region=user.region("WINDOW")):
             rig, limbs = make()

@@ -125,8 +125,11 @@ class User:
         yield from self.click(x, y)
         self.note(f"clicked {words}")
 
-    def open_panel(self, name: str) -> Steps:
-        """Open a closed panel by a click on its header; which header it is shows when the panel is drawn."""
+    def open_panel(self, name: str, *, at_the_end: bool = False) -> Steps:
+        """Open a closed panel by a click on its header; which header it is shows when the panel is drawn.
+
+        Headers are tried from what was clicked last downwards or, if so told, from the sidebar's end upwards.
+        """
         panel, drawn = getattr(bpy.types, name), []
         draw = panel.draw
 
@@ -139,22 +142,22 @@ class User:
             self.viewport.tag_redraw()
             yield 0.3
             if not drawn:
-                yield from self._click_headers(drawn)
+                yield from self._click_headers(drawn, at_the_end)
         finally:
             panel.draw = draw
         self.note(f"opened {name}")
 
-    def _click_headers(self, drawn: list[str]) -> Steps:
+    def _click_headers(self, drawn: list[str], at_the_end: bool) -> Steps:
         """Click on what is no button until the panel is drawn; other panels are opened and closed again."""
         region = self.region("UI")
         x = int(region.x + 0.3 * (region.width - 24))
-        for scroll in (0, -60, *[12] * 12):
+        heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
+        near = sorted(heights, key=lambda y: (y >= self._last_y, -y))
+        ways = [(60, heights[::-1])] if at_the_end else [(0, near)]
+        for scroll, tried in (*ways, (-60, heights), *[(12, heights)] * 12):
             yield from self._scroll(scroll)
             yield 0.1
-            heights = list(range(region.y + region.height - 6, region.y + 6, -_STEP_PX))
-            if scroll == 0:  # most likely below what was clicked last
-                heights.sort(key=lambda y: (y >= self._last_y, -y))
-            for y in heights:
+            for y in tried:
                 yield from self.move(x, y)
                 if self.under_mouse() or not (yield from self._stays("", x, y)):
                     continue

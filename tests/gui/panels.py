@@ -26,7 +26,7 @@ def steps(user: Any) -> Any:
     yield from user.narrow(_NARROW_PX)
     yield from user.open_panel("VIEW3D_PT_mocap_videos")
     yield from user.shot("videos")
-    yield from user.open_panel("VIEW3D_PT_mocap_studio")
+    yield from user.open_panel("VIEW3D_PT_mocap_studio", at_the_end=True)
     yield from user.open_panel("VIEW3D_PT_mocap_data_set")
     yield from user.find("mocap.check_data_set()")
     yield from user.shot("studio")
@@ -43,7 +43,7 @@ def live(user: Any) -> Any:
     extension = importlib.import_module(PACKAGE)
     demo = Path(str(extension.__file__)).parent / "backend/solver_backend/assets/demo_markers.c3d"
     mocap().live.source = str(demo)
-    yield from user.open_panel("VIEW3D_PT_mocap_live")
+    yield from user.open_panel("VIEW3D_PT_mocap_live", at_the_end=True)
     yield from user.press("mocap.live_start()")
     yield from user.until(lambda: live_run.run is not None and live_run.run.shown > 5, "a body moves live", 120)
     user.look_at((0.0, 0.0, 0.9), 4.0)
