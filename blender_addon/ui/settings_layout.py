@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-_NARROW_PX = 285
+_NARROW_PX = 280
 """Below this width there is no room for names and values side by side."""
 _LONG = ("ENUM", "STRING", "POINTER")
 """Types whose values are words; numbers and switches carry their names in their own field."""
