@@ -75,7 +75,7 @@ def retargeted(user: Any, name: str, label: str, rig_name: str) -> Any:
     yield from user.press("mocap.map_rig()")
     assert label.lower() in mocap().retarget.label.lower(), mocap().retarget.label
     if name == "Mixamo":
-        yield from user.open_panel("VIEW3D_PT_mocap_rig_table")
+        yield from user.open_panel("VIEW3D_PT_mocap_rig_table", at_the_end=True)
         yield from user.shot("table_of_bones")
     yield from user.press("mocap.retarget()")
     yield from user.until(lambda: plays(rig_name), f"the {name} rig plays the motion", 120)
