@@ -49,7 +49,7 @@ _UP_ITEMS = (
 _JOINT_SET_ITEMS = (
     (AUTO, "As Recognised", "Told from the number of keypoints and from anatomy"),
     *(
-        (name, name.replace("_", " "), f"Keypoints are {name}'s")
+        (name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"Keypoints are {name}'s")
         for name in ("BODY_25", "BODY_25B", "COCO_17", "COCO_WHOLEBODY_133", "HALPE_26", "MEDIAPIPE_33", "H36M_17")
     ),
 )
@@ -57,8 +57,8 @@ _JOINT_SET_ITEMS = (
 
 SCENE_SETUP_ITEMS = (
     ("NEW", "New Scenes Alone", "Set up a scene that is as new; keep what is set in every other"),
-    ("KEEP", "Keep the Shot's", "Keep frame rate, range, resolution and camera; the recording is laid by time"),
-    ("TAKE", "Take the Recording's", "Take over the recording's frame rate, length, resolution and first camera"),
+    ("KEEP", "The Shot's", "Keep frame rate, range, resolution and camera; the recording is laid by time"),
+    ("TAKE", "The Recording's", "Take over the recording's frame rate, length, resolution and first camera"),
 )
 
 

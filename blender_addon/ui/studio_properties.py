@@ -15,7 +15,7 @@ PRESET_RIGS = (
 )
 _RIGS = (
     (OWN, "My Cameras", "The active capture's cameras, or the scene's where there is no capture"),
-    ("SCENE", "The Scene's Cameras", "All cameras of the scene that are shown, as they stand now"),
+    ("SCENE", "Scene's Cameras", "All cameras of the scene that are shown, as they stand now"),
     ("RING", "A Ring", "As many like cameras as below, around the person"),
     *PRESET_RIGS,
 )

@@ -45,7 +45,10 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
     archive = build_addon.build(out)
     for name in ("driver.py", script):
         shutil.copy(HERE / name, out)
-    shutil.copytree(Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview" / "pose2sim", out / "Aufnahme ü")
+    shutil.copytree(HERE.parent / "support", out / "tests" / "support")
+    recordings = Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview"
+    for source, name in (("pose2sim", "Aufnahme ü"), ("pose2sim_session", "Sitzung ü")):
+        shutil.copytree(recordings / source, out / name)
     install = ["blender", "--command", "extension", "install-file", "-r", "user_default", "-e"]
     done = subprocess.run(
         _tool("run", suite, [*install, f"{_INSIDE}/{archive.name}"]), env=_environment(out), check=False

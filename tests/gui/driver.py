@@ -22,6 +22,7 @@ Steps = Generator[float | None, None, Any]
 """Yields seconds to wait, None for one round of the event loop."""
 _ROUND_S = 0.02
 _STEP_PX = 14
+_NEAR_PX = 20
 
 
 class User:
@@ -124,6 +125,82 @@ class User:
         yield from self.click(x, y)
         self.note(f"clicked {words}")
 
+    def open_panel(self, name: str, *, at_the_end: bool = False) -> Steps:
+        """Open a closed panel by a click on its header; which header it is shows when the panel is drawn.
+
+        Headers are tried from what was clicked last downwards or, if so told, from the sidebar's end upwards.
+        """
+        panel, drawn = getattr(bpy.types, name), []
+        draw = panel.draw
+
+        def noticed(shown: bpy.types.Panel, context: bpy.types.Context) -> None:
+            drawn.append(name)
+            draw(shown, context)
+
+        panel.draw = noticed
+        try:
+            self.viewport.tag_redraw()
+            yield 0.3
+            if not drawn:
+                yield from self._click_headers(drawn, at_the_end)
+        finally:
+            panel.draw = draw
+        self.note(f"opened {name}")
+
+    def _click_headers(self, drawn: list[str], at_the_end: bool) -> Steps:
+        """Click on what is no button until the panel is drawn; other panels are opened and closed again."""
+        region = self.region("UI")
+        x = int(region.x + 0.3 * (region.width - 24))
+        heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
+        near = sorted(heights, key=lambda y: (y >= self._last_y, -y))
+        ways = [(60, heights[::-1])] if at_the_end else [(0, near)]
+        for scroll, tried in (*ways, (-60, heights), *[(12, heights)] * 12):
+            yield from self._scroll(scroll)
+            yield 0.1
+            for y in tried:
+                yield from self.move(x, y)
+                if self.under_mouse() or not (yield from self._stays("", x, y)):
+                    continue
+                yield from self.click(x, y)
+                yield 0.2
+                if drawn:
+                    self._last_y = y
+                    return
+                yield from self.click(x, y)
+        raise AssertionError("No header opens the panel")
+
+    def narrow(self, width: int) -> Steps:
+        """Drag the sidebar's edge until it is so wide; what can be grabbed lies a little off it."""
+        for beside in (8, 0, 4, 12):
+            region = self.region("UI")
+            x, y = region.x + beside, region.y + region.height - 60  # where panels are: the empty lets clicks through
+            to = x + region.width - width
+            yield from self.move(x - 30, y)
+            yield from self.move(x, y)
+            yield 0.2
+            self.window.event_simulate(type="LEFTMOUSE", value="PRESS", x=x, y=y)
+            yield None
+            for step in range(1, 21):
+                yield from self.move(x + (to - x) * step // 20, y)
+            self.window.event_simulate(type="LEFTMOUSE", value="RELEASE", x=to, y=y)
+            yield 0.5
+            if abs(self.region("UI").width - width) <= _NEAR_PX:
+                break
+        self.note(f"the sidebar is {self.region('UI').width} px wide")
+        assert abs(self.region("UI").width - width) <= _NEAR_PX
+
+    def drop(self, folder: str, name: str) -> Steps:
+        """Drop a file on the viewport."""
+        with self.override:
+            bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=f"{folder}/", files=[{"name": name}])
+        yield 0.3
+
+    def solved(self, what: str, seconds: float = 900) -> Steps:
+        """Wait until no run is under way any more."""
+        yield 0.5
+        yield from self.until(lambda: not bpy.ops.mocap.cancel.poll(), what, seconds)
+        yield 0.5
+
     def accept_file(self, path: str) -> Steps:
         """Name a file in the file browser that is open, and accept it."""
         yield from self.until(lambda: self._browser() is not None, "the file browser is open", 20)
@@ -165,7 +242,8 @@ class User:
         yield 0.15
         yield from self.move(x + 1, y)
         yield 0.1
-        return words in self.under_mouse()
+        found = self.under_mouse()
+        return words in found if words else not found
 
     def _scroll(self, lines: int) -> Steps:
         region = self.region("UI")
@@ -190,7 +268,7 @@ def play(steps: Callable[[User], Steps], folder: Path) -> None:
             return _finish(user, traceback.format_exc())
         return _ROUND_S if wait is None else wait
 
-    bpy.app.timers.register(tick, first_interval=1.5)
+    bpy.app.timers.register(tick, first_interval=1.5, persistent=True)  # a script may open another file
 
 
 def _finish(user: User, failure: str) -> None:

@@ -37,27 +37,11 @@ def switches() -> list[float]:
     return [root[f"{side}_{kind}_ik"] for kind in ("arm", "leg") for side in ("left", "right")]
 
 
-def narrow(user: Any, width: int) -> Any:
-    """Drag the sidebar's edge until it is so wide."""
-    region = user.region("UI")
-    x, y = region.x, region.y + region.height - 60  # beside a panel: what is empty lets clicks through
-    to = region.x + region.width - width
-    yield from user.move(x, y)
-    yield 0.2
-    user.window.event_simulate(type="LEFTMOUSE", value="PRESS", x=x, y=y)
-    yield None
-    for step in range(1, 21):
-        yield from user.move(x + (to - x) * step // 20, y)
-    user.window.event_simulate(type="LEFTMOUSE", value="RELEASE", x=to, y=y)
-    yield 0.5
-    user.note(f"the sidebar is {user.region('UI').width} px wide")
-
-
 def steps(user: Any) -> Any:
     """Make the demo in the factory scene, cube and all; solve, look, pose by IK and back."""
     assert "Cube" in bpy.data.objects
     yield from user.open_tab("MoCap")
-    yield from narrow(user, _NARROW_PX)
+    yield from user.narrow(_NARROW_PX)
     yield from user.shot("narrow_start")
     yield from user.press("mocap.demo_capture(kind='CAMERAS')")
     yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
@@ -72,12 +56,12 @@ def steps(user: Any) -> Any:
     yield 1.0
     yield from user.shot("narrow_solved")
     user.note(f"sliders: {[key.name for key in mocap().review.armature.children[0].data.shape_keys.key_blocks[1:11]]}")
-    yield from narrow(user, 300)
+    yield from user.narrow(300)
 
     armature = mocap().review.armature
     user.look_at(armature.pose.bones["pelvis"].head, 3.0)
     before = joints()
-    yield from user.press("mocap.limbs_to_ik(limb='ALL')", 0.25)
+    yield from user.press("mocap.switch_limbs(to='IK', limb='ALL')", 0.25)
     assert switches() == [1.0] * 4
     off = float(np.abs(joints() - before).max())
     user.note(f"to IK: joints are at most {1000 * off:.3f} mm off")
@@ -87,8 +71,8 @@ def steps(user: Any) -> Any:
     yield 0.5
     assert switches() == [0.0] * 4, "undone"
     user.note("undone in one step")
-    yield from user.press("mocap.limbs_to_ik(limb='ALL')", 0.25)
-    yield from user.press("mocap.limbs_to_fk(limb='ALL')", 0.75)
+    yield from user.press("mocap.switch_limbs(to='IK', limb='ALL')", 0.25)
+    yield from user.press("mocap.switch_limbs(to='FK', limb='ALL')", 0.75)
     off = float(np.abs(joints() - before).max())
     user.note(f"there and back: joints are at most {1000 * off:.3f} mm off")
     assert off < 1e-3 and switches() == [0.0] * 4

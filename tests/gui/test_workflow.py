@@ -1,4 +1,4 @@
-"""The whole workflow at Blender's window: dropped, looked at, cancelled, solved, undone, reviewed, exported."""
+"""What users do at Blender's window, by clicks: a script a subject, each in both Blenders."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import pytest
 
 from tests.gui.__main__ import missing, run
 
+SCRIPTS = ["workflow.py", "markers.py", "rig.py", "project.py", "characters.py"]
+
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
 @pytest.mark.parametrize("suite", ["trixie", "sid"])
-@pytest.mark.parametrize("script", ["workflow.py", "markers.py", "rig.py"])
+@pytest.mark.parametrize("script", SCRIPTS)
 def test_the_workflow_by_clicks(script: str, suite: str, tmp_path: Path) -> None:
     record = run(suite, tmp_path / "run", script)
     assert record["failure"] == "", record

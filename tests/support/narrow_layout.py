@@ -5,6 +5,7 @@ Widths are those of Blender's own font (``blf``); what stands around texts is wh
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,19 @@ _TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 4.0, 22.0, 20.0
 _TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
 _SPLIT = 0.4
 """Share of a line that a property's name has where names and values are split."""
-_NUMBER = 40.0
+_NUMBER, _MENU = 40.0, 28.0
+"""What a value needs beside its name; what a menu has around its text."""
+
+
+@dataclass(frozen=True)
+class _Item:
+    """What a layout draws."""
+
+    text: str
+    needs: float
+    """Pixels."""
+    asks: float
+    """Pixels that it asks a row for."""
 
 
 def text_width(text: str) -> float:
@@ -25,10 +38,13 @@ def text_width(text: str) -> float:
 
 
 class NarrowLayout:
-    """Stands for ``bpy.types.UILayout``; ``cut`` lists what does not fit."""
+    """Stands for ``bpy.types.UILayout``; ``cut`` lists what does not fit.
 
-    def __init__(self, width: float, kind: str = "column", above: NarrowLayout | None = None) -> None:
-        self.__dict__.update(width=width, kind=kind, above=above, used=0.0, columns=1, held=[], given={})
+    A row gives icons their size and all texts the same of the rest, however long they are, as Blender's rows do.
+    """
+
+    def __init__(self, kind: str = "column", above: NarrowLayout | None = None, less: float = 0.0) -> None:
+        self.__dict__.update(kind=kind, less=less, factor=0.0, columns=1, held=[], given={})
         self.__dict__["cut"] = above.cut if above is not None else []
         self.__dict__["drawn"] = above.drawn if above is not None else []
 
@@ -38,22 +54,37 @@ class NarrowLayout:
     def __getattr__(self, name: str) -> Any:
         return self.given.get(name, False)
 
-    def close(self) -> float:
-        """Return the natural width of everything in here, children first, and take down rows that are too full."""
-        inside = [child.close() for child in self.held if isinstance(child, NarrowLayout)]
-        plain = [width for width in self.held if not isinstance(width, NarrowLayout)]
-        total = (
-            sum(inside) + sum(w for w, _ in plain)
-            if self.kind == "row"
-            else max([0.0, *inside, *(w for w, _ in plain)])
-        )
-        if self.kind == "row" and total > self.width + 0.5:
-            self.cut.append((round(total), round(self.width), " | ".join(text for _, text in plain)))
-        fixed = self.given.get("ui_units_x")
-        return fixed * _UNIT if fixed else total
+    def fit(self, width: float) -> None:
+        """Give everything in here its width, and take down what needs more."""
+        width -= self.less
+        for item, share in zip(self.held, self._shares(width), strict=True):
+            if isinstance(item, NarrowLayout):
+                item.fit(share)
+            elif item.needs > share + 0.5:
+                self.cut.append((round(item.needs), round(share), item.text))
 
-    def _child(self, kind: str, less: float = 0.0) -> NarrowLayout:
-        child = NarrowLayout(self.width - less, kind, self)
+    def _shares(self, width: float) -> list[float]:
+        if self.kind == "column":
+            return [width / self.columns] * len(self.held)
+        if self.kind == "split":
+            rest = (1 - self.factor) * width / max(len(self.held) - 1, 1)
+            return [self.factor * width, *[rest] * (len(self.held) - 1)][: len(self.held)]
+        asked = [item.asks for item in self.held]
+        icons = sum(ask for ask in asked if ask <= _UNIT)
+        texts = sum(ask for ask in asked if ask > _UNIT)
+        return [ask if ask <= _UNIT else ask * (width - icons) / texts for ask in asked]
+
+    @property
+    def asks(self) -> float:
+        """Width that it asks a row for."""
+        if units := self.given.get("ui_units_x"):
+            return units * _UNIT
+        asked = [item.asks for item in self.held]
+        return max(asked, default=0.0) if self.kind == "column" else sum(asked)
+
+    def _child(self, kind: str, less: float = 0.0, **values: float) -> NarrowLayout:
+        child = NarrowLayout(kind, self, less)
+        child.__dict__.update(values)
         child.given.update(self.given)
         child.given.pop("ui_units_x", None)
         self.held.append(child)
@@ -65,11 +96,14 @@ class NarrowLayout:
     def column(self, **_: Any) -> NarrowLayout:
         return self._child("column")
 
+    def split(self, factor: float, **_: Any) -> NarrowLayout:
+        return self._child("split", factor=factor)
+
     def box(self) -> NarrowLayout:
         return self._child("column", _BOX)
 
     def grid_flow(self, columns: int = 1, **_: Any) -> NarrowLayout:
-        return self._child("column", self.width * (1 - 1 / max(columns, 1)))
+        return self._child("column", columns=max(columns, 1))
 
     def separator(self, **_: Any) -> None:
         pass
@@ -101,6 +135,11 @@ class NarrowLayout:
         if kind == "ENUM" and expand:
             for item in prop.enum_items:
                 self._add(item.name, text_width(item.name) + _PADDING)
+        elif kind == "ENUM" and not prop.is_enum_flag:
+            value = max((text_width(item.name) for item in prop.enum_items), default=0.0) + _MENU
+            is_split = self.given.get("use_property_split")
+            beside = max(words / _SPLIT, value / (1 - _SPLIT)) if is_split else 2 * max(words, value)
+            self._add(shown, beside if shown else value)
         elif self.given.get("use_property_split") and kind != "BOOLEAN":
             self._add(shown, words / _SPLIT if shown else 0.0)
         elif kind == "BOOLEAN":
@@ -119,9 +158,8 @@ class NarrowLayout:
 
     def _add(self, text: str, width: float) -> None:
         self.drawn.append(text)
-        self.held.append((width, text))
-        if self.kind != "row" and width > self.width + 0.5:
-            self.cut.append((round(width), round(self.width), text))
+        is_icon = not text and width <= _ICON
+        self.held.append(_Item(text, min(width, _UNIT) if is_icon else width, _UNIT if is_icon else 10 * _UNIT))
 
 
 class NarrowContext:
@@ -137,7 +175,7 @@ class NarrowContext:
 def draw_panel(panel: type, width: int) -> NarrowLayout:
     """Draw a panel into a sidebar of some width."""
     inner = width - _TABS_AND_MARGINS - (_CHILD if hasattr(panel, "bl_parent_id") else 0.0)
-    layout = NarrowLayout(inner)
+    layout = NarrowLayout()
     panel.draw(SimpleNamespace(layout=layout), NarrowContext(width))  # type: ignore[attr-defined]
-    layout.close()
+    layout.fit(inner)
     return layout

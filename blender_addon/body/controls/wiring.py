@@ -22,7 +22,7 @@ def wire_limbs(armature: bpy.types.Object, layout: BoneLayout) -> None:
     for limb in LIMBS:
         bones[ROOT][limb.switch] = 0.0
         bones[ROOT].id_properties_ui(limb.switch).update(
-            min=0.0, max=1.0, soft_min=0.0, soft_max=1.0, default=0.0,
+            min=0.0, max=1.0, soft_min=0.0, soft_max=1.0, default=0.0, precision=1,
             description=f"{limb.label}: 0 is posed joint by joint (FK), 1 from its end (IK)",
         )  # fmt: skip
         bones[ROOT].property_overridable_library_set(f'["{limb.switch}"]', True)

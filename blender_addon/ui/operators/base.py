@@ -1,4 +1,4 @@
-"""Shapes of operators: one undo step, one sentence where something is wrong, and what they need first."""
+"""Shapes of operators: one undo step, one sentence where something is wrong, what they need first, what is dropped."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import bpy
 from ..._exchange.errors import MocapError
 
 if TYPE_CHECKING:
-    Operator = bpy.types.Operator
+    Operator, FileHandler = bpy.types.Operator, bpy.types.FileHandler
 else:
-    Operator = object  # Blender's own stands beside a mixin, not above it
+    Operator = FileHandler = object  # Blender's own stands beside a mixin, not above it
 
 
 class MocapOperator(Operator):
@@ -55,6 +55,15 @@ class NeedsTake(MocapOperator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a solved take."""
         return _there(cls, context.scene.mocap.review.take)
+
+
+class ViewportDrop(FileHandler):
+    """Mixin of what takes files that are dropped on the 3D viewport."""
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Only there."""
+        return context.area is not None and context.area.type == "VIEW_3D"
 
 
 def _there(operator: type[MocapOperator], needed: bpy.types.ID | None) -> bool:

@@ -12,6 +12,7 @@ from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, stored
 from ...solving.take_paths import MARKER_SUFFIXES
 from ..locations import RELATIVE, files_folder, usable
+from .base import ViewportDrop
 from .solver_operator import SolverOperator
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
@@ -132,18 +133,13 @@ class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_FH_capture(bpy.types.FileHandler):
+class MOCAP_FH_capture(ViewportDrop, bpy.types.FileHandler):
     """Takes files that are dropped on the 3D viewport; Blender hands over no folders, so a file stands for its own."""
 
     bl_idname = "MOCAP_FH_capture"
     bl_label = "Motion capture"
     bl_import_operator = "mocap.import_capture"
     bl_file_extensions = ";".join(SUFFIXES)
-
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Only in the 3D viewport."""
-        return context.area is not None and context.area.type == "VIEW_3D"
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

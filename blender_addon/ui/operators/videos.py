@@ -13,8 +13,9 @@ from ...conventions.file_paths import absolute, file_of, stored
 from ...errors import TakeMissing
 from ..locations import RELATIVE, files_folder, usable
 from ..preferences import detector_python
+from ..settings_layout import draw_setting, settings_layout
 from ..video_properties import STEPS
-from .base import MocapOperator
+from .base import MocapOperator, ViewportDrop
 from .solver_operator import SolverOperator, current
 
 SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mts")
@@ -167,7 +168,7 @@ class MOCAP_OT_open_video_picture(MocapOperator, bpy.types.Operator):
         return bpy.ops.wm.path_open(filepath=self.filepath)
 
 
-class MOCAP_FH_videos(bpy.types.FileHandler):
+class MOCAP_FH_videos(ViewportDrop, bpy.types.FileHandler):
     """Takes videos that are dropped on the 3D viewport; one of them stands for its folder."""
 
     bl_idname = "MOCAP_FH_videos"
@@ -175,27 +176,22 @@ class MOCAP_FH_videos(bpy.types.FileHandler):
     bl_import_operator = "mocap.capture_from_videos"
     bl_file_extensions = ";".join(SUFFIXES)
 
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Only in the 3D viewport."""
-        return context.area is not None and context.area.type == "VIEW_3D"
-
 
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw what the user may tell of videos: cameras, person, clocks, detector."""
     videos = context.scene.mocap.videos
-    layout.use_property_split, layout.use_property_decorate = True, False
-    layout.prop(videos, "cameras")
+    settings_layout(layout, context)
+    draw_setting(layout, context, videos, "cameras")
     if videos.cameras != "person":
-        layout.prop(videos, "board")
+        draw_setting(layout, context, videos, "board")
     if videos.cameras != "board":
-        layout.prop(videos, "stature")
-    layout.prop(videos, "lenses")
-    layout.prop(videos, "sync")
-    layout.prop(videos, "detector")
+        draw_setting(layout, context, videos, "stature")
+    draw_setting(layout, context, videos, "lenses")
+    draw_setting(layout, context, videos, "sync")
+    draw_setting(layout, context, videos, "detector")
     if videos.detector == "model":
-        layout.prop(videos, "model")
-    layout.prop(videos, "people")
+        draw_setting(layout, context, videos, "model")
+    draw_setting(layout, context, videos, "people")
 
 
 def _results(context: bpy.types.Context, folder: Path) -> Path:

@@ -12,7 +12,8 @@ from ..operators.cameras import (
     MOCAP_OT_use_range,
 )
 from ..operators.views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, is_narrow, wrapped
+from ..settings_layout import is_narrow
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _FEW_PERCENT = 60
 _VERBS = ("refine-cameras", "check-cameras")
@@ -40,16 +41,13 @@ class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
             row = column.row(align=True)
             row.prop(item, "use", text="")
             here = item.object is not None and scene.camera == item.object
-            icon = "NONE" if narrow else "VIEW_CAMERA" if here else "CAMERA_DATA"
-            view = row.operator(
-                MOCAP_OT_view_camera.bl_idname, text=item.name, icon=icon, depress=here, translate=False
-            )
-            view.index = index
-            share = row.row(align=True)
-            share.ui_units_x = 1.9 if narrow else 4.2
-            share.alert = item.seen_percent < _FEW_PERCENT
-            footage = "NONE" if narrow else "FILE_MOVIE" if item.has_footage else "BLANK1"
-            share.label(text=f"{item.seen_percent:.0f} %", icon=footage)
+            view = row.row(align=True)
+            view.alert = item.seen_percent < _FEW_PERCENT
+            button = view.operator(
+                MOCAP_OT_view_camera.bl_idname, text=f"{item.name} {item.seen_percent:.0f} %", translate=False,
+                icon="NONE" if narrow else "FILE_MOVIE" if item.has_footage else "CAMERA_DATA", depress=here,
+            )  # fmt: skip
+            button.index = index
             row.operator(MOCAP_OT_leave_out_range.bl_idname, text="", icon="TIME", emboss=False).index = index
             if item.detections is not None:
                 row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)

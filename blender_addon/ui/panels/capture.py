@@ -10,7 +10,8 @@ from ..operators.solver_operator import current
 from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, is_narrow, settings_layout, wrapped
+from ..settings_layout import draw_setting, settings_layout
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -69,11 +70,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "footage_anywhere",
             "subject_prefix",
         ):
-            if name == "scene_setup" and is_narrow(context):
-                layout.label(text=settings.reading.bl_rna.properties[name].name)
-                layout.prop(settings.reading, name, text="")
-            else:
-                layout.prop(settings.reading, name)
+            draw_setting(layout, context, settings.reading, name)
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
             again.filepath = settings.capture.source

@@ -5,8 +5,11 @@ from __future__ import annotations
 import bpy
 
 from ...body.controls.limbs import LIMBS, ROOT, has_limbs
-from ..operators.limbs import MOCAP_OT_limbs_to_fk, MOCAP_OT_limbs_to_ik
+from ..operators.limbs import MOCAP_OT_switch_limbs
 from .parts import MocapPanel, wrapped
+
+_SLIDER = 0.75
+"""Share of a line that a limb's slider has; the button beside it has the rest."""
 
 
 class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
@@ -28,12 +31,16 @@ class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
         armature = context.scene.mocap.review.armature
         column = layout.column(align=True)
         for limb in LIMBS:
-            row = column.row(align=True)
-            on = armature.pose.bones[ROOT][limb.switch] > 0
+            row = column.split(factor=_SLIDER, align=True)
             row.prop(armature.pose.bones[ROOT], f'["{limb.switch}"]', text=limb.label, slider=True, translate=True)
-            way = MOCAP_OT_limbs_to_fk if on else MOCAP_OT_limbs_to_ik
-            row.operator(way.bl_idname, text="FK" if on else "IK", translate=False).limb = limb.switch
+            to = "FK" if armature.pose.bones[ROOT][limb.switch] > 0 else "IK"
+            _draw_switch(row, to, limb.switch, to)
         row = layout.row(align=True)
-        row.operator(MOCAP_OT_limbs_to_ik.bl_idname, text="All to IK").limb = "ALL"
-        row.operator(MOCAP_OT_limbs_to_fk.bl_idname, text="All to FK").limb = "ALL"
+        _draw_switch(row, "IK", "ALL", "All to IK")
+        _draw_switch(row, "FK", "ALL", "All to FK")
         wrapped(layout, context, "The buttons key the limbs so that the motion stays; the sliders only blend.", "INFO")
+
+
+def _draw_switch(layout: bpy.types.UILayout, to: str, limb: str, text: str) -> None:
+    button = layout.operator(MOCAP_OT_switch_limbs.bl_idname, text=text)
+    button.to, button.limb = to, limb

@@ -16,8 +16,6 @@ _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, what stands beside it in a box, and an icon, at an interface scale of 1."""
 _FEWEST = 8
 """Letters of a line, however narrow the sidebar is."""
-_NARROW_PX = 260
-"""Below this width names and values of settings stand in one field instead of side by side."""
 
 
 class MocapPanel:
@@ -77,17 +75,6 @@ def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[st
         if all(blf.dimensions(0, line)[0] <= room for line in lines):
             return lines or [""]
     return textwrap.wrap(text, _FEWEST) or [""]
-
-
-def is_narrow(context: bpy.types.Context) -> bool:
-    """Return whether the sidebar has no room for what stands side by side."""
-    return context.region.width < _NARROW_PX * (context.preferences.system.ui_scale or 1.0)
-
-
-def settings_layout(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Let settings stand with their names on the left, where the sidebar is wide enough for both."""
-    layout.use_property_split = not is_narrow(context)
-    layout.use_property_decorate = False
 
 
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -26,13 +26,11 @@ class MOCAP_UL_people(bpy.types.UIList):
         index: int = 0,
         flt_flag: int = 0,
     ) -> None:
-        """Draw name, whether they are solved, and how well they are seen."""
+        """Draw name, whether they are solved, and how many views see them on average."""
         solved = data.review_of(index).take is not None
-        row = layout.row(align=True)
+        row = layout.split(factor=0.6, align=True)
         row.prop(item, "name", text="", emboss=False, icon="OUTLINER_OB_ARMATURE" if solved else "USER")
-        seen = row.row(align=True)
-        seen.ui_units_x = 5.0
-        seen.label(text=f"{item.views:.1f} views, {item.frames}", translate=False)
+        row.label(text=f"{item.views:.1f}", icon="CAMERA_DATA", translate=False)
 
 
 class VIEW3D_PT_mocap_people(MocapPanel, bpy.types.Panel):

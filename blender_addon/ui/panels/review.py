@@ -110,7 +110,7 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
             wrapped(layout, context, take["keys_deviation"], "INFO")
         column = layout.column(align=True)
         row = column.row(align=True)
-        row.operator(MOCAP_OT_thin_take.bl_idname, text="Few Keys", icon="KEYFRAME").by = "RATE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="Few Keys").by = "RATE"
         row.operator(MOCAP_OT_thin_take.bl_idname, text="By mm").by = "TOLERANCE"
         column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
         column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")

@@ -12,6 +12,7 @@ from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
 from ..project_files import following
 from ..properties import CHOSEN_BY_PRESETS
+from ..settings_layout import draw_setting, is_narrow, settings_layout
 from .parts import (
     CapturePanel,
     MocapPanel,
@@ -19,8 +20,6 @@ from .parts import (
     draw_next,
     draw_progress,
     draw_solve,
-    is_narrow,
-    settings_layout,
     wrapped,
 )
 from .people import draw_solve_all
@@ -79,13 +78,13 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
         column = layout.column()
         for name in CHOSEN_BY_PRESETS:
             if solve.preset == "CUSTOM":
-                column.prop(solve, name)
+                draw_setting(column, context, solve, name)
             else:
                 _draw_value(column, solve, name)
         layout.separator()
         for name in ("estimate_sync", "keep_shape", "report", "body", "backend"):
-            layout.prop(solve, name)
-        layout.prop(context.scene.mocap, "folder")
+            draw_setting(layout, context, solve, name)
+        draw_setting(layout, context, context.scene.mocap, "folder")
 
 
 def _draw_value(layout: bpy.types.UILayout, solve: bpy.types.PropertyGroup, name: str) -> None:
@@ -94,11 +93,9 @@ def _draw_value(layout: bpy.types.UILayout, solve: bpy.types.PropertyGroup, name
     value = PRESETS[solve.preset].get(name, prop.default)
     row = layout.row()
     row.enabled = False
-    row.alignment = "EXPAND"
-    row.label(text=prop.name)
     shown = prop.enum_items[value].name if prop.type == "ENUM" else value
     text = {True: "on", False: "off"}[shown] if isinstance(shown, bool) else str(shown)
-    row.label(text=text, translate=False)
+    row.label(text=f"{prop.name}: {text}", translate=False)
 
 
 def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -13,6 +13,7 @@ from ..operators.studio import (
     MOCAP_OT_open_benchmark,
     MOCAP_OT_show_places,
 )
+from ..settings_layout import draw_setting, settings_layout
 from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("studio",)
@@ -31,13 +32,13 @@ class VIEW3D_PT_mocap_studio(MocapPanel, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap.studio
         column = layout.column()
         column.enabled = not current.busy
-        column.use_property_split, column.use_property_decorate = True, False
-        column.prop(settings, "rig")
+        settings_layout(column, context)
+        draw_setting(column, context, settings, "rig")
         if settings.rig == "RING":
             for name in ("count", "radius_m", "height_m"):
-                column.prop(settings, name)
-        column.prop(settings, "faults")
-        column.prop(settings, "seed")
+                draw_setting(column, context, settings, name)
+        draw_setting(column, context, settings, "faults")
+        draw_setting(column, context, settings, "seed")
         draw_progress(layout, _VERBS)
         draw_failure(layout, context, _VERBS)
         run = current.last
@@ -85,16 +86,16 @@ class VIEW3D_PT_mocap_data_set(MocapPanel, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap.studio
         column = layout.column()
         column.enabled = not current.busy
-        column.use_property_split, column.use_property_decorate = True, False
-        column.prop(settings, "motion")
+        settings_layout(column, context)
+        draw_setting(column, context, settings, "motion")
         if settings.motion == "FILE":
-            column.prop(settings, "motion_path")
+            draw_setting(column, context, settings, "motion_path")
         for name in ("frames", "fps", "people", "strange", "look", "film"):
-            column.prop(settings, name)
+            draw_setting(column, context, settings, name)
         if "rgb" in settings.film:
-            column.prop(settings, "engine")
+            draw_setting(column, context, settings, "engine")
         for name in ("scale", "write", "out"):
-            column.prop(settings, name)
+            draw_setting(column, context, settings, name)
         layout.operator(MOCAP_OT_check_data_set.bl_idname, icon="CHECKMARK")
         if settings.planned:
             wrapped(layout, context, settings.planned, "DISK_DRIVE")

@@ -53,8 +53,8 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
         return []
     attached = names.unknown
     said = [] if not attached else [
-        f"The labels of {len(attached)} markers are of no layout, {_first(attached)}: the solve finds the bones that "
-        "they move with, and leaves out those that move with none."
+        f"Labels of no layout ({len(attached)}): {_first(attached)}. The solve finds the bone that each moves with, or "
+        "leaves it out."
     ]  # fmt: skip
     groups = (
         (names.virtual, "points that a program computed"),
@@ -62,7 +62,7 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
         (unlabelled, "points without names"),
     )
     return said + [
-        f"Left out of the solve are {len(labels)} {what}: {_first(labels)}." for labels, what in groups if labels
+        f"Left out of the solve: {what} ({len(labels)}), {_first(labels)}." for labels, what in groups if labels
     ]
 
 

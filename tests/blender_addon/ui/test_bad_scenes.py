@@ -49,7 +49,7 @@ def test_a_deleted_body_leaves_panels_that_work_and_is_made_again(mocap, solved_
     for obj in [*armature.children, armature]:
         bpy.data.objects.remove(obj)
     assert draw_all() > 3 and mocap.review.armature is None
-    for operator in ("limbs_to_ik", "limbs_to_fk", "pin_pose", "select_body", "feet_to_floor"):
+    for operator in ("switch_limbs", "pin_pose", "select_body", "feet_to_floor"):
         assert "Traceback" not in refused(operator)
     again = take_motion(bpy.context, solved.files)
     assert mocap.review.take == again and mocap.review.armature is not None
@@ -67,14 +67,14 @@ def test_a_deleted_skin_is_named_and_limbs_still_switch(mocap, solved_take) -> N
     for child in list(armature.children):
         bpy.data.objects.remove(child)
     assert draw_all() > 10
-    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
 
 
 def test_a_renamed_armature_is_the_same_body(mocap, solved_take, solved, tmp_path: Path) -> None:
     armature = mocap.review.armature
     armature.name, armature.data.name = "Helga ü", "Rig"
     armature.users_collection[0].name = "Cast"
-    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"} and bpy.ops.mocap.limbs_to_fk() == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"} and bpy.ops.mocap.switch_limbs(to="FK") == {"FINISHED"}
     take_motion(bpy.context, solved.files)
     assert mocap.review.armature == armature and armature.name == "Helga ü"
     export_take(take_of(bpy.context.scene, armature), "bvh", tmp_path / "helga.bvh")
@@ -85,7 +85,7 @@ def test_renamed_controls_are_said_and_the_motion_stays(mocap, solved_take) -> N
     before = evaluated_joints(bpy.context.scene, armature, 5.0)
     armature.data.bones["left_foot_ik"].name = "IK.L"
     assert draw_all() > 10
-    assert "no controls for hands and feet" in refused("limbs_to_ik")
+    assert "no controls for hands and feet" in refused("switch_limbs")
     np.testing.assert_array_equal(evaluated_joints(bpy.context.scene, armature, 5.0), before)
 
 
@@ -99,7 +99,7 @@ def test_two_armatures_of_one_name_are_told_apart(mocap, solved_take, solved, tm
     linked = next(obj for obj in bpy.data.objects if obj.library is not None and obj.type == "ARMATURE")
     bpy.context.scene.collection.objects.link(linked)
     assert linked.name == armature.name and linked != armature
-    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
     assert armature.pose.bones["root"]["left_leg_ik"] == 1.0 and linked.pose.bones["root"]["left_leg_ik"] == 0.0
     assert take_of(bpy.context.scene, linked).armature == linked
     take_motion(bpy.context, solved.files)
@@ -145,7 +145,7 @@ def test_ntsc_film_rate_keeps_time(mocap, solved, scene) -> None:
     assert seconds == pytest.approx((motion.num_frames - 1) / motion.fps, abs=1e-4)
     time = float(action["frame_start"]) + 12 / motion.fps * _NTSC
     np.testing.assert_allclose(evaluated_joints(scene, armature, time), motion.joints[12], atol=2e-4)
-    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
     np.testing.assert_allclose(evaluated_joints(scene, armature, time), motion.joints[12], atol=1e-3)
     assert take_of(scene, armature).num_frames == motion.num_frames
 
@@ -161,4 +161,4 @@ def test_a_file_of_a_newer_blender_opens_with_its_takes(mocap, solved_take, tmp_
     bpy.ops.wm.open_mainfile(filepath=str(path))
     assert draw_all() > 10
     assert bpy.context.scene.mocap.review.take is not None
-    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}

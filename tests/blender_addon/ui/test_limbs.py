@@ -21,19 +21,19 @@ def _joints(armature: bpy.types.Object) -> np.ndarray:
 def test_the_buttons_keep_the_motion(mocap, solved_take) -> None:
     armature = mocap.review.armature
     before = _joints(armature)
-    assert bpy.ops.mocap.limbs_to_ik() == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
     assert [armature.pose.bones[ROOT][limb.switch] for limb in LIMBS] == [1.0] * 4
     np.testing.assert_allclose(_joints(armature), before, atol=1e-3)
-    assert bpy.ops.mocap.limbs_to_fk(limb="left_leg_ik") == {"FINISHED"}
+    assert bpy.ops.mocap.switch_limbs(to="FK", limb="left_leg_ik") == {"FINISHED"}
     assert [armature.pose.bones[ROOT][limb.switch] for limb in LIMBS] == [1.0, 1.0, 0.0, 1.0]
     np.testing.assert_allclose(_joints(armature), before, atol=1e-3)
-    assert "UNDO" in bpy.types.MOCAP_OT_limbs_to_ik.bl_options
+    assert "UNDO" in bpy.types.MOCAP_OT_switch_limbs.bl_options
 
 
 def test_another_take_of_the_body_is_not_led_by_the_first_ones_hands(mocap, solved_take, solved) -> None:
     armature = mocap.review.armature
     before = _joints(armature)
-    bpy.ops.mocap.limbs_to_ik()
+    bpy.ops.mocap.switch_limbs(to="IK")
     take_motion(bpy.context, solved.files)
     assert mocap.review.armature == armature and mocap.review.take != solved_take
     np.testing.assert_allclose(_joints(armature), before, atol=1e-4)
@@ -47,7 +47,7 @@ def test_a_pin_is_what_is_seen_also_with_ik_and_a_moved_root(mocap, solved_take,
     rest = read_body(body_path_of(solved_take["provenance"])).rest_joints(np.array(solved_take["betas"]))
     bpy.context.view_layer.update()
     by_joints = read_pose(armature, rest[0])
-    bpy.ops.mocap.limbs_to_ik()
+    bpy.ops.mocap.switch_limbs(to="IK")
     if moved:
         armature.pose.bones[ROOT].location = (0.5, 0.0, 0.0)
     bpy.context.scene.frame_set(4)

@@ -1,4 +1,4 @@
-"""Nothing is cut off in a sidebar of 200 pixels."""
+"""Nothing is cut off in a sidebar of 200 pixels, nor in wider ones, where more stands side by side."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 from blender_addon.ui.operators.solver_operator import current
 from tests.support.narrow_layout import draw_panel, text_width
 
-_WIDTH = 200
+_NARROW, _DEFAULT = 200, 283
+"""Pixels; the default is Blender's."""
+_WIDTHS = (_NARROW, 265, _DEFAULT)
 
 
 def panels() -> list[type]:
@@ -22,11 +24,12 @@ def panels() -> list[type]:
 def cut_off() -> list[str]:
     """Return what no panel has room for."""
     found = []
-    for panel in panels():
-        found += [
-            f"{panel.__name__}: {text!r} needs {need} of {there} px"
-            for need, there, text in draw_panel(panel, _WIDTH).cut
-        ]
+    for width in _WIDTHS:
+        for panel in panels():
+            found += [
+                f"{panel.__name__} at {width}: {text!r} needs {need} of {there} px"
+                for need, there, text in draw_panel(panel, width).cut
+            ]
     return found
 
 
@@ -42,7 +45,8 @@ def test_an_empty_scene(mocap) -> None:
 def test_a_solved_capture(mocap, solved_take) -> None:
     assert len(panels()) > 14
     assert "\n".join(cut_off()) == ""
-    mocap.solve.preset = "CUSTOM"
+    mocap.solve.preset, mocap.videos.detector = "CUSTOM", "model"
+    mocap.studio.rig, mocap.studio.motion, mocap.studio.film = "RING", "FILE", {"rgb"}
     mocap.retarget.target = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     mocap.retarget.map_text, mocap.retarget.label = "{}", "Rigify"
     assert "\n".join(cut_off()) == ""
@@ -64,7 +68,7 @@ def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
         "solve_s": 12.3, "reprojection_median_px": 2.1, "marker_median_mm": 4.0, "unsure_frames": 1, "unseen_frames": 12
     }  # fmt: skip
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
-    drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _WIDTH).drawn)
+    drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _NARROW).drawn)
     assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
     assert not cut_off()
 

@@ -40,9 +40,9 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     notes = " ".join(capture.notes)
     for said in (
         "Lengths are read as mm", "Z points up",
-        "The labels of 1 markers are of no layout, thigh_cluster_1: the solve finds the bones",
-        "1 points that a program computed: LHJC.", "1 points of places that another marker has: LFWT.",
-        "1 points without names: *3.",
+        "Labels of no layout (1): thigh_cluster_1. The solve finds the bone",
+        "points that a program computed (1), LHJC.", "points of places that another marker has (1), LFWT.",
+        "points without names (1), *3.",
     ):  # fmt: skip
         assert said in notes
     assert capture.problems == ()
