@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from solver_backend.studio.errors import StudioInvalid
+
+_LARGEST = sys.float_info.max
+"""Whole numbers of JSON may be larger; infinite and missing ones are not between."""
 
 
 class CheckedValues:
@@ -87,7 +91,7 @@ class CheckedValues:
         value = self._values.get(key)
         good = isinstance(value, list) and len(value) == count
         good = good and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value or ())
-        if not good or not np.isfinite(value or ()).all():
+        if not good or not all(-_LARGEST <= v <= _LARGEST for v in value or ()):
             raise self._bad(key, value, f"{count} numbers")
         return np.array(value, dtype=np.float64)
 

@@ -24,7 +24,7 @@ _VALUES: tuple[Any, ...] = (
 )  # fmt: skip
 _HOLE = "what is nested goes here"
 _LONGEST = 2**20
-"""Characters that a repeated word grows to: the limit of memory is the reader's, not the mutation's."""
+"""Characters to which what is repeated grows: the limit of memory is the reader's, not the mutation's."""
 _KINDS = ("<f8", "<f4", "<i4", "<u8", "|b1", "<U3", "|S2", "<c16", "<f2", ">f8", "|O", "<M8[s]", "|V4", "f8,f8")
 
 
@@ -67,13 +67,17 @@ def change_text(data: bytes, rng: np.random.Generator) -> bytes:
     elif what == 2:
         del tokens[i : i + int(rng.integers(1, 30))]
     elif what == 3:
-        tokens[i:i] = tokens[i : i + 30] * int(rng.integers(1, 40))
+        tokens[i:i] = _repeated(tokens[i : i + 30], int(rng.integers(1, 40)))
     elif what == 4:
         tokens[i], tokens[j] = tokens[j], tokens[i]
     else:
-        word, times = _WORDS[int(rng.integers(len(_WORDS)))], int(rng.integers(1, 300))
-        tokens[i:i] = [word] * min(times, 1 + _LONGEST // max(1, len(word)))
+        word = _WORDS[int(rng.integers(len(_WORDS)))]
+        tokens[i:i] = _repeated([word], int(rng.integers(1, 300)))
     return "".join(tokens).encode("utf-8", "replace")
+
+
+def _repeated(words: list[str], times: int) -> list[str]:
+    return words * min(times, 1 + _LONGEST // (1 + sum(map(len, words))))
 
 
 def change_table(data: bytes, rng: np.random.Generator) -> bytes:
@@ -92,7 +96,8 @@ def change_table(data: bytes, rng: np.random.Generator) -> bytes:
     elif what == 1:
         del rows[i : i + int(rng.integers(1, 4))]
     elif what == 2:
-        rows[i:i] = rows[i : i + 3] * int(rng.integers(1, 40))
+        times = int(rng.integers(1, 40))
+        rows[i:i] = rows[i : i + 3] * min(times, 1 + _LONGEST // (1 + sum(map(len, lines[i : i + 3]))))
     elif what == 3:
         rows = [row[:column] + row[column + 1 :] for row in rows]
     elif what == 4:

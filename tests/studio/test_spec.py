@@ -60,6 +60,8 @@ def test_the_cameras_of_a_capture_stay_where_they_are(tmp_path: Path) -> None:
         ({"rigs": ["optitrack"]}, "no rig 'optitrack'"),
         ({"rigs": [{"size": [0, 480]}]}, "from 16 to 8192"),
         ({"rigs": [{"count": "four"}]}, "whole number"),
+        ({"rigs": [{"layout": "corners", "room_m": [10**400, 5]}]}, "2 numbers"),
+        ({"rigs": [{"range_m": [0.3, float("inf")]}]}, "2 numbers"),
         ({"rigs": []}, "at least one"),
         ({"looks": ["armour"]}, "everyday"),
         ({"looks": [{"light": "disco"}]}, "night"),
