@@ -111,3 +111,11 @@ def test_a_board_is_told_by_a_word_and_by_its_file(tmp_path) -> None:
     assert not Board("checkerboard", 6, 8, 0.03).tells_ends_apart
     with pytest.raises(JobInvalid, match="squares of"):
         board_page(board_named("charuco:5x7:80mm"), "A4")
+
+
+@pytest.mark.parametrize("count", ["nan", "5.5", "1e300", '"five"', "[5]"])
+def test_a_file_with_columns_that_are_no_count_is_refused(tmp_path, count) -> None:
+    path = tmp_path / "board.toml"
+    path.write_text(f'[board]\nkind = "checkerboard"\ncolumns = {count}\nrows = 7\nsquare_mm = 30.0\n')
+    with pytest.raises(JobInvalid, match="3 to 50 columns"):
+        board_named(str(path))

@@ -44,7 +44,7 @@ class Board:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise JobInvalid(f"There is no board '{self.kind}'; there are {', '.join(KINDS)}.", hint=f"Say {EXAMPLE}.")
-        if min(self.columns, self.rows) < 3 or max(self.columns, self.rows) > 50:
+        if not all(isinstance(count, int) and 3 <= count <= 50 for count in (self.columns, self.rows)):
             raise JobInvalid(f"A board has 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
         if not 0.001 <= self.square_m <= 2.0:
             raise JobInvalid(
