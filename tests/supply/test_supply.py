@@ -52,6 +52,10 @@ def test_what_the_project_names_is_locked() -> None:
     assert "torch" not in locked
 
 
+def test_every_package_states_a_licence() -> None:
+    assert "not stated" not in licence_table()
+
+
 def test_licences_of_packages_are_told_with_the_terms_of_the_data() -> None:
     packages = {package.metadata["Name"]: licence_of(package) for package in installed(("dev",))}
     assert {"numpy", "pytest", "ruff", "pluggy"} <= set(packages), "those that others need are there too"
