@@ -9,7 +9,7 @@ import numpy as np
 
 from blender_addon.animation.action import bake_action
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.animation.takes import mark_as_asset, push_down
+from blender_addon.animation.takes import mark_as_asset, person_of, push_down
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
 
 
@@ -35,3 +35,9 @@ def test_a_take_becomes_an_asset(scene: Any, files: Any) -> None:
     mark_as_asset(take.action)
     assert len(take.action.asset_data.tags) == 2
     assert bpy.data.actions[take.action.name].use_fake_user
+
+
+def test_a_provenance_that_is_no_record_names_nobody() -> None:
+    for provenance in ("", "[" * 200_000, '{"person": 3}', '["person"]', "{"):
+        assert person_of(provenance) == ""
+    assert person_of('{"person": "Ann"}') == "Ann"
