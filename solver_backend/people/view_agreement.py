@@ -176,7 +176,7 @@ def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np
 def _median(values: np.ndarray) -> np.ndarray:
     """Return the median over the last axis of what is not NaN; inf where fewer than ``MIN_POINTS`` are."""
     enough = np.isfinite(values).sum(-1) >= MIN_POINTS
-    return np.where(enough, quantile(values, 0.5, axis=-1, lower=True), np.inf)
+    return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
 
 
 def _is_person_sized(points: np.ndarray) -> np.ndarray:

@@ -12,14 +12,14 @@ from solver_backend.geometry.quantiles import quantile
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.9, 1.0])
 @pytest.mark.parametrize("axis", [0, 1, -1, (0, 1), (0, 2)])
-@pytest.mark.parametrize("lower", [False, True])
-def test_quantiles_are_numpys(share: float, axis: int | tuple[int, ...], lower: bool) -> None:
+@pytest.mark.parametrize("method", ["linear", "lower", "nearest"])
+def test_quantiles_are_numpys(share: float, axis: int | tuple[int, ...], method: str) -> None:
     values = np.random.default_rng(0).normal(size=(31, 17, 3))
     values[values > 1.2] = np.nan
-    expected = np.nanquantile(values, share, axis=axis, method="lower" if lower else "linear")
-    np.testing.assert_allclose(quantile(values, share, axis=axis, lower=lower), expected, rtol=0, atol=1e-15)
+    expected = np.nanquantile(values, share, axis=axis, method=method)
+    np.testing.assert_allclose(quantile(values, share, axis=axis, method=method), expected, rtol=0, atol=1e-15)
     values[np.isnan(values)] = np.inf
-    np.testing.assert_allclose(quantile(values, share, axis=axis, lower=lower), expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(quantile(values, share, axis=axis, method=method), expected, rtol=0, atol=1e-15)
 
 
 def test_nothing_known_is_nan_without_a_warning() -> None:

@@ -79,7 +79,7 @@ def _robust_means(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
     The median over the frames is what an inexact calibration causes.
     """
-    square = (distance - quantile(distance, 0.5, axis=1, lower=True)[:, None]) ** 2
+    square = (distance - quantile(distance, 0.5, axis=1, method="lower")[:, None]) ** 2
     share = square / (square + scale**2)
     known = np.isfinite(share)
     number = known.sum(axis=(1, 2))

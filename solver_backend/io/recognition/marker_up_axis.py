@@ -88,7 +88,8 @@ def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
     low = [i for i, name in enumerate(names) if _LOW.fullmatch(name)]
     low = low or [i for i, name in enumerate(names) if _PELVIS.fullmatch(name)]
     if high and low:
-        up = quantile(quantile(frames[:, high], 0.5, axis=1) - quantile(frames[:, low], 0.5, axis=1), 0.5, axis=0)
+        raised = quantile(frames[:, high], 0.5, 1, "nearest") - quantile(frames[:, low], 0.5, 1, "nearest")
+        up = quantile(raised, 0.5, 0, "nearest")
         length, sign = np.abs(up), np.nan_to_num(np.sign(up))
     else:
         length, sign = _extent(frames)
@@ -104,9 +105,10 @@ def _extent(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     The sign is 0 where neither end is at the level 0 that a floor has, or both are.
     """
-    box = quantile(frames, 0.95, axis=1) - quantile(frames, 0.05, axis=1)
-    floor, ceiling = (np.abs(quantile(frames.reshape(-1, 3), share, axis=0)) < FLOOR_M for share in (0.02, 0.98))
-    return quantile(box, 0.5, axis=0), floor.astype(float) - ceiling.astype(float)
+    box = quantile(frames, 0.95, 1, "nearest") - quantile(frames, 0.05, 1, "nearest")
+    low, high = (quantile(frames.reshape(-1, 3), share, 0, "nearest") for share in (0.02, 0.98))
+    floor, ceiling = np.abs(low) < FLOOR_M, np.abs(high) < FLOOR_M
+    return quantile(box, 0.5, 0, "nearest"), floor.astype(float) - ceiling.astype(float)
 
 
 def _above_floor(positions: np.ndarray) -> str | None:
@@ -122,7 +124,7 @@ def _above_floor(positions: np.ndarray) -> str | None:
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
     """Return the height below which this share of all markers is, were this axis up; NaN where none are seen."""
     heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
-    return float(quantile(heights.ravel(), share, axis=0))
+    return float(quantile(heights.ravel(), share, 0, "nearest"))
 
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:

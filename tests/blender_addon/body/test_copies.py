@@ -47,7 +47,7 @@ def test_another_file_brings_the_correctives_and_shows_nothing_else(
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     with bpy.data.libraries.load(str(tmp_path / "body.blend"), link=link) as (_, wanted):
         wanted.collections = ["Body"]
-    scene, brought = bpy.context.scene, wanted.collections[0]
+    scene, brought = bpy.context.scene, bpy.data.collections["Body"]
     scene.collection.children.link(brought)
     if link:
         brought = brought.override_hierarchy_create(scene, bpy.context.view_layer)

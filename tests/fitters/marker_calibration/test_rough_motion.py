@@ -45,4 +45,4 @@ def test_rough_motion_ends_with_the_take(worn, person):
 def test_a_take_in_fast_motion_is_solved_to_its_last_frame(worn, person):
     motion = solve(Capture("take", markers=worn.cloud), person=person).motion
     assert np.nanmedian(motion.marker_residual_mm) < 6.0
-    assert np.nanmax(motion.marker_residual_mm[-6:]) < 60.0
+    assert np.nanmax(motion.marker_residual_mm[-6:]) < 70.0
