@@ -68,7 +68,7 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
 
     Raises:
         FileMissing, FileDamaged: it is not there, or not JSON.
-        BodyInvalid: it is of another format, or a name means two places.
+        BodyInvalid: it is of another format, a name means two places, or a place is of an unknown kind.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
@@ -85,6 +85,10 @@ def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
     for place, alias in _aliases(values):
         if names.setdefault(alias, place) != place:
             raise BodyInvalid(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
+    for place, rule in [*values["midline"].items(), *values["sided"].items()]:
+        if rule["kind"] not in values["kinds"]:
+            known = ", ".join(values["kinds"])
+            raise BodyInvalid(f"The place {place} is of kind {rule['kind']!r}; there are {known}.", where=str(path))
     return LayoutFile(
         {kind: (1e-3 * spread["off_mm"], 1e-3 * spread["along_mm"]) for kind, spread in values["kinds"].items()},
         values["midline"],

@@ -59,3 +59,12 @@ def test_a_name_of_two_places_is_refused(tmp_path):
     path.write_text('{"format": "other"}', encoding="utf-8")
     with pytest.raises(BodyInvalid, match="is no manifold_mocap_marker_layouts of version 1"):
         load_layouts(path)
+
+
+def test_a_place_of_an_unknown_kind_is_named(tmp_path):
+    values = json.loads(DEFAULT.read_text(encoding="utf-8"))
+    values["midline"]["C7"]["kind"] = "cartilage"
+    path = tmp_path / "layouts.json"
+    path.write_text(json.dumps(values), encoding="utf-8")
+    with pytest.raises(BodyInvalid, match="C7 is of kind 'cartilage'; there are"):
+        load_layouts(path)
