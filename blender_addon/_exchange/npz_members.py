@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 import zipfile
 from math import prod
 from typing import IO
@@ -70,6 +71,7 @@ class Members:
                 raise ValueError(f"'{name}' of shape {shape} and type {dtype} does not have {entry.file_size} bytes")
             values = np.empty(prod(shape), dtype)
             _fill(stream, values, name)
+            _require_characters(values, name)
         return values.reshape(shape, order="F" if by_columns else "C")
 
     def _spend(self, count: int, name: str) -> None:
@@ -111,3 +113,11 @@ def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
         at += len(chunk)
     if at < len(room):
         raise EOFError(f"'{name}' ends after {at} of {len(room)} bytes")
+
+
+def _require_characters(values: np.ndarray, name: str) -> None:
+    """Raise ValueError where a text holds what is no character: NumPy breaks as soon as it is made one."""
+    if values.dtype.kind == "U" and values.nbytes:
+        codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
+        if codes.max() > sys.maxunicode:
+            raise ValueError(f"'{name}' holds text of characters that do not exist")

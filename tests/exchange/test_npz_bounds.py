@@ -39,6 +39,7 @@ def archive(path: Path, method: int = zipfile.ZIP_STORED, **members: bytes) -> P
         described("<f8", (True,), bytes(8)), described("<f8", (1,) * 9, bytes(8)), described("<U999999999", (1,)),
         member("{'descr': '<f8', 'fortran_order': 7, 'shape': (1,)}", bytes(8)), member("__import__('os').abort()"),
         member("(" * 5000), member("{'descr': '<f8'}"), b"no array", b"", member(b"\xff", version=3),
+        described("<U2", (), b"\0\0\x11\0" + bytes(4)), described(">U1", (1,), b"\xff\0\0\0"),
         b"\x93NUMPY\x02\x00\xff\xff\xff\x7f", b"\x93NUMPY\x09\x00\x00\x00",
     ],
 )  # fmt: skip
