@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from .errors import OutputExists, OutputNotWritable
@@ -41,8 +41,20 @@ def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
         OutputExists: the output is there and ``overwrite`` is off.
         OutputNotWritable: the folder cannot be written to, or the disk is full.
     """
-    path = check_output(path, overwrite=overwrite)
-    with _named_at_the_end([path], path, overwrite) as [temporary]:
+    with atomic_files([path], overwrite=overwrite) as [temporary]:
+        yield temporary
+
+
+@contextmanager
+def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
+    """Yield a temporary path beside each path; those that are written take their names when the block ends well.
+
+    Raises:
+        OutputExists: one of the outputs is there and ``overwrite`` is off.
+        OutputNotWritable: a folder cannot be written to, or the disk is full.
+    """
+    checked = [check_output(path, overwrite=overwrite) for path in paths]
+    with _named_at_the_end(checked, checked[0], overwrite) as temporary:
         yield temporary
 
 
@@ -94,17 +106,20 @@ def is_free(folder: Path) -> bool:
 
 @contextmanager
 def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> Iterator[list[Path]]:
-    """Yield a temporary path for each path of one folder; those that were written take the paths' names."""
+    """Yield a temporary path for each path; those that were written take the paths' names in one moment."""
     try:
-        with unfinished_names(paths[0].parent) as beginning:
-            temporary = [path.with_name(beginning + path.name) for path in paths]
+        with ExitStack() as unfinished:
+            folders = dict.fromkeys(path.parent for path in paths)
+            beginning = {folder: unfinished.enter_context(unfinished_names(folder)) for folder in folders}
+            temporary = [path.with_name(beginning[path.parent] + path.name) for path in paths]
             yield temporary
             written = [(part, path) for part, path in zip(temporary, paths, strict=True) if part.exists()]
             for part, _ in written:
                 with part.open("rb+") as stream:
                     os.fsync(stream.fileno())
             _publish(written, overwrite)
-            _flush_folder(paths[0].parent)
+            for folder in folders:
+                _flush_folder(folder)
     except OSError as error:
         raise _not_writable(where, error) from error
 

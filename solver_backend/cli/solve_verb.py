@@ -6,27 +6,27 @@ import argparse
 import re
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.describe import describe_motion
+from solver_backend.cli.motion_and_page import write_both
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
 from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
-from solver_backend.exchange.outputs import atomic_output, check_output
+from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import READING, Job, Resolve
-from solver_backend.types import Capture, Motion
+from solver_backend.types import Capture
 
 if TYPE_CHECKING:
     from solver_backend.fitters.keyframes.chunked import Stretches
-    from solver_backend.report.calibration import CalibrationFit
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -118,7 +118,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
     timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
-    _write_both(job, capture, timed, progress)
+    write_both(job, capture, timed, progress)
     text, data = describe_motion(timed, solve_s)
     odd = motion_problems(timed)
     text += "".join(f"\n  problem     {problem}" for problem in odd)
@@ -126,35 +126,6 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
     whom = {"person": capture.person} if capture.person else {}
     return Outcome(text + files, {**written, **whom, **data, "problems": [*capture.problems, *odd]})
-
-
-def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
-    """Write the motion and its report, named one right after the other; the motion also where the report fails."""
-    from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.report.page import report_html
-
-    with ExitStack() as named_last:
-        try:
-            if job.report is not None:
-                progress("Writing the report", 0, 1)
-                page = named_last.enter_context(atomic_output(job.report, overwrite=job.overwrite))
-                fit = None if job.resolve is not None else _calibration_fit(capture)
-                page.write_text(report_html(capture, motion, fit), encoding="utf-8", newline="\n")
-                progress("Writing the report", 1, 1)
-        finally:
-            write_motion(job.out, motion, overwrite=job.overwrite)
-
-
-def _calibration_fit(capture: Capture) -> CalibrationFit | None:
-    """Return how the cameras fit what they saw, where two of them see the person."""
-    from solver_backend.rig.check.calibration_check import check_calibration
-
-    if capture.cameras is None or capture.keypoints is None:
-        return None
-    try:
-        return check_calibration(capture.cameras, capture.keypoints).fit
-    except MocapError:  # too little is seen together to tell
-        return None
 
 
 @dataclass(frozen=True)

@@ -23,15 +23,15 @@ _SAME = (
 """What a motion and its file call by one name."""
 
 
-def write_motion(path: Path | str, motion: Motion, overwrite: bool = False) -> Path:
-    """Write a motion; optional parts it lacks are left out of the file.
+def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
+    """Write a motion, under another name than the file's if asked; optional parts it lacks are left out.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
     """
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     record = MotionFile(
-        name=Path(path).stem,
+        name=Path(path).stem if name is None else name,
         rotvec=rotvec.reshape(motion.num_frames, NUM_JOINTS, 3),
         joint_set="" if motion.joint_set is None else motion.joint_set.value,
         marker_labels=motion.marker_labels or (),
