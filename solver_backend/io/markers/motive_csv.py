@@ -70,7 +70,7 @@ def read_motive_csv(
     rows = [line.split(",") for line in lines[at + 1 :] if line.strip()]
     values = _table(rows, at + 2, path)
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
-    numbers = values[:, 0] if len(values) else np.zeros(0)
+    numbers = values[:, 0] if values.size else np.zeros(0)
     source = MarkerSource(
         path=path,
         format=f"Motive CSV {meta.get('format version', '')}".strip(),

@@ -152,3 +152,5 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
         read_motive_csv(write(path, whole.replace("0.120000", "abc")))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_motive_csv(write(path, csv_text(measured(), [])))
+    with pytest.raises(NoDetections, match="No marker is seen"):
+        read_motive_csv(write(path, csv_text(measured(), [","])))
