@@ -71,14 +71,16 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
         "write": list(spec.write), "data_set": str(args.out), "free_mb": round(free_bytes(args.out) / 2**20, 1),
     }  # fmt: skip
     if args.plan or args.claim:
-        return Outcome(f"would make {said}", data)
-    if args.shot:
-        made = make_data_set(spec, args.out, progress, args.shot)
-        return Outcome(f"made {len(made)} of {said}", data | {"frames": sum(record["frames"] for record in made)})
-    records = make_data_set(spec, args.out, progress)
-    card = write_card(args.out)
+        return Outcome(f"would make at most {said}", data)
+    records = make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
-    return Outcome(f"made {said}\n  written     {args.out}", data | {"card": [str(path) for path in card]})
+    made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
+    if data["frames"] < spec.frames * len(records):  # a motion ends before
+        made += f" of {spec.frames * len(records)} asked for: motions are as long as they are"
+    if args.shot:
+        return Outcome(made, data)
+    card = write_card(args.out)
+    return Outcome(f"{made}\n  written     {args.out}", data | {"card": [str(path) for path in card]})
 
 
 def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
