@@ -92,7 +92,8 @@ def _steps(folder: Path) -> object:
 
 def _layouts(folder: Path) -> object:
     read = load_layouts.__wrapped__(folder / "a.json")
-    return [read.place_of(label) for label in ("Anna:l_asis", "ASIS-L", "asis left", "*12")], read.spread_of("C7")
+    places = [read.place_of(label) for label in ("Anna:l_asis", "ASIS-L", "asis left", "*12")]
+    return places, [read.spread_of(name) for name in read.names]
 
 
 def _clocks() -> dict[str, Any]:
