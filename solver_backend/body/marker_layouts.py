@@ -68,7 +68,8 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
 
     Raises:
         FileMissing, FileDamaged: it is not there, or not JSON.
-        BodyInvalid: it is of another format, a name means two places, or a place is of an unknown kind.
+        BodyInvalid: it is of another format, a name means two places or one without a rule, or a place is of an unknown
+            kind.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
@@ -83,6 +84,8 @@ def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
     places = {*values["midline"], *(side + part for part in values["sided"] for side in "LR")}
     names = {place: place for place in places}
     for place, alias in _aliases(values):
+        if place not in places:
+            raise BodyInvalid(f"The name {alias} is of the place {place}, which has no rule.", where=str(path))
         if names.setdefault(alias, place) != place:
             raise BodyInvalid(f"The name {alias} means both {names[alias]} and {place}.", where=str(path))
     for place, rule in [*values["midline"].items(), *values["sided"].items()]:

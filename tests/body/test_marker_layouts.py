@@ -68,3 +68,12 @@ def test_a_place_of_an_unknown_kind_is_named(tmp_path):
     path.write_text(json.dumps(values), encoding="utf-8")
     with pytest.raises(BodyInvalid, match="C7 is of kind 'cartilage'; there are"):
         load_layouts(path)
+
+
+def test_a_name_of_a_place_without_a_rule_is_refused(tmp_path):
+    values = json.loads(DEFAULT.read_text(encoding="utf-8"))
+    values["midline"]["T8x"] = values["midline"].pop("T8")
+    path = tmp_path / "layouts.json"
+    path.write_text(json.dumps(values), encoding="utf-8")
+    with pytest.raises(BodyInvalid, match="which has no rule"):
+        load_layouts(path)
