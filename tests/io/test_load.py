@@ -112,6 +112,7 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
         ("[project]\nframe_rate = 'auto'\n", "", 50.0, None, 50.0, "50 frames a second, from the videos."),
         ("[project]\nframe_rate = 30\n", "", 50.0, None, 30.0, "Config.toml says 30 fps, the videos 50; 30 is used."),
         ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "24 frames a second, as given."),
+        ("", "", 0.0001, None, 60.0, "60 fps is assumed."),
     ],
 )
 def test_frame_rate(

@@ -81,7 +81,8 @@ def _frame_rate(
     given: float | None, config: TrialConfig, videos: Sequence[VideoHeader | None]
 ) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
     """Return the frame rate, where it is from, and what is doubtful about it."""
-    rates = [round(header.fps, 3) for header in videos if header is not None]
+    told = [round(header.fps, 3) for header in videos if header is not None]
+    rates = [rate for rate in told if rate > 0]  # a forged header may tell an hour a frame
     problems: list[str] = []
     if len(set(rates)) > 1:
         problems.append(f"The videos have different frame rates: {listing(f'{rate:g}' for rate in rates)} fps.")
