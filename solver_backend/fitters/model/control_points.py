@@ -36,9 +36,9 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
 
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
-    """Return (K, d) keys, by conjugate gradients from the given ones (Hestenes and Stiefel 1952).
+    """Return (K, d) control points, by conjugate gradients from the keys (Hestenes and Stiefel 1952).
 
-    Keys that the frames do not tell, as where they are denser than frames, stay.
+    What the frames do not tell, where keys are denser than they, stays as the keys have it.
     """
     weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
     normal = weighted_T @ shares
@@ -60,7 +60,7 @@ def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarr
 
 
 def _applied(normal: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the (N, 5, 5) matrices of the windows applied to (2 N + 3, d) keys, one more at either end."""
+    """Return the (N, 5, 5) matrices of the windows applied to (2 N + 3, d) points, one more at either end."""
     fives = np.stack([x[i : len(x) - 4 + i : 2] for i in range(5)], axis=1)
     return _summed(normal @ fives)
 

@@ -75,8 +75,7 @@ class KeyframeLayout:
         shares = np.zeros((*time.shape, 5))
         for i, value in enumerate(basis):
             np.put_along_axis(shares, (late + i)[..., None], value[..., None], axis=-1)
-        for beyond, inner in ((key == 0, slice(1, 4)), (key + 1 == last, slice(3, 0, -1))):
-            outer = 0 if inner.start == 1 else 4
+        for beyond, outer, inner in ((key == 0, 0, slice(1, 4)), (key + 1 == last, 4, slice(3, 0, -1))):
             shares[beyond, inner] += shares[beyond, outer, None] * [3.0, -3.0, 1.0]
             shares[beyond, outer] = 0.0
         return shares
