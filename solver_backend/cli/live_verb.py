@@ -7,12 +7,15 @@ import gc
 import json
 import sys
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+
+if TYPE_CHECKING:
+    from solver_backend.live.session import LiveSession
 
 
 def add_live(
@@ -55,9 +58,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     recorder = Recorder() if args.record is not None else None
     statistics = LiveStatistics()
     stopped = False
-    # What is there by now stays; walking through it again and again would make frames late.
-    gc.collect()
-    gc.freeze()
+    make_ready(session)
     with Lines(args.lines, overwrite) as stream:
         try:
             for line in session.run(frames if recorder is None else recorder.watched(frames)):
@@ -74,6 +75,14 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         data["recorded"] = str(recorder.write(args.record, fps, session.to_metres, overwrite=overwrite))
     text = ", ".join(f"{name} {value}" for name, value in data.items())
     return Outcome(f"live: {text}", data)
+
+
+def make_ready(session: LiveSession) -> None:
+    """Let no frame be late by what can be done before the first."""
+    session.warm_up()
+    # What is there by now stays; walking through it again and again would make frames late.
+    gc.collect()
+    gc.freeze()
 
 
 def _cloud(args: argparse.Namespace, progress: Progress) -> Any:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from solver_backend.cli.live_verb import Lines
+from solver_backend.cli.live_verb import Lines, make_ready
 from solver_backend.cli.oak_verbs import add_oak_options, oak_devices
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.sensor_verbs import add_chain_options, chain_of, chain_summary, folder_of, mask_of
@@ -19,6 +19,7 @@ from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
     from solver_backend.live.frames import PointFrame
+    from solver_backend.live.session import LiveSession
     from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
     from solver_backend.rig.markers.wand.coverage import Coverage
 
@@ -52,14 +53,16 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite, stopped = bool(args.overwrite), False
     _check(args)
     statistics = None
+    session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
     with _chain(args) as chain, Lines(args.lines, overwrite) as stream:
         until = None if args.seconds is None else chain.start + args.seconds
         lines: Iterator[dict[str, Any]]
-        if args.poses:
+        if session is not None:
             from solver_backend.live.statistics import LiveStatistics
 
             statistics = LiveStatistics()
-            lines = _poses(args, chain, stream, until, progress)
+            frames = _frames(chain, stream, until, progress)
+            lines = _poses(session, frames, with_points=bool(args.with_points))
         elif args.wand:
             lines = _waved(chain, stream, until, progress)
         else:
@@ -149,17 +152,21 @@ def _frames(chain: MarkerChain, stream: TextIO, until: float | None, progress: P
         yield PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
 
 
-def _poses(
-    args: argparse.Namespace, chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress
-) -> Iterator[dict[str, Any]]:
-    """Yield the lines of the live fit."""
+def _session(subject: Path | None) -> LiveSession:
+    """Return what fits poses, ready to begin."""
     from solver_backend.live.recording import person_fit
     from solver_backend.live.session import LiveSession
 
-    network, fit = person_fit(args.subject)
+    network, fit = person_fit(subject)
     session = LiveSession(network, fit, unit="m", up_axis="z")
-    for line in session.run(_frames(chain, stream, until, progress)):
-        if args.with_points and session.shown is not None and "frame" in line:
+    make_ready(session)
+    return session
+
+
+def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[dict[str, Any]]:
+    """Yield the lines of the live fit."""
+    for line in session.run(frames):
+        if with_points and session.shown is not None and "frame" in line:
             line = {**line, "cloud": session.shown.round(4).tolist()}
         yield line
 

@@ -30,6 +30,7 @@ BAD_M = 0.08
 """Markers this far from the body in the median are no good pose."""
 SURE = 0.6
 _WORLD_FRAMES = 5
+_TRIAL_FRAMES = 6
 
 
 @dataclass
@@ -55,6 +56,13 @@ class LiveSession:
         self._turn: np.ndarray | None = None
         self.shown: np.ndarray | None = None
         """Points of the last frame that was fitted, metres, Z up."""
+
+    def warm_up(self) -> None:
+        """Fit a few frames of the body at rest and forget them, so that no first frame of a person is late."""
+        trial = LiveSession(self.network, FrameFit(self.fit.body, self.fit.landmarks), unit="m", up_axis="z")
+        rest = self.fit.landmarks.anchors.sum(axis=1)[:, [2, 0, 1]]
+        for number in range(_TRIAL_FRAMES):
+            list(trial.step(PointFrame(number / 60.0, rest + 1e-4 * number, time.perf_counter())))
 
     def run(self, frames: Iterable[PointFrame]) -> Iterator[dict[str, Any]]:
         """Yield a line a frame, and events; nothing that comes as a frame ends it."""

@@ -186,6 +186,18 @@ def test_statistics_count_states_and_latency():
     assert found["latency_ms"] == 49.5 and 98 <= found["latency_p99_ms"] <= 99
 
 
+def test_warming_up_leaves_nothing_behind(session, walk):
+    other = LiveSession(session.network, FrameFit(load_body()), unit="m", up_axis="z")
+    session.network.markers = walk[0]
+    session.warm_up()
+    assert session.fit.pose is None and session.to_metres is None and not len(session.tracks.position)
+    said = [
+        [{k: v for k, v in line.items() if k != "latency_ms"} for line in one.run(frames(walk, one, walk))]
+        for one in (session, other)
+    ]
+    assert said[0] == said[1] and len(said[0]) > FRAMES
+
+
 def test_no_frame_of_a_start_takes_many_steps_and_a_bad_one_is_given_time(session, walk):
     counted: list[int] = []
     improved = session.fit._improved

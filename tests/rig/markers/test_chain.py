@@ -134,11 +134,13 @@ def test_what_does_not_go_together_is_refused_before_a_sensor_opens(
         ([str(recording), "--wand", "--poses"], "command_line_invalid"),
         ([str(recording), "--solve", str(tmp_path / "m.npz")], "command_line_invalid"),
         ([str(recording), "--subject", "s.npz"], "command_line_invalid"),
+        ([str(recording), "--poses", "--subject", "none.npz", "--record", str(tmp_path / "r")], "file_missing"),
         (["--oak", "webcam:1"], "sensor_unknown"),
         (["--oak", "1=a", "--oak", "2=a"], "command_line_invalid"),
     ):
         assert main(["rig-live", *arguments, "--json"]) != 0
         assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code, arguments
+    assert not list(tmp_path.iterdir())
 
 
 def test_oaks_without_depthai_are_named_at_once(

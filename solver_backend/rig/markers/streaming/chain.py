@@ -27,8 +27,8 @@ from solver_backend.types import Cameras
 WAIT_S = 0.012
 """A moment waits this long for its last sensor."""
 LISTEN_S = 0.005
-MOST_WAITING = 2
-"""Complete moments that are fused; of more, the newest."""
+MOST_WAITING = 1
+"""Complete moments that are fused at once; of more, the newest, for what is late makes all that follows late."""
 MOST_AHEAD = 8
 """Frames of a sensor that wait for the others where all can wait."""
 READY_S, AHEAD_S = 60.0, 0.05
