@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-LOST_M, LOST_SIGMAS = 0.15, 6.0
-"""A landmark is lost where it is this far from its point, and so many of the point's standard deviations."""
+LOST_M, BESIDE_M, LOST_SIGMAS = 0.15, 0.08, 6.0
+"""A landmark is lost where it is this far from its point, in frames beside it still so far, and so many of the point's
+standard deviations: where keys stand three frames apart, one that went astray bends four frames and takes two that
+far."""
 SURE_M = 0.03
 """A point is well located where its standard deviation per axis is less."""
 SHORTEST = 3
-"""Frames in a row: what is far for less is a point that was located wrongly."""
+"""Frames in a row: what is off for less is a point that was located wrongly."""
 
 
 def lost_landmarks(found: np.ndarray, points: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -22,11 +26,12 @@ def lost_landmarks(found: np.ndarray, points: np.ndarray, covariance: np.ndarray
     """
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)
-    far = (variance < SURE_M**2) & (squared > np.maximum(LOST_M**2, LOST_SIGMAS**2 * variance))
-    if len(far) < SHORTEST:
-        return np.zeros_like(far)
-    starts = np.lib.stride_tricks.sliding_window_view(far, SHORTEST, axis=0).all(axis=-1)
-    lost = np.zeros_like(far)
+    off = (variance < SURE_M**2) & (squared > np.maximum(BESIDE_M**2, LOST_SIGMAS**2 * variance))
+    lost = np.zeros_like(off)
+    if len(off) < SHORTEST:
+        return lost
+    in_a_row = partial(np.lib.stride_tricks.sliding_window_view, window_shape=SHORTEST, axis=0)
+    starts = in_a_row(off).all(axis=-1) & in_a_row(off & (squared > LOST_M**2)).any(axis=-1)
     for shift in range(SHORTEST):
         lost[shift : shift + len(starts)] |= starts
     return lost

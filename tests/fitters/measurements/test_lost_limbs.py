@@ -23,6 +23,15 @@ def test_a_limb_thrown_away_is_lost_in_all_its_frames_and_nothing_else_is():
     assert np.array_equal(lost_landmarks(found, points, covariance), expected)
 
 
+def test_a_single_key_gone_astray_is_found_by_the_frames_beside_the_two_that_it_takes_far_off():
+    found, points, covariance = take()
+    found[10:14, 2, 0] = points[10:14, 2, 0] + (0.105, 0.249, 0.214, 0.107)
+    found[20:24, 4, 0] = points[20:24, 4, 0] + (0.105, 0.12, 0.13, 0.107)
+    expected = np.zeros((FRAMES, POINTS), bool)
+    expected[10:14, 2] = True
+    assert np.array_equal(lost_landmarks(found, points, covariance), expected)
+
+
 def test_what_is_far_for_two_frames_or_hardly_located_or_not_located_is_not_lost():
     found, points, covariance = take()
     found[5:7, 1] += 0.5
