@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+from ..conventions.numbered import next_number, next_path
+
 _POSE_FOLDERS = frozenset({"pose-sync", "pose", "pose-2d", "pose_sync"})
 """Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
@@ -40,16 +42,14 @@ def capture_folder(base: Path, source: Path) -> Path:
 
 def next_take(folder: Path) -> TakeFiles:
     """Return the files of the next take; numbers that any file bears are not used again."""
-    found = [re.match(r"take_(\d+)", path.name) for path in folder.glob("take_*")]
-    number = 1 + max((int(match[1]) for match in found if match), default=0)
+    number = next_number(folder, "take")
     stem = f"take_{number:02d}"
     return TakeFiles(number, folder / f"{stem}.npz", folder / f"{stem}.html", folder / f"{stem}.job.json")
 
 
 def next_subject(folder: Path) -> Path:
     """Return the file of the next calibrated person; numbers that any file bears are not used again."""
-    found = [re.match(r"subject_(\d+)", path.name) for path in folder.glob("subject_*")]
-    return folder / f"subject_{1 + max((int(match[1]) for match in found if match), default=0):02d}.npz"
+    return next_path(folder, "subject", ".npz")
 
 
 def capture_root(path: Path) -> Path:

@@ -12,6 +12,7 @@ from .._exchange.errors import CommandLineInvalid, FileMissing
 from .._exchange.outputs import write_text
 from ..animation.takes import take_file
 from ..conventions.file_paths import absolute
+from ..conventions.numbered import next_path
 from ..studio.scene_rig import rig_of_scene
 from .locations import files_folder, usable
 from .scene_job import capture_file
@@ -82,13 +83,12 @@ def write_description(description: dict[str, Any], path: Path) -> Path:
 
 
 def next_folder(scene: bpy.types.Scene, name: str) -> Path:
-    """Return a folder of the scene's files that is not there yet, numbered from 01 on.
+    """Return the next numbered folder of the scene's files.
 
     Raises:
         OutputNotWritable: the folder of files cannot be written to.
     """
-    folder = usable(files_folder(scene) / "studio")
-    return next(path for n in range(1, 100_000) if not (path := folder / f"{name}_{n:02d}").exists())
+    return next_path(usable(files_folder(scene) / "studio"), name)
 
 
 def _motion(context: bpy.types.Context) -> str:

@@ -9,6 +9,7 @@ import bpy
 
 from ..._exchange.plain_text import plain
 from ...conventions.file_paths import file_of, stored
+from ...conventions.numbered import next_path
 from .base import MocapOperator
 from .solver_operator import SolverOperator
 
@@ -104,8 +105,7 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
         capture = context.scene.mocap.capture
         source = capture_file(capture)
         folder = folder_of_takes(context.scene, source.parent)
-        number = 1 + sum(1 for _ in folder.glob("capture_refined_*.npz"))
-        self._out = folder / f"capture_refined_{number:02d}.npz"
+        self._out = next_path(folder, "capture_refined", ".npz")
         return self.launch(context, "refine-cameras", [str(source), "--out", str(self._out)], folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
 
-from ..._exchange.errors import MocapError
+from ..._exchange.errors import FileMissing, MocapError
 from ...conventions.file_paths import absolute, stored
+from ...conventions.numbered import next_path
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
 from .base import MocapOperator
@@ -38,8 +38,24 @@ class CurrentLive:
         """Whether a run is under way."""
         return self.run is not None
 
-    def begin(self, run: LiveRun, figure: LiveFigure, told: Callable[[str], None] | None = None) -> None:
-        """Show a run from now on; say where it recorded to at its end."""
+    def begin(
+        self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True, told: Callable[[str], None] | None = None
+    ) -> None:
+        """Show a run in a scene from now on, with a body or points alone; say where it recorded to at its end.
+
+        Raises:
+            MocapError, RuntimeError: what shows it cannot be made; the run is ended.
+        """
+        import numpy as np
+
+        from ...body.body_file import default_body_path, read_body
+        from ...scene.live_figure import create_live_figure
+
+        try:
+            figure = create_live_figure(scene, read_body(default_body_path()), np.zeros(10), shown=body)
+        except (MocapError, RuntimeError):
+            run.process.kill()
+            raise
         self.run, self.figure, self.told, self.failure, self.recorded = run, figure, told, "", ""
         if not bpy.app.timers.is_registered(self.tick):
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
@@ -103,40 +119,19 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """One run at a time, in object mode, and something to replay."""
-        if live.busy:
-            cls.poll_message_set("Live is running; stop it first")
-        elif context.mode != "OBJECT":
-            cls.poll_message_set("Change to object mode first")
-        elif not source_of(context.scene):
-            cls.poll_message_set("Choose a recording of markers, or import one")
-        else:
-            return True
-        return False
+        return may_begin(cls, context, source_of(context.scene), "Choose a recording of markers, or import one")
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the solver's process and make what shows it."""
-        import numpy as np
-
-        from ..._exchange.errors import FileMissing
-        from ...body.body_file import default_body_path, read_body
-        from ...scene.live_figure import create_live_figure
         from ...solving.live import start_live
 
         settings = context.scene.mocap.live
+        require_there(source_of(context.scene), settings.subject)
         source = absolute(source_of(context.scene))
         subject = absolute(settings.subject) if settings.subject else None
-        for path in (source, *([] if subject is None else [subject])):
-            if not path.is_file():
-                raise FileMissing("The file is not there.", where=path.name, hint="Choose another one.")
         folder = usable(files_folder(context.scene))
-        record = next_live_take(folder) if settings.record else None
-        run = start_live(source, chosen_python(context), folder, subject=subject, record=record)
-        try:
-            figure = create_live_figure(context.scene, read_body(default_body_path()), np.zeros(10))
-        except (MocapError, RuntimeError):
-            run.process.kill()
-            raise
-        live.begin(run, figure)
+        record = next_path(folder, "live", ".c3d") if settings.record else None
+        live.begin(start_live(source, chosen_python(context), folder, subject=subject, record=record), context.scene)
         return {"FINISHED"}
 
 
@@ -160,16 +155,27 @@ class MOCAP_OT_live_stop(bpy.types.Operator):
         return {"FINISHED"}
 
 
+def may_begin(operator: type[bpy.types.Operator], context: bpy.types.Context, source: object, without: str) -> bool:
+    """Return whether a live run may begin: one at a time, in object mode, from a source; or say why not."""
+    why = without if not source else ""
+    why = "Change to object mode first" if context.mode != "OBJECT" else why
+    why = "Live is running; stop it first" if live.busy else why
+    if why:
+        operator.poll_message_set(why)
+    return not why
+
+
+def require_there(*paths: str) -> None:
+    """Raise ``FileMissing`` for the first path that is told and not there."""
+    for path in paths:
+        if path and not absolute(path).exists():
+            raise FileMissing("It is not there.", where=absolute(path).name, hint="Choose another one.")
+
+
 def source_of(scene: bpy.types.Scene) -> str:
     """Return the recording to replay: the chosen one, or that of the capture if it has markers; "" if none."""
     capture = scene.mocap.capture
     return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
-
-
-def next_live_take(folder: Path) -> Path:
-    """Return the first free ``live_01.c3d``, ``live_02.c3d``, ... of a folder."""
-    numbers = range(1, 10_000)
-    return next(path for n in numbers if not (path := folder / f"live_{n:02d}.c3d").exists())
 
 
 def _redraw() -> None:

@@ -7,18 +7,15 @@ from typing import Any
 
 import bpy
 
-from ..._exchange.errors import MocapError
 from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, stored
-from ...errors import TakeMissing
+from ...conventions.numbered import next_path
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
 from ..rig_properties import GAMMA_S, PARTS
 from .base import MocapOperator
-from .live import live
+from .live import live, may_begin, require_there
 from .solver_operator import SolverOperator
-
-_CALIBRATION = "rig.toml"
 
 
 class MOCAP_OT_rig_find(SolverOperator, bpy.types.Operator):
@@ -63,39 +60,24 @@ class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """One run at a time, in object mode, and sensors."""
-        if live.busy:
-            cls.poll_message_set("Live is running; stop it first")
-        elif context.mode != "OBJECT":
-            cls.poll_message_set("Change to object mode first")
-        elif not context.scene.mocap.rig.sensors():
-            cls.poll_message_set("Choose a recording of sensors, or find cameras")
-        else:
-            return True
-        return False
+        return may_begin(
+            cls, context, context.scene.mocap.rig.sensors(), "Choose a recording of sensors, or find cameras"
+        )
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the sensors' process and make what shows it."""
-        import numpy as np
-
-        from ...body.body_file import default_body_path, read_body
-        from ...scene.live_figure import create_live_figure
         from ...solving.live import start_rig
 
         scene, rig, part = context.scene, context.scene.mocap.rig, self.part
-        _require(rig.subject, *([rig.source] if rig.kind == "FOLDER" else []))
+        require_there(rig.subject, rig.source if rig.kind == "FOLDER" else "")
         folder = usable(files_folder(scene))
         options = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
         if part == "TAKE" and rig.subject:
             options += ["--subject", str(absolute(rig.subject))]
         if rig.record:
-            options += ["--record", str(next_recording(folder, PARTS[part][2]))]
+            options += ["--record", str(next_path(folder, PARTS[part][2]))]
         run = start_rig([*rig.sensors(), *options], chosen_python(context), folder)
-        try:
-            figure = create_live_figure(scene, read_body(default_body_path()), np.zeros(10), shown=part == "TAKE")
-        except (MocapError, RuntimeError):
-            run.process.kill()
-            raise
-        live.begin(run, figure, recorded_to(scene.name, part))
+        live.begin(run, scene, body=part == "TAKE", told=RecordedTo(scene.name, part))
         return {"FINISHED"}
 
 
@@ -119,9 +101,9 @@ class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start; an earlier calibration stays beside the new one."""
         rig = context.scene.mocap.rig
-        _require(rig.wand, rig.gamma)
+        require_there(rig.wand, rig.gamma)
         folder = usable(files_folder(context.scene))
-        out = next_file(folder, _CALIBRATION)
+        out = next_path(folder, "rig", ".toml")
         return self.launch(context, "calibrate-wand", [*rig.calibrating(), "--out", str(out)], folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
@@ -146,31 +128,6 @@ class RecordedTo:
         scene = bpy.data.scenes.get(self.scene)
         if scene is not None and recorded:
             setattr(scene.mocap.rig, PARTS[self.part][2], recorded)
-
-
-def recorded_to(scene: str, part: str) -> RecordedTo:
-    """Return what keeps a recording of this part."""
-    return RecordedTo(scene, part)
-
-
-def next_recording(folder: Path, name: str) -> Path:
-    """Return the first free ``wand_01``, ``wand_02``, ... of a folder."""
-    numbers = range(1, 10_000)
-    return next(path for n in numbers if not (path := folder / f"{name}_{n:02d}").exists())
-
-
-def next_file(folder: Path, name: str) -> Path:
-    """Return ``rig.toml``, or the first of ``rig_02.toml``, ... that is free."""
-    stem, suffix = Path(name).stem, Path(name).suffix
-    named = (name if n == 1 else f"{stem}_{n:02d}{suffix}" for n in range(1, 10_000))
-    return next(path for text in named if not (path := folder / text).exists())
-
-
-def _require(*paths: str) -> None:
-    """Raise ``TakeMissing`` for the first path that is told and not there."""
-    for path in paths:
-        if path and not absolute(path).exists():
-            raise TakeMissing("It is not there.", where=path, hint="Choose another one.")
 
 
 CLASSES = (MOCAP_OT_rig_find, MOCAP_OT_rig_start, MOCAP_OT_rig_calibrate)

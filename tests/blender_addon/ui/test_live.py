@@ -13,7 +13,7 @@ from blender_addon.animation.pose import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.scene.live_figure import MOST_POINTS, create_live_figure
 from blender_addon.scene.point_player import SEEN
-from blender_addon.ui.operators.live import live, next_live_take
+from blender_addon.ui.operators.live import live
 from solver_backend.io.load import load_capture
 from solver_backend.priors.weights import ASSETS
 
@@ -102,12 +102,6 @@ def test_a_missing_recording_is_named(mocap, tmp_path):
     with pytest.raises(RuntimeError, match="not there"):
         bpy.ops.mocap.live_start()
     assert not live.busy and not bpy.data.collections
-
-
-def test_recorded_takes_are_numbered(tmp_path):
-    assert next_live_take(tmp_path).name == "live_01.c3d"
-    (tmp_path / "live_01.c3d").touch()
-    assert next_live_take(tmp_path).name == "live_02.c3d"
 
 
 def test_the_figure_stands_where_it_is_told_in_a_scene_of_centimetres(scene):

@@ -10,7 +10,6 @@ import bpy
 import pytest
 
 from blender_addon.ui.operators.live import live
-from blender_addon.ui.operators.rig import next_file, next_recording
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.rig.formats.write import write_calibration
 from solver_backend.rig.markers.devices.source import open_folder
@@ -99,7 +98,7 @@ def test_a_waved_wand_calibrates(rig, tmp_path):
     rig.wand = str(tmp_path / "wand")
     assert bpy.ops.mocap.rig_calibrate() == {"FINISHED"}
     first = Path(bpy.path.abspath(rig.calibration))
-    assert first.name == "rig.toml" and first.is_file()
+    assert first.name == "rig_01.toml" and first.is_file()
     assert bpy.ops.mocap.rig_calibrate() == {"FINISHED"}
     assert Path(bpy.path.abspath(rig.calibration)).name == "rig_02.toml" and first.is_file()
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
@@ -132,10 +131,3 @@ def test_nothing_is_cut_off_in_a_narrow_sidebar(rig, kind):
     rig.kind, rig.gamma = kind, "//gamma_01"
     rig.said = "left errs by 1.4 px: its lens was calibrated in another mode than that of the recording."
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
-
-
-def test_recordings_and_calibrations_are_numbered(tmp_path):
-    assert next_recording(tmp_path, "wand").name == "wand_01" and next_file(tmp_path, "rig.toml").name == "rig.toml"
-    (tmp_path / "wand_01").mkdir()
-    (tmp_path / "rig.toml").touch()
-    assert next_recording(tmp_path, "wand").name == "wand_02" and next_file(tmp_path, "rig.toml").name == "rig_02.toml"

@@ -1,0 +1,17 @@
+"""Files of one kind in a folder are numbered; a number that any of them bore is not used again while one is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+
+def next_number(folder: Path, stem: str) -> int:
+    """Return 1 more than the highest N of everything named ``stem_N...`` in a folder; 1 where there is nothing."""
+    found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{stem}_*")]
+    return 1 + max((int(match[1]) for match in found if match), default=0)
+
+
+def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
+    """Return ``stem_01``, ``stem_02``, ... with the suffix, by ``next_number``."""
+    return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
