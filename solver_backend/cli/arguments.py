@@ -178,7 +178,11 @@ def _add_train(verbs: Any, common: _Parser) -> None:
     train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ..., landmarks")
     train.add_argument("--row", default="ours", help="of the landmark networks: ours, base, ortho, bmse, democap, ...")
     train.add_argument("--width", type=int, default=0, help="of a landmark network's layers; its own if left out")
+    train.add_argument(
+        "--resolution", type=int, default=0, help="of the maps that published rows draw; 160 if left out"
+    )
     train.add_argument("--seconds", type=float, help="of a landmark network's training, instead of steps")
+    train.add_argument("--processor", action="store_true", help="seconds are the processor's, not the clock's")
     train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")
     train.add_argument("--out", type=Path, default=Path("trained"), metavar="DIR", help="weights and model card")
     train.add_argument("--work", type=Path, metavar="DIR", help="checkpoint and log; OUT/PRIOR_run if left out")

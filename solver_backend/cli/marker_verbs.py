@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 from solver_backend.cli.live_verb import add_live, live
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
-from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.outputs import atomic_output, check_output, write_text
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
 
-__all__ = ["MARKER_VERBS", "add_marker_verbs", "export_markers", "label", "live"]
+__all__ = ["MARKER_VERBS", "add_marker_verbs", "export_markers", "label", "live", "marker_places"]
 
-MARKER_VERBS = ("export-markers", "label", "live")
+MARKER_VERBS = ("export-markers", "label", "live", "marker-places")
+DEFAULT_LAYOUT = "MANIFOLD_53"
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
 _SUFFIXES = (".c3d", ".trc")
@@ -26,7 +27,7 @@ _SUFFIXES = (".c3d", ".trc")
 def add_marker_verbs(
     verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
 ) -> None:
-    """Add label, live and export-markers to the parser's verbs.
+    """Add label, live, export-markers and marker-places to the parser's verbs.
 
     Args:
         verbs: what ``add_subparsers`` returned.
@@ -51,6 +52,12 @@ def add_marker_verbs(
         "--contents", choices=tuple(CONTENTS), default="cleaned",
         help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
     )  # fmt: skip
+    places = verbs.add_parser(
+        "marker-places", parents=[writing, common], help="draw where a layout's markers sit, front and back"
+    )
+    places.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
+    places.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")
+    places.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -131,6 +138,29 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     data = {"markers_file": str(args.out), "frames": frames, "fps": fps, "markers": markers, "contents": args.contents}
     text = f"{frames} frames of {markers} {args.contents} markers at {fps:g} fps"
     return Outcome(f"{text}\n  written     {args.out}", data)
+
+
+def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Draw where the markers of a layout sit and write the picture."""
+    overwrite = bool(args.overwrite)
+    if args.out.suffix.lower() != ".png":
+        raise CommandLineInvalid("The picture is written to a file that ends in .png.", where=str(args.out))
+    check_output(args.out, overwrite=overwrite)
+    from solver_backend.body.files.choices import load_chosen_body
+    from solver_backend.body.marker_layouts import load_layouts
+    from solver_backend.io.png import png_bytes
+    from solver_backend.studio.places_picture import places_picture
+
+    file = load_layouts()
+    layouts = {**file.layouts, **file.label_sets}
+    if args.layout not in layouts:
+        raise CommandLineInvalid(f"There is no layout {args.layout!r}.", hint=f"Known: {', '.join(layouts)}.")
+    places = tuple(dict.fromkeys(p for label in layouts[args.layout] if (p := file.place_of(label)) is not None))
+    picture = places_picture(load_chosen_body(args.body), places)
+    with atomic_output(args.out, overwrite=overwrite) as temporary:
+        temporary.write_bytes(png_bytes(picture))
+    data = {"picture": str(args.out), "layout": args.layout, "markers": len(places), "size": [*picture.shape[1::-1]]}
+    return Outcome(f"{len(places)} markers of {args.layout}\n  written     {args.out}", data)
 
 
 def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:

@@ -218,10 +218,11 @@ def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     names = ("steps", "seconds", "batch", "learning_rate", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    settings = LandmarkTraining(seed=args.seed, graph=args.device == "cuda", **chosen)
+    settings = LandmarkTraining(seed=args.seed, graph=args.device == "cuda", processor=args.processor, **chosen)
     finished = train_landmark_rows(
-        args.data, args.out, settings, row=args.row, width=args.width, work=args.work, progress=progress
-    )
+        args.data, args.out, settings, row=args.row, width=args.width, resolution=args.resolution, work=args.work,
+        progress=progress,
+    )  # fmt: skip
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     return Outcome(str(finished.weights), {"weights": str(finished.weights), **figures})
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from typing import Any
 
 import numpy as np
 
+KEPT = 16384
+"""Latencies that are kept, the newest: a run of hours keeps no more."""
+
 
 class LiveStatistics:
-    """Counts the lines of a run."""
+    """Counts the lines of a run; memory does not grow."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
         self.events: Counter[str] = Counter()
-        self.latency_ms: list[float] = []
+        self.latency_ms: deque[float] = deque(maxlen=KEPT)
 
     def add(self, line: dict[str, Any]) -> None:
         """Count a line."""

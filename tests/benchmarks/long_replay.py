@@ -22,6 +22,7 @@ import numpy as np
 from solver_backend.live.frames import PointFrame
 from solver_backend.live.recording import person_fit
 from solver_backend.live.session import LiveSession
+from solver_backend.live.statistics import LiveStatistics
 from solver_backend.rig.markers.devices.source import open_folder
 from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
 from solver_backend.rig.markers.streaming.worker import SensorTask
@@ -42,10 +43,12 @@ def main() -> int:
     network, fit = person_fit(None)
     session = LiveSession(network, fit, unit="m", up_axis="z")
     seen: list[tuple[int, list[float]]] = []
-    begin, poses = time.perf_counter(), 0
+    begin, poses, statistics = time.perf_counter(), 0, LiveStatistics()
     with MarkerChain(tasks, folder.fps) as chain:
         for number, frame in enumerate(_frames(chain)):
-            poses += sum("pose" in line for line in session.run([frame]))
+            for line in session.run([frame]):
+                statistics.add(line)
+                poses += "pose" in line
             over = time.perf_counter() - begin > args.seconds or number + 1 >= args.frames
             if number % max(args.frames // TOLD, 1) == 0 or over:
                 seen.append((number + 1, _resident_mb()))

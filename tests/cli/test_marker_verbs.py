@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 
+from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_layout
 from solver_backend.cli.main import main
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.native.subject_file import read_subject
+from solver_backend.io.png import read_png
 from solver_backend.types import MarkerCloud
 from tests.support.worn_markers import worn_markers
 
@@ -45,3 +48,42 @@ def test_layout_calibrate_solve(tmp_path, capsys):
 
     assert main([*solve[:2], "--out", str(tmp_path / "b.npz"), "--subject", str(layout)]) != 0
     assert not (tmp_path / "b.npz").exists()
+
+
+def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
+    pytest.importorskip("cv2")
+    pictures = {}
+    for layout, count in (("MANIFOLD_53", 53), ("HELEN_HAYES", 25)):
+        out = tmp_path / f"{layout}.png"
+        assert main(["marker-places", "--layout", layout, "--out", str(out), "--json"]) == 0
+        said = json.loads(capsys.readouterr().out.splitlines()[-1])
+        pictures[layout] = read_png(out)
+        height, width, _ = pictures[layout].shape
+        assert said["markers"] == count and said["size"] == [width, height]
+    assert main(["marker-places", "--out", str(tmp_path / "MANIFOLD_53.png")]) != 0  # it is there already
+    facing = (pictures["MANIFOLD_53"] == (255, 120, 20)).all(-1)
+    behind = (pictures["MANIFOLD_53"] == (200, 145, 85)).all(-1)
+    # Discs of 5 pixels' radius within a rim of one: each marker faces one side, and is behind on the other one.
+    assert 0.5 * 53 * np.pi * 4.0**2 < facing.sum() < 53 * np.pi * 5.0**2
+    assert behind.sum() < facing.sum()  # some lie behind those that face
+    assert facing[:, : facing.shape[1] // 2].any() and facing[:, facing.shape[1] // 2 :].any()
+    for arguments, code in ((["--layout", "NOBODY"], "command_line_invalid"), (["--body", "nobody"], "body_unknown")):
+        assert main(["marker-places", *arguments, "--out", str(tmp_path / "x.png"), "--json"]) != 0
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_names_do_not_stand_on_one_another():
+    pytest.importorskip("cv2")
+    from solver_backend.studio import places_picture as drawn
+
+    stood: list[np.ndarray] = []
+    kept, drawn._stood = drawn._stood, lambda *a: stood.append(np.stack(boxes := kept(*a))) or boxes
+    try:
+        drawn.places_picture(load_body(), marker_layout("MANIFOLD_53"))
+    finally:
+        drawn._stood = kept
+    assert sum(map(len, stood)) == 53
+    for boxes in stood:
+        shared = drawn._overlap(boxes[:, None], boxes) * ~np.eye(len(boxes), dtype=bool)
+        assert shared.max() < 3.0

@@ -19,7 +19,7 @@ from solver_backend.labelling.reading import CloudReading
 from solver_backend.live.frames import PointFrame, from_lines, replayed
 from solver_backend.live.point_tracks import PointTracks
 from solver_backend.live.session import LiveSession
-from solver_backend.live.statistics import LiveStatistics
+from solver_backend.live.statistics import KEPT, LiveStatistics
 from solver_backend.live.world import unit_of
 from solver_backend.types import MarkerCloud
 
@@ -196,6 +196,14 @@ def test_warming_up_leaves_nothing_behind(session, walk):
         for one in (session, other)
     ]
     assert said[0] == said[1] and len(said[0]) > FRAMES
+
+
+def test_statistics_of_a_run_of_hours_do_not_grow():
+    statistics = LiveStatistics()
+    for number in range(3 * KEPT):
+        statistics.add({"state": "tracking", "pose": [], "latency_ms": float(number >= 2 * KEPT)})
+    assert len(statistics.latency_ms) == KEPT
+    assert statistics.summary()["frames"] == 3 * KEPT and statistics.summary()["latency_ms"] == 1.0
 
 
 def test_no_frame_of_a_start_takes_many_steps_and_a_bad_one_is_given_time(session, walk):

@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 
 SIGMA_PX = 2.0
 """Spread of a drawn heatmap."""
+REACH_SIGMAS = 4.5
+"""Beyond so many spreads a Gaussian holds nothing."""
 WELSCH_NU = 0.05
 JS_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 
 def gaussian_heatmaps(u: torch.Tensor, v: torch.Tensor, size: int) -> torch.Tensor:
     """Return (..., size, size) maps that sum to 1, about unquantised (...) coordinates in -1..1; rows along v."""
-    pixels = torch.linspace(-1.0, 1.0, size, device=u.device)
+    return _profile(v, size)[..., :, None] * _profile(u, size)[..., None, :]
+
+
+def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
+    """Return the (..., size) profiles along one axis, which sum to 1."""
+    pixels = torch.linspace(-1.0, 1.0, size, device=where.device)
     sigma = 2.0 * SIGMA_PX / (size - 1)
-    across, down = (
-        torch.softmax(-0.5 * ((pixels - c.clamp(-1.0, 1.0)[..., None]) / sigma).square(), -1) for c in (u, v)
-    )
-    return down[..., :, None] * across[..., None, :]
+    return torch.softmax(-0.5 * ((pixels - where.clamp(-1.0, 1.0)[..., None]) / sigma).square(), -1)
 
 
 def expectations(heatmaps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the centres of mass, along columns and rows, of (..., H, W) maps that sum to 1."""
+    """Return the centres of mass, along columns and rows, of (..., S, S) maps that sum to 1."""
     pixels = torch.linspace(-1.0, 1.0, heatmaps.shape[-1], device=heatmaps.device)
-    return (heatmaps.sum(-2) * pixels).sum(-1), (heatmaps.sum(-1) * pixels).sum(-1)
+    v, u = torch.meshgrid(pixels, pixels, indexing="ij")
+    centre = heatmaps.flatten(-2) @ torch.stack((u.flatten(), v.flatten()), -1)
+    return centre[..., 0], centre[..., 1]
 
 
 def fused(heatmaps: torch.Tensor) -> torch.Tensor:
@@ -42,6 +50,28 @@ def jensen_shannon(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     middle = 0.5 * (a + b)
     log_middle = (middle + 1e-12).log()
     return 0.5 * (a * ((a + 1e-12).log() - log_middle) + b * ((b + 1e-12).log() - log_middle)).sum((-2, -1))
+
+
+def divergence_from_gaussians(u: torch.Tensor, v: torch.Tensor, heatmaps: torch.Tensor) -> torch.Tensor:
+    """Return the divergence of (..., S, S) maps from Gaussians about (...) coordinates, looking where the latter are.
+
+    The same as ``jensen_shannon(gaussian_heatmaps(u, v, S), heatmaps)`` but for what Gaussians hold beyond
+    ``REACH_SIGMAS``: where one map is 0, the other one's mass counts ``log(2) / 2``.
+    """
+    size = heatmaps.shape[-1]
+    side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
+    around = torch.arange(side, device=u.device)
+    columns, rows = (
+        ((c.clamp(-1.0, 1.0) + 1.0) * 0.5 * (size - 1) - side // 2).round().long().clamp(0, size - side)[..., None]
+        + around for c in (u, v)
+    )  # fmt: skip
+    down, across = _profile(v, size).gather(-1, rows), _profile(u, size).gather(-1, columns)
+    a = (down[..., :, None] * across[..., None, :]).flatten(-2)
+    index = (size * rows[..., :, None] + columns[..., None, :]).flatten(-2)
+    b = heatmaps.flatten(-2).gather(-1, index)
+    log_middle = (0.5 * (a + b) + 1e-12).log()
+    near = a * ((a + 1e-12).log() - log_middle) + b * ((b + 1e-12).log() - log_middle)
+    return 0.5 * (near.sum(-1) + math.log(2.0) * (2.0 - a.sum(-1) - b.sum(-1)))
 
 
 def welsch(truth: torch.Tensor, estimate: torch.Tensor, nu: float = WELSCH_NU) -> torch.Tensor:

@@ -30,6 +30,8 @@ class LandmarkTraining:
     """Gradient steps in all; as many as there is time for if 0."""
     seconds: float = 60.0
     """Time in all, where steps are 0: the rate of learning falls with what is left of it."""
+    processor: bool = False
+    """Seconds are the processor's, over all threads, not the clock's: the same on a machine that others share."""
     batch: int = 256
     learning_rate: float = 1e-3
     weight_decay: float = 1e-2
@@ -40,6 +42,8 @@ class LandmarkTraining:
     graph: bool = False
     """Capture the step as a CUDA graph."""
     checkpoint_s: float = 60.0
+    judged: int = 3
+    """Times that the weights are judged in all, evenly over the training; the best are kept."""
 
 
 Judge = Callable[[LandmarkModel, float, int], None]
@@ -47,9 +51,8 @@ Judge = Callable[[LandmarkModel, float, int], None]
 
 
 def train_landmarks(
-    model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path, judge: Judge,
-    judge_every_s: float = 60.0,
-) -> LandmarkModel:  # fmt: skip
+    model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path, judge: Judge
+) -> LandmarkModel:
     """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
 
     Raises:
@@ -59,19 +62,18 @@ def train_landmarks(
     run = _Run(model, draw, settings, folder)
     run.resume()
     run.advance()
-    run.started = saved = judged = time.monotonic()
+    run.started = run.now()
+    saved, judged = time.monotonic(), math.floor(settings.judged * run.share)
     while not run.finished:
         run.advance()
         if run.steps % _SYNCHRONISED:
             continue
         run.synchronise()
-        now = time.monotonic()
-        if now - judged > judge_every_s and not run.finished:
-            before = time.monotonic()
+        if math.floor(settings.judged * run.share) > judged and not run.finished:
+            before, judged = run.now(), math.floor(settings.judged * run.share)
             judge(run.averaged, run.seconds, run.steps)
-            judged = time.monotonic()
-            run.paused += judged - before
-        if now - saved > settings.checkpoint_s:
+            run.paused += run.now() - before
+        if time.monotonic() - saved > settings.checkpoint_s:
             run.save()
             saved = time.monotonic()
     run.save()
@@ -90,7 +92,8 @@ class _Run:
         self.model = model.to(settings.device)
         self.averaged = copy.deepcopy(model).requires_grad_(False)
         self.steps, self.before_s, self.paused = 0, 0.0, 0.0
-        self.started = time.monotonic()
+        self.now = time.process_time if settings.processor else time.monotonic
+        self.started = self.now()
         cuda = settings.device == "cuda"
         self.rate = torch.tensor(0.0, device=settings.device) if cuda else 0.0
         self.optimizer = torch.optim.AdamW(
@@ -104,7 +107,7 @@ class _Run:
     @property
     def seconds(self) -> float:
         """Time trained so far, over all runs."""
-        return self.before_s + time.monotonic() - self.started - self.paused
+        return self.before_s + self.now() - self.started - self.paused
 
     @property
     def share(self) -> float:
@@ -182,9 +185,10 @@ class _Run:
             return
         try:
             state = torch.load(self.checkpoint, map_location=self.settings.device, weights_only=True)
-            free = {"steps", "seconds", "checkpoint_s", "graph", "device"}
+            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged"}
             mine = {k: v for k, v in asdict(self.settings).items() if k not in free}
-            changed = [key for key, value in mine.items() if state["settings"].get(key) != value]
+            theirs = asdict(LandmarkTraining()) | state["settings"]
+            changed = [key for key, value in mine.items() if theirs[key] != value]
         except Exception as error:
             raise FileDamaged("The checkpoint cannot be read.", where=self.checkpoint.name) from error
         if changed:
@@ -203,7 +207,7 @@ class _Run:
         self.optimizer.param_groups[0]["lr"] = self.rate
         self.steps, self.before_s = state["steps"], state["seconds"]
         torch.manual_seed(self.settings.seed + self.steps)
-        self.started = time.monotonic()
+        self.started = self.now()
 
 
 def _schedule(share: float, steps: int) -> float:

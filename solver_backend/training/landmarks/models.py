@@ -10,14 +10,13 @@ from torch import nn
 
 from solver_backend.labelling.outputs import JOINTS, MARKERS, PUBLISHED_JOINTS
 from solver_backend.training.landmarks.cloud_stream import Clouds
-from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_and_back
+from solver_backend.training.landmarks.drawing import SIZE, depth_maps, drawn, front_and_back
 from solver_backend.training.landmarks.heatmaps import (
     JS_SHARE,
     WELSCH_SHARE,
+    divergence_from_gaussians,
     expectations,
     fused,
-    gaussian_heatmaps,
-    jensen_shannon,
     normalised,
     welsch,
 )
@@ -74,9 +73,11 @@ class Ours(LandmarkModel):
 class Published(LandmarkModel):
     """Two views through one UNet, one after the other in the batch; heatmaps fused by the shared y (thesis 4.2.3)."""
 
-    def __init__(self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch") -> None:
+    def __init__(
+        self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE
+    ) -> None:
         super().__init__()
-        self.columns, self.kind = columns, loss
+        self.columns, self.kind, self.size = columns, loss, size
         self.unet = UNet(1, len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
@@ -89,10 +90,9 @@ class Published(LandmarkModel):
         """Jensen-Shannon of the heatmaps and Welsch, or balanced MSE, of the positions (4.14, 4.15)."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
-        heat = self.heatmaps(depth_maps(points, seen))
-        size = heat.shape[-1]
+        heat = self.heatmaps(depth_maps(points, seen, self.size))
         views = torch.stack((truth[..., 0], truth[..., 2]), 1), torch.stack((truth[..., 1],) * 2, 1)
-        apart = jensen_shannon(gaussian_heatmaps(*views, size), heat).mean((1, 2))
+        apart = divergence_from_gaussians(*views, heat).mean((1, 2))
         weight = clouds.weight / clouds.weight.mean()
         found = fused(heat)
         if self.kind == "bmse":
@@ -102,15 +102,15 @@ class Published(LandmarkModel):
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return the fused centres of mass."""
         points, seen, frame, _ = drawn(clouds)
-        return _z_up(frame.metres(fused(self.heatmaps(depth_maps(points, seen)))))
+        return _z_up(frame.metres(fused(self.heatmaps(depth_maps(points, seen, self.size)))))
 
 
 class DemocapLike(LandmarkModel):
     """Front and back depth of one view; a heatmap and a depth map of every landmark (after Chatzitofis et al. 2021)."""
 
-    def __init__(self, width: int = 32, columns: tuple[int, ...] = PUBLISHED) -> None:
+    def __init__(self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, size: int = SIZE) -> None:
         super().__init__()
-        self.columns = columns
+        self.columns, self.size = columns, size
         self.unet = UNet(2, 2 * len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
@@ -124,8 +124,8 @@ class DemocapLike(LandmarkModel):
         """Jensen-Shannon of the heatmaps, Welsch of the positions."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
-        heat, found = self._read(front_and_back(points, seen))
-        apart = jensen_shannon(gaussian_heatmaps(truth[..., 0], truth[..., 1], heat.shape[-1]), heat).mean(1)
+        heat, found = self._read(front_and_back(points, seen, self.size))
+        apart = divergence_from_gaussians(truth[..., 0], truth[..., 1], heat).mean(1)
         # Far from the truth Welsch's gradient fades, and no heatmap tells of depth: absolute distance leads there.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
         weight = clouds.weight / clouds.weight.mean()
@@ -134,7 +134,7 @@ class DemocapLike(LandmarkModel):
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return centres of mass with the depth expected there."""
         points, seen, frame, _ = drawn(clouds)
-        return _z_up(frame.metres(self._read(front_and_back(points, seen))[1]))
+        return _z_up(frame.metres(self._read(front_and_back(points, seen, self.size))[1]))
 
 
 class FromCoordinates(LandmarkModel):

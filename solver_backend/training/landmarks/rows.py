@@ -12,8 +12,10 @@ import numpy as np
 import torch
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.training.landmarks.cloud_stream import Clouds, CloudStream, Variety
+from solver_backend.training.landmarks.drawing import SIZE
 from solver_backend.training.landmarks.evaluation import SETS, judge, judged_clouds
 from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks
 from solver_backend.training.landmarks.models import (
@@ -27,6 +29,7 @@ from solver_backend.training.landmarks.models import (
 from solver_backend.training.landmarks.point_net import PointNetWidths
 from solver_backend.training.landmarks.pose_draws import Balance, drawer
 from solver_backend.training.landmarks.poses import PoseTable
+from solver_backend.training.landmarks.unet import BLOCKS
 
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
 """The thesis' clouds: all 53 markers, its augmentations and corruptions alone."""
@@ -35,6 +38,8 @@ ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best: weighed by relevance, and enriched."""
 
 
+HALVED = 2 ** (BLOCKS - 1)
+"""A UNet halves maps so often."""
 OURS_WIDTH = 96
 """Of the network that ships."""
 
@@ -49,28 +54,36 @@ class Row:
     balance: Balance = UNBALANCED
     loss: Loss = "welsch"
     variety: Variety = FIXED
+    resolution: int = SIZE
+    """Pixels of the side of a drawn map."""
 
     def model(self) -> LandmarkModel:
         """Return the untrained network."""
         if self.network == "ours":
             return Ours(PointNetWidths(self.width))
         if self.network == "democap":
-            return DemocapLike(self.width)
+            return DemocapLike(self.width, size=self.resolution)
         if self.network == "coordinates":
             return FromCoordinates(self.width)
-        return Published(self.width, loss=self.loss)
+        return Published(self.width, loss=self.loss, size=self.resolution)
 
 
-def named_rows(width: int, ours_width: int = 0) -> dict[str, Row]:
-    """Return the rows by name; the UNets' width is a setting, 32 is the paper's, and so is ours."""
-    base = Row("published", width)
+def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[str, Row]:
+    """Return the rows by name; the UNets' width and resolution are settings, 32 and 160 the paper's; so is ours' width.
+
+    Raises:
+        JobInvalid: maps of that size cannot be halved four times.
+    """
+    if resolution < 1 or resolution % HALVED:
+        raise JobInvalid(f"Maps are a multiple of {HALVED} pixels wide, not {resolution}.", hint="--resolution 160.")
+    base = Row("published", width, resolution=resolution)
     rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
     rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
         "random", "lerp", "slerp", "squad", "bezier", "bspline",
     )}  # fmt: skip
     rows |= {kind: replace(base, balance=Balance(relevance=kind)) for kind in ("e(R)", "σ(R)", "e(D)", "σ(D)")}
     rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
-    democap, coordinates = Row("democap", width), Row("coordinates", 256)
+    democap, coordinates = replace(base, network="democap"), Row("coordinates", 256)
     rows |= {"democap": democap, "democap ortho": replace(democap, balance=ORTHO), "coordinates": coordinates}
     ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
     rows |= {
@@ -114,7 +127,7 @@ def train_row(row: Row, table: PoseTable, body: Body, settings: LandmarkTraining
         }  # fmt: skip
         write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
 
-    train_landmarks(model, draw, settings, out, look, judge_every_s=max(20.0, settings.seconds / 3))
+    train_landmarks(model, draw, settings, out, look)
     return min(history, key=lambda h: h["fixed selection"]["rmse3"])
 
 

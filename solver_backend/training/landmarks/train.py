@@ -21,6 +21,7 @@ from solver_backend.training.data.sources.clips import load_clips, load_far_clip
 from solver_backend.training.engine.devices import check_device
 from solver_backend.training.engine.recipe import Finished
 from solver_backend.training.landmarks.distance_table import write_distance_table
+from solver_backend.training.landmarks.drawing import SIZE
 from solver_backend.training.landmarks.loop import LandmarkTraining
 from solver_backend.training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
 from solver_backend.training.landmarks.rows import named_rows, train_row
@@ -32,8 +33,8 @@ PUBLISHED_WIDTH = 32
 
 
 def train_landmark_rows(
-    data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, work: Path | None = None,
-    progress: Progress = silent,
+    data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
+    work: Path | None = None, progress: Progress = silent,
 ) -> Finished:  # fmt: skip
     """Train one row of the tables, or go on from its checkpoint; ours is published as ``landmarks.npz`` with its card.
 
@@ -43,11 +44,12 @@ def train_landmark_rows(
         settings: steps or seconds, batch and the like.
         row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
         width: of the network; its own if 0 (ours 96, the published 32).
+        resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
         work: folder of the checkpoint; ``out`` and the row's name if None.
         progress: called as recordings are read.
 
     Raises:
-        JobInvalid: there is no such row, or no such device.
+        JobInvalid: there is no such row, no such device, or no UNet for maps of that size.
         FileMissing: no recordings.
         TrainingMismatch, FileDamaged: the checkpoint is another's, or cannot be read.
     """
@@ -56,7 +58,9 @@ def train_landmark_rows(
         out.mkdir(parents=True, exist_ok=True)
         return Finished(write_distance_table(out / f"{TABLE_NAME}.npz", table_of(data, out, progress)), {})
     ours = row.startswith("ours")
-    rows = named_rows(width or PUBLISHED_WIDTH, ours_width=width if ours and width else 0)
+    rows = named_rows(
+        width or PUBLISHED_WIDTH, ours_width=width if ours and width else 0, resolution=resolution or SIZE
+    )
     if row not in rows:
         raise JobInvalid(f"There is no row {row!r} of the tables (known: {', '.join((*rows, DISTANCES))}).")
     out.mkdir(parents=True, exist_ok=True)

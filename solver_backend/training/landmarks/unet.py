@@ -26,6 +26,7 @@ class UNet(nn.Module):
         )
         self.predict = nn.Conv2d(widths[0], outputs, 1)
         self.pools = nn.ModuleList(_SmoothPool(b) for b in widths[:-1])
+        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
     def forward(self, maps: torch.Tensor) -> torch.Tensor:
         """Return (B, outputs, H, W) of (B, inputs, H, W); H and W are divisible by 16."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from solver_backend.rig.markers.devices.record import Recording
 from solver_backend.rig.markers.devices.recorded import RecordedSensor
 from solver_backend.rig.markers.devices.source import open_folder
 from solver_backend.rig.markers.fusion.gather import Finding
-from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
+from solver_backend.rig.markers.streaming.chain import END_S, LiveMoment, MarkerChain
 from solver_backend.rig.markers.streaming.statistics import KEPT, ChainStatistics
 from solver_backend.rig.markers.streaming.worker import SensorTask
 from tests.support.recorded_markers import CAMERAS, FRAMES, POINTS, recorded
@@ -61,6 +62,25 @@ def test_sensors_that_can_wait_wait_for_the_slowest(recording: Path) -> None:
         came = list(chain.moments())
     assert all(isinstance(m, LiveMoment) for m in came) and len(came) == FRAMES
     assert chain.statistics.skipped == 0 and not chain.statistics.lost
+
+
+def test_sensors_that_wait_end_as_soon_as_they_are_told(recording: Path) -> None:
+    """Those far ahead are no longer read: at the end they must be, or they are killed after seconds without a word."""
+    folder = open_folder(recording)
+    tasks = [SensorTask(replace(device, repeat=True), CAMERAS, live=False) for device in folder.devices]
+    with MarkerChain(tasks, folder.fps) as chain:
+        next(chain.moments())
+        deadline = time.monotonic() + 10.0
+        while not all(chain._is_ahead(c) for c in chain._open) and time.monotonic() < deadline:
+            chain._listen(0.01)
+        assert all(chain._is_ahead(c) for c in chain._open)
+        spent, begin = time.process_time(), time.monotonic()
+        for _ in range(20):
+            chain._listen(0.01)
+        assert time.monotonic() - begin >= 0.2 and time.process_time() - spent < 0.1
+        begin = time.monotonic()
+    assert time.monotonic() - begin < END_S
+    assert set(chain.ends) == set(CAMERAS.names)
 
 
 def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from solver_backend.body.body import load_body  # noqa: E402
-from solver_backend.exchange.errors import TrainingMismatch  # noqa: E402
+from solver_backend.exchange.errors import JobInvalid, TrainingMismatch  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.training.data.sources.clips import Clip  # noqa: E402
 from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
@@ -49,13 +49,32 @@ def test_a_training_goes_on_from_its_checkpoint(tmp_path, draw):
     before = {k: v.clone() for k, v in model.state_dict().items()}
     again = Ours(PointNetWidths(16, 1, 2))
     averaged = train_landmarks(again, draw, settings(5), tmp_path, lambda m, s, n: seen.append(n))
-    assert seen == [3, 5]
+    assert seen == [3, 5]  # steps are looked at by tens
     assert any(not torch.equal(before[k], v) for k, v in again.state_dict().items())
     assert averaged is not again
     with pytest.raises(TrainingMismatch, match="seed"):
         train_landmarks(Ours(PointNetWidths(16, 1, 2)), draw, settings(6, seed=1), tmp_path, lambda *_: None)
     with pytest.raises(TrainingMismatch, match="another network"):
         train_landmarks(Ours(PointNetWidths(32, 1, 2)), draw, settings(6), tmp_path, lambda *_: None)
+
+
+def test_seconds_may_be_the_processors(tmp_path, draw, monkeypatch):
+    from solver_backend.training.landmarks import loop
+
+    spent = iter(np.arange(0.0, 1e6, 0.5))
+    monkeypatch.setattr(loop.time, "process_time", lambda: float(next(spent)))
+    monkeypatch.setattr(loop.time, "monotonic", lambda: 0.0)
+    seen: list[tuple[float, int]] = []
+    timed = LandmarkTraining(seconds=30.0, processor=True, batch=8, judged=2)
+    torch.manual_seed(0)
+    train_landmarks(Ours(PointNetWidths(16, 1, 2)), draw, timed, tmp_path, lambda m, s, n: seen.append((s, n)))
+    assert len(seen) == 2 and 15.0 <= seen[0][0] < 25.0 and seen[1][0] >= 30.0
+
+
+def test_maps_that_no_unet_can_halve_are_refused():
+    with pytest.raises(JobInvalid, match="multiple of 16 pixels wide, not 100"):
+        named_rows(8, resolution=100)
+    assert named_rows(8, resolution=48)["democap"].model().size == 48
 
 
 def test_a_row_writes_weights_and_figures(tmp_path, table):

@@ -14,6 +14,7 @@ from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: 
 from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
 from solver_backend.training.landmarks.evaluation import judge  # noqa: E402
 from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
+    divergence_from_gaussians,
     expectations,
     fused,
     gaussian_heatmaps,
@@ -74,6 +75,17 @@ def test_divergence_is_zero_for_equal_maps_and_log_2_for_those_apart():
     assert jensen_shannon(a, b)[0] == pytest.approx(math.log(2.0), abs=1e-3)
 
 
+@pytest.mark.parametrize("size", [16, 48, 160])
+def test_the_divergence_from_gaussians_is_that_of_the_whole_maps(size):
+    draw = torch.Generator().manual_seed(size)
+    where = 2.2 * torch.rand(40, 2, generator=draw) - 1.1  # at the rim and beyond it too
+    sharp = 4.0 * torch.randn(40, 1, 1, generator=draw).abs()
+    maps = torch.softmax(sharp.flatten(1) * torch.randn(40, size * size, generator=draw), -1).view(40, size, size)
+    maps[::2] = 0.5 * maps[::2] + 0.5 * gaussian_heatmaps(where[::2, 0] + 0.02, where[::2, 1], size)
+    whole = jensen_shannon(gaussian_heatmaps(where[:, 0], where[:, 1], size), maps)
+    assert torch.allclose(divergence_from_gaussians(where[:, 0], where[:, 1], maps), whole, atol=2e-4)
+
+
 def test_welsch_is_4_15():
     e = torch.tensor([[0.03, 0.0, 0.04]])
     assert welsch(torch.zeros(1, 3), e)[0] == pytest.approx(1 - math.exp(-0.0025 / (2 * 0.05**2)))
@@ -106,7 +118,12 @@ def test_the_unet_keeps_the_size_and_grows_with_the_width(width):
 
 @pytest.mark.parametrize(
     "make",
-    [lambda: Ours(PointNetWidths(16, 1, 2)), lambda: Published(2), lambda: DemocapLike(2), lambda: FromCoordinates(8)],
+    [
+        lambda: Ours(PointNetWidths(16, 1, 2)),
+        lambda: Published(2),
+        lambda: DemocapLike(2, size=48),
+        lambda: FromCoordinates(8),
+    ],
     ids=["ours", "published", "democap-like", "from coordinates"],
 )
 def test_every_network_learns_one_batch_a_little_and_is_judged(make, clouds):

@@ -74,6 +74,7 @@ class MarkerChain:
         self._open: dict[Connection, int] = {}
         self._processes: list[Any] = []
         self._waited_for: set[Connection] = set()
+        self._ending = False
         self.start = 0.0
         """Host's seconds at which sensors began."""
         self.statistics = ChainStatistics()
@@ -109,6 +110,7 @@ class MarkerChain:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._ending = True
         for connection in self._open:
             with suppress(OSError):
                 connection.send("stop")
@@ -145,7 +147,10 @@ class MarkerChain:
 
     def _listen(self, seconds: float) -> None:
         """Take all that sensors have sent, or wait for it; a patient chain lets those wait that are far ahead."""
-        for connection in wait([c for c in self._open if not self._is_ahead(c)], seconds):
+        heard = [c for c in self._open if not self._is_ahead(c)]
+        if not heard:
+            time.sleep(seconds)  # where nobody is waited for, ``wait`` returns at once on some systems
+        for connection in wait(heard, seconds) if heard else ():
             assert isinstance(connection, Connection)
             try:
                 while connection.poll() and not self._is_ahead(connection):
@@ -154,8 +159,8 @@ class MarkerChain:
                 self._gone(connection)
 
     def _is_ahead(self, connection: Connection) -> bool:
-        """Return whether a sensor that can wait has sent enough until the others come."""
-        if not self._patient:
+        """Return whether a sensor that can wait has sent enough until the others come; nobody has at the end."""
+        if not self._patient or self._ending:
             return False
         task = self._tasks[self._open[connection]]
         names = task.cameras.names
