@@ -139,7 +139,7 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
 
     Args:
         values: the job's settings.
-        folder: what the paths of a body file and of a layout are relative to.
+        folder: what the paths of a body file, a layout and a noise map are relative to.
 
     Raises:
         JobInvalid: a key is unknown, a type wrong or a value impossible.
@@ -148,8 +148,8 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
         kind = (int, float) if isinstance(item.default, float) else type(item.default)
         _typed(values, item.name, (list, tuple) if item.default is None or kind is tuple else kind)
     settings = SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
-    if settings.layout:
-        settings = replace(settings, layout=str(folder / settings.layout))
+    files = {name: str(folder / getattr(settings, name)) for name in ("layout", "noise") if getattr(settings, name)}
+    settings = replace(settings, **files)
     return replace(settings, body=str(folder / settings.body)) if is_path(settings.body) else settings
 
 

@@ -160,6 +160,11 @@ class MocapSolve(bpy.types.PropertyGroup):
         name="Subject", subtype="FILE_PATH", options=RELATIVE,
         description="Calibrated person who wears the markers; empty to learn shape and places from the take itself",
     )  # fmt: skip
+    noise: bpy.props.StringProperty(
+        name="Detector's Noise", subtype="FILE_PATH", options=RELATIVE,
+        description="File that says how far the detector's keypoints scatter at each confidence, as the command line's "
+        "detector-noise measures it; empty takes confidences as they are",
+    )  # fmt: skip
     keep_shape: bpy.props.BoolProperty(
         name="Keep Shape",
         description="Solve with the shape the body's sliders show; without it the shape is estimated anew",

@@ -39,7 +39,7 @@ def prepare_job(
 
     Raises:
         OutputNotWritable: takes cannot be written where they should go.
-        TakeMissing: the capture, or the motion to solve again, is no longer on the disk.
+        TakeMissing: the capture, the motion to solve again, or a file of the settings is no longer on the disk.
     """
     settings = scene.mocap
     chosen = settings.capture if of is None else of
@@ -56,6 +56,8 @@ def prepare_job(
         values["leave_out"] = left_out
     if layout is not None:
         values["layout"] = layout.name
+    if settings.solve.noise and not chosen.marker_items:
+        values["noise"] = str(_detectors_noise(settings))
     report = take.report if settings.solve.report and chosen.file else None
     whom = chosen.people[index].key if chosen.people else None
     job = JobFile(
@@ -132,6 +134,14 @@ def _subject(settings: bpy.types.PropertyGroup, capture: bpy.types.PropertyGroup
     if not path.is_file():
         hint = "Calibrate the subject again, or empty the field Subject."
         raise TakeMissing("The file of the calibrated subject is gone.", where=str(path), hint=hint)
+    return path
+
+
+def _detectors_noise(settings: bpy.types.PropertyGroup) -> Path:
+    path = file_of(settings.solve.noise)
+    if not path.is_file():
+        hint = "Measure it again (detector-noise), or empty the field Detector's Noise."
+        raise TakeMissing("The file of the detector's noise is gone.", where=str(path), hint=hint)
     return path
 
 

@@ -115,6 +115,7 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
     solve.add_argument("--told", type=Path, metavar="TOLD.json", help="names of points from a person, which bind")
     solve.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
+    solve.add_argument("--noise", metavar="NOISE.json", help="what a detector's confidence means, see detector-noise")
     solve.add_argument("--method", help="global (default), sliding, frame or noise-aware")
     solve.add_argument("--backend", help="numpy (default) or torch")
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")

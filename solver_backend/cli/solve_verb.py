@@ -217,7 +217,7 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
     files, chosen = (
         ("capture", "out", "report", "subject", "told", "overwrite"),
-        ("method", "backend", "body", "layout", "leave_out"),
+        ("method", "backend", "body", "layout", "noise", "leave_out"),
     )
     names = (*files, *READING, *chosen, "resolve", "frames")
     given = [name for name in names if getattr(args, name) is not None]

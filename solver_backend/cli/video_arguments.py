@@ -51,6 +51,8 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     road.add_argument("--stature", type=float, metavar="METRES", help="of the person, who tells the scale")
     road.add_argument("--method", help="global (default), sliding, frame or noise-aware")
 
+    road.add_argument("--noise", metavar="NOISE.json", help="what the confidence means, see detector-noise")
+
     noise = verbs.add_parser(
         "detector-noise", parents=[writing, common], help="measure what a detector's confidence means"
     )
@@ -70,10 +72,7 @@ def _detector() -> argparse.ArgumentParser:
     options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
     options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
     options.add_argument(
-        "--noise", type=Path, metavar="NOISE.json", help="what the confidence means, see detector-noise"
-    )
-    options.add_argument(
-        "--sync", choices=("auto", "keypoints", "sound", "flash", "none"), default="auto",
+        "--sync", choices=("auto", "keypoints", "clap", "sound", "flash", "none"), default="auto",
         help="how the cameras' clocks are told (default: by whatever tells them)",
     )  # fmt: skip
     return options

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.rig.detect.preview import write_previews
     from solver_backend.rig.sync.synchronise import synchronise
 
-    overwrite, choice, noise = bool(args.overwrite), _choice(args), _noise(args)
+    overwrite, choice = bool(args.overwrite), _choice(args)
     check_output(args.out, overwrite=overwrite)
     videos = _videos(args.videos)
     calibration = None
@@ -46,9 +45,6 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = detect_videos(videos, choice, folder, progress, jobs=args.jobs)
     clocks = synchronise(found, calibration and calibration.cameras, args.sync, progress)
     capture = assembled(args.out.stem, found, clocks, calibration, progress)
-    if noise is not None and capture.keypoints is not None:
-        weighted, note = noise.applied(capture.keypoints, found[0].detector)
-        capture = replace(capture, keypoints=weighted, notes=(*capture.notes, note))
     write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=overwrite)
     previews = write_previews(found, args.preview, progress, overwrite=overwrite) if args.preview else []
     text, data = describe_capture(capture)
@@ -74,9 +70,9 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     data: dict[str, Any] = {"plan": lines, "takes": {}}
     if args.dry_run:
         return Outcome("\n".join(lines), data)
-    chosen = {name: getattr(args, name) for name in ("body", "method") if getattr(args, name) is not None}
+    chosen = {name: getattr(args, name) for name in ("body", "method", "noise") if getattr(args, name) is not None}
     settings = RoadSettings(
-        detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs, noise=_noise(args),
+        detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs,
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(chosen),
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras),
     )  # fmt: skip
@@ -147,15 +143,21 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Measure what a detector's confidence means on captures of known cameras."""
     import json
 
+    from solver_backend.cameras.noise_map import detector_of, is_applied
     from solver_backend.io.load import load_capture
-    from solver_backend.rig.detect.noise_map import measure_noise_map
+    from solver_backend.rig.detect.measure_noise_map import measure_noise_map
 
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     captures = [load_capture(path, progress=progress) for path in args.captures]
+    weighted = [capture.name for capture in captures if is_applied(capture.notes)]
+    if weighted:
+        raise CommandLineInvalid(
+            "Confidences that a noise map has weighted are not the detector's own.",
+            where=", ".join(weighted), hint="Detect again without --noise, and measure these captures.",
+        )  # fmt: skip
     notes = [note for capture in captures for note in capture.notes]
-    named = [found.group(1) for note in notes if (found := re.match(r"Detector: (.+?);", note))]
-    name = args.detector_name or (named[0] if named else "unnamed detector")
+    name = args.detector_name or detector_of(notes) or "unnamed detector"
     noise = measure_noise_map(captures, name)
     write_text(args.out, json.dumps(noise.as_dict(), indent=2) + "\n", overwrite=overwrite)
     steps = zip(noise.confidence, noise.sigma_mm, strict=True)
@@ -168,14 +170,6 @@ def _choice(args: argparse.Namespace) -> Any:
     from solver_backend.rig.detect.choice import chosen_detector
 
     return chosen_detector(args.detector, python=args.python, people=args.people, hands=args.hands)
-
-
-def _noise(args: argparse.Namespace) -> Any:
-    if args.noise is None:
-        return None
-    from solver_backend.rig.detect.noise_map import read_noise_map
-
-    return read_noise_map(args.noise)
 
 
 def _videos(given: list[Path]) -> list[Path]:

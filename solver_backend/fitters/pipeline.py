@@ -24,6 +24,7 @@ from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
+from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.model.subject import Subject
@@ -65,6 +66,7 @@ def solve(
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
+        FileMissing, FileDamaged, JobInvalid: the noise map is none, or is not for this capture.
         MarkersUnknown: too few markers have labels that a layout knows.
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
         SubjectInvalid: the person is of another body, or wears other markers.
@@ -192,12 +194,13 @@ def prepare(
         )  # fmt: skip
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     prior = load_sposer() if prior is None else prior
+    meant = with_meant_confidence(capture, settings.noise)
     if capture.keypoints is None and capture.markers is not None:
         if settings.method in _FIND_THE_SHAPE and person is None:
             return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
         return marker_problem(capture.markers, body, prior, like, settings, progress, person)
     views = measure_views(
-        without_views(capture, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync
+        without_views(meant, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync
     )
     return Problem.of(body, prior, views)
 

@@ -39,6 +39,9 @@ class SolveSettings:
     """Name of the body, or the path of a body file."""
     layout: str = ""
     """Path of a file that says which place each marker's label names; empty goes by the layouts that are known."""
+    noise: str = ""
+    """Path of a file that says how far the detector's keypoints scatter at each confidence; empty takes confidences as
+    they are."""
     estimate_sync: bool = False
     """Where some camera is late, move the others by their delays too; without, only by sure ones from 0.3 frames on."""
     contacts: bool = True
@@ -75,6 +78,7 @@ class SolveSettings:
             "smoothing": (0.1 <= self.smoothing <= 100, "a number from 0.1 to 100"),
             "foot_lock": (0.1 <= self.foot_lock <= 5, "a number from 0.1 to 5"),
             "layout": (isinstance(self.layout, str), "the path of a layout's file"),
+            "noise": (isinstance(self.noise, str), "the path of a detector's noise map"),
             "body": (isinstance(self.body, str) and bool(self.body.strip()), "a body's name or the path of its file"),
             "leave_out": (
                 all(isinstance(item, str) for item in self.leave_out),

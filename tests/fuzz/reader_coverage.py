@@ -29,7 +29,7 @@ _READERS = (
     "solver_backend/live/frames.py",
     "solver_backend/rig/boards/board.py",
     "solver_backend/rig/detect/answers.py",
-    "solver_backend/rig/detect/noise_map.py",
+    "solver_backend/cameras/noise_map.py",
     "solver_backend/rig/detect/video_detections.py",
     "solver_backend/rig/intrinsics/known_lenses.py",
     "solver_backend/rig/intrinsics/library.py",

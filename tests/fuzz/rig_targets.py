@@ -12,6 +12,8 @@ import numpy as np
 
 from solver_backend.body.label_places import read_label_places
 from solver_backend.body.marker_layouts import DEFAULT, load_layouts
+from solver_backend.cameras.noise_map import FORMAT as NOISE
+from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.exchange.errors import CalibrationInvalid, MocapError
 from solver_backend.io.native.told_file import read_told
 from solver_backend.labelling.outputs import MARKERS
@@ -19,8 +21,6 @@ from solver_backend.live.frames import from_lines
 from solver_backend.rig.adjustment.lens import Lens
 from solver_backend.rig.boards.board import board_named, board_toml
 from solver_backend.rig.detect.answers import read_arrays, read_head
-from solver_backend.rig.detect.noise_map import FORMAT as NOISE
-from solver_backend.rig.detect.noise_map import read_noise_map
 from solver_backend.rig.detect.video_detections import VideoDetections, read_detections, write_detections
 from solver_backend.rig.extrinsics.points_session import read_clicks
 from solver_backend.rig.intrinsics.known_lenses import known_lenses

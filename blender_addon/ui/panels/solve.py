@@ -82,7 +82,7 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
             else:
                 _draw_value(column, solve, name)
         layout.separator()
-        for name in ("estimate_sync", "keep_shape", "report", "body", "backend"):
+        for name in ("estimate_sync", "keep_shape", "report", "body", "noise", "backend"):
             draw_setting(layout, context, solve, name)
         draw_setting(layout, context, context.scene.mocap, "folder")
 

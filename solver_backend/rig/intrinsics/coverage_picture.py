@@ -14,7 +14,7 @@ from solver_backend.rig.intrinsics.view_selection import coverage
 from solver_backend.rig.opencv import opencv
 
 WIDTH = 480
-_PAPER, _CELL, _CORNER = (40, 36, 34), (74, 92, 58), (70, 112, 236)
+_PAPER, _CELL, _CORNER = (66, 60, 56), (74, 92, 58), (70, 112, 236)
 
 
 def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:

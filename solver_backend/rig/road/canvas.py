@@ -52,6 +52,12 @@ class Canvas:
         font = self._cv2.FONT_HERSHEY_SIMPLEX
         self._cv2.putText(self.rgb, plain, (round(x), round(y)), font, size, colour, 1, self._cv2.LINE_AA)
 
+    def text_width(self, words: str, size: float = 0.5) -> float:
+        """Return how many pixels words take from left to right."""
+        plain = words.encode("ascii", "replace").decode()
+        (width, _), _ = self._cv2.getTextSize(plain, self._cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        return float(width)
+
     def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
         """Lay a picture into a rectangle, as large as fits, its proportions kept."""
         scale = min(width / rgb.shape[1], height / rgb.shape[0])
@@ -81,7 +87,9 @@ def grid(count: int) -> tuple[int, int]:
 
 
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
-    """Return pictures side by side, each below its title."""
+    """Return pictures side by side, each below its title; an empty canvas where there is none."""
+    if not pictures:
+        return Canvas()
     columns, rows = grid(len(pictures))
     canvas = Canvas()
     width, height = SIDE / columns, SIDE / rows

@@ -23,7 +23,12 @@ LOOKED_AT = 240
 """The picture that is shown is one of so many first ones, so that a long video is not read to its middle."""
 SHOWN_S = 12.0
 """Seconds of the clocks' curves."""
-_LEFT, _TOP = 40, 30
+_LEFT, _TOP, _RIGHT = 40, 30, 190
+"""Margins of the clocks' curves; the cameras' names stand in the right one."""
+_TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+_MOST_TICKS = 13
+_WEDGE = 90.0
+"""Length of a camera's field of view in the plan, pixels."""
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
@@ -71,21 +76,21 @@ def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path)
     _curves(canvas, [(c[0], c[2]) for c in curves], span, 0, "as filmed")
     _curves(canvas, [(c[1], c[2]) for c in curves], span, SIDE // 2, "on one clock")
     for c, name in enumerate(clocks.names):
-        canvas.text(SIDE - 250, _TOP + 16 * (c + 1), f"{name} {1e3 * clocks.offset_s[c]:+.1f} ms",
-                    COLOURS[c % len(COLOURS)], 0.42)  # fmt: skip
+        words = f"{name} {1e3 * clocks.offset_s[c]:+.1f} ms"
+        canvas.text(SIDE - _RIGHT + 10, _TOP + 18 * (c + 1), words, COLOURS[c % len(COLOURS)], 0.42)
     return canvas.save(path)
 
 
 def _curves(
     canvas: Canvas, curves: list[tuple[np.ndarray, np.ndarray]], span: tuple[float, float], top: int, title: str
 ) -> None:
-    height, width = SIDE // 2 - _TOP - 24, SIDE - _LEFT - 10
+    height, width = SIDE // 2 - _TOP - 24, SIDE - _LEFT - _RIGHT
     canvas.text(10, top + 20, f"speed of the limbs, {title}")
-    first = int(np.ceil(span[0]))
-    for second in range(first, int(span[1]) + 1):
+    step = next((s for s in _TICKS_S if (span[1] - span[0]) / s <= _MOST_TICKS), _TICKS_S[-1])
+    for second in step * np.arange(np.ceil(span[0] / step), np.floor(span[1] / step + 1e-6) + 1):
         x = _LEFT + width * (second - span[0]) / (span[1] - span[0])
         canvas.line(np.array([[x, top + _TOP], [x, top + _TOP + height]]), FAINT)
-        canvas.text(x - 8, top + _TOP + height + 16, f"{second} s", FAINT, 0.4)
+        canvas.text(x - 10, top + _TOP + height + 16, f"{second:g} s", INK, 0.4)
     for c, (when, values) in enumerate(curves):
         inside = (when >= span[0]) & (when <= span[1])
         x = _LEFT + width * (when[inside] - span[0]) / (span[1] - span[0])
@@ -105,7 +110,7 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
     way = walked[np.isfinite(walked).all(-1), :2]
     shown = np.concatenate([centres, way, centres.mean(0)[None] + 0.5, centres.mean(0)[None] - 0.5])
     low, high = shown.min(0), shown.max(0)
-    scale = (SIDE - 120) / float((high - low).max())
+    scale = (SIDE - 260) / float((high - low).max())
     middle = (low + high) / 2
 
     def at(points: np.ndarray) -> np.ndarray:
@@ -124,10 +129,15 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
         ahead = cameras.R[c, 2, :2] / max(float(np.linalg.norm(cameras.R[c, 2, :2])), 1e-9)
         half = float(np.arctan2(cameras.image_size[c, 0] / 2, cameras.K[c, 0, 0]))
         turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (half, -half)]
-        wedge = np.stack([centres[c], *(centres[c] + 90 / scale * turn @ ahead for turn in turns)])
+        wedge = np.stack([centres[c], *(centres[c] + _WEDGE / scale * turn @ ahead for turn in turns)])
         canvas.line(at(wedge), colour, 2, closed=True)
-        x, y = at(centres[c])
-        canvas.text(min(x + 6, SIDE - 110), y - 8, f"{name} {cameras.centres[c, 2]:.2f} m", colour, 0.45)
+        # The name stands behind the camera, where its field of view is not.
+        (x, y), words = at(centres[c]), f"{name} {cameras.centres[c, 2]:.2f} m"
+        wide = canvas.text_width(words, 0.45)
+        left = x - wide / 2 - ahead[0] * (wide / 2 + 8)
+        canvas.text(
+            np.clip(left, 4, SIDE - wide - 4), np.clip(y + 16 * ahead[1] + 4, 14, SIDE - 30), words, colour, 0.45
+        )
     canvas.text(10, SIDE - 12, "from above; lines are 1 m apart, heights beside the names", INK, 0.45)
     return canvas.save(path)
 
@@ -139,7 +149,7 @@ def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> 
     most = max(2.0 * check.all_px, 1.0)
     canvas.text(10, 20, "error by part of the picture, px")
     canvas.text(SIDE // 2, 20, "distance to epipolar lines over the take, px")
-    tall = max(float(np.nanmax(np.nan_to_num(check.epipolar_px))), 1.0) * 1.15
+    tall = max(float(np.nanmax(np.nan_to_num(check.epipolar_px))), 1.0) * 1.3
     for c, name in enumerate(names):
         y, colour = 34 + c * height, COLOURS[c % len(COLOURS)]
         canvas.text(10, y + 20, name, colour)
@@ -154,6 +164,9 @@ def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> 
                 words = f"{value:.1f}" if np.isfinite(value) else "-"
                 canvas.text(130 + w * column + 18, y + 4 + h * row + h / 2 + 4, words, INK, 0.42)
         track = check.epipolar_px[c]
+        if np.isfinite(track).any():
+            words = f"{np.nanmin(track):.1f} to {np.nanmax(track):.1f} px"
+            canvas.text(SIDE / 2 + 10, y + 16, words, INK, 0.42)
         x = np.linspace(SIDE / 2 + 10, SIDE - 20, len(track))
         base = y + height - 8
         canvas.line(np.array([[SIDE / 2, base], [SIDE - 10, base]]), FAINT)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
@@ -26,7 +27,6 @@ from solver_backend.rig.check.calibration_check import CalibrationCheck, check_c
 from solver_backend.rig.detect.assemble import assembled
 from solver_backend.rig.detect.choice import DetectorChoice
 from solver_backend.rig.detect.detect_videos import detect_videos
-from solver_backend.rig.detect.noise_map import NoiseMap
 from solver_backend.rig.road import pictures
 from solver_backend.rig.road.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.rig.road.layout import FoundFolder
@@ -50,8 +50,6 @@ class RoadSettings:
     """The last step."""
     jobs: int = 0
     """Detectors at a time; 0 is one a core."""
-    noise: NoiseMap | None = None
-    """How the detector's confidence tells its spread; None takes it as it is."""
     redo: tuple[str, ...] = ()
     """Steps that are done again even if nothing has changed."""
     overwrite: bool = False
@@ -132,9 +130,9 @@ class _Road:
         self.steps.tell("calibrate", "made", made.words, made.doubts, drawn)
 
     def capture(self) -> None:
-        plan, noise, calibration = self._plan, self._settings.noise, self._calibration
+        plan, calibration = self._plan, self._calibration
         assert calibration is not None
-        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), noise and noise.as_dict()]
+        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), None]
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
@@ -142,9 +140,6 @@ class _Road:
                 assembled(plan.take.name, self._detections, self._clocks, calibration, self._progress),
                 "made",
             )
-            if noise is not None and capture.keypoints is not None:
-                weighted, note = noise.applied(capture.keypoints, self._detections[0].detector)
-                capture = replace(capture, keypoints=weighted, notes=(*capture.notes, note))
             self._capture = checked(capture)
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
@@ -156,7 +151,9 @@ class _Road:
 
     def solve(self) -> None:
         plan, settings = self._plan, self._settings
-        made_of = [self._made_of, repr(settings.solve)]
+        noise = settings.solve.noise
+        meant = [read_noise_map(noise).as_dict()] if noise else []
+        made_of = [self._made_of, repr(settings.solve), *meant]
         if self._is_kept(plan.motion, made_of, "solve"):
             self.steps.tell("solve", "kept", [str(plan.motion)])
             return

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.rig.detect.video_detections import VideoDetections
 from solver_backend.rig.road.canvas import COLOURS, PAPER, Canvas, mosaic
-from solver_backend.rig.road.pictures import cameras_picture, clocks_picture, detections_picture
+from solver_backend.rig.road.pictures import cameras_picture, clocks_picture, detections_picture, draw_boards
 from solver_backend.rig.sync.clocks import Clocks
 from solver_backend.types import JointSet
 from tests.support.camera_ring import ring
@@ -59,6 +59,26 @@ def test_cameras_stand_in_the_plan_as_they_do_from_above(tmp_path: Path) -> None
     plan, true = (a - a.mean(0) for a in (plan, cameras.centres[:, :2]))
     scale = (plan * true).sum() / (true**2).sum()
     assert np.abs(plan - scale * true).max() < 0.35 * np.abs(plan).max()
+
+
+def test_names_and_amounts_stay_in_the_picture_and_off_the_curves(tmp_path: Path) -> None:
+    cameras = ring(4)
+    way = np.zeros((2, 3))
+    drawn = read(cameras_picture(cameras, way, tmp_path / "cameras.png"))
+    edge = np.concatenate([drawn[:, :3].reshape(-1, 3), drawn[:, -3:].reshape(-1, 3)])
+    assert not any((np.abs(edge.astype(int) - colour).sum(-1) < 60).any() for colour in COLOURS[:4])
+    found = [seen(tmp_path / f"cam{c}.mp4", 90, 0.9) for c in range(2)]
+    clocks = read(clocks_picture(found, Clocks.alike(("cam0", "cam1")), tmp_path / "sync.png"))
+    names = clocks[:200, 590:]
+    assert all((np.abs(names.astype(int) - colour).sum(-1) < 90).any() for colour in COLOURS[:2])
+    curves = clocks[:, :560]
+    assert (np.abs(curves.astype(int) - COLOURS[0]).sum(-1) < 150).sum() > 400
+    assert not (np.abs(clocks[:, 580:588].astype(int) - PAPER).sum(-1) > 60).any()
+    assert Canvas().text_width("mm") > Canvas().text_width("m") > 0
+
+
+def test_no_board_seen_is_an_empty_picture(tmp_path: Path) -> None:
+    assert (read(draw_boards(tmp_path, ["cam0"], tmp_path / "boards.png")) == PAPER).all()
 
 
 def test_a_canvas_takes_points_outside_and_unknown_ones(tmp_path: Path) -> None:

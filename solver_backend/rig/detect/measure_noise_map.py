@@ -3,91 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.triangulation.leave_one_out import predict_views
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.errors import FileDamaged, TooFewViews
-from solver_backend.exchange.json_file import read_json_file
-from solver_backend.types import Capture, Keypoints2D
+from solver_backend.exchange.errors import TooFewViews
+from solver_backend.types import Capture
 
-FORMAT = "manifold_mocap_detector_noise"
 BINS = 8
 """Steps of the confidence, of equally many detections each."""
 LEAST_VIEWS = 3
-LEAST_WEIGHT = 0.02
-"""Least confidence that a detection keeps."""
+LEAST_MM = 0.01
+"""Spread of a detector that errs nowhere."""
 _MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)
 """Median of the squared length of a plane vector of unit variance per axis."""
-
-
-@dataclass(frozen=True)
-class NoiseMap:
-    """Spread by confidence of one detector; B steps."""
-
-    detector: str
-    """What it is for."""
-    confidence: np.ndarray
-    """(B,) middle confidence of each step, ascending."""
-    sigma_mm: np.ndarray
-    """(B,) standard deviation per axis at the person's distance, never rising with the confidence."""
-    captures: tuple[str, ...] = ()
-    """What it was measured on."""
-    detections: int = 0
-    """How many keypoints it was measured on."""
-
-    def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the confidence that says what it means: ``(σ_least / σ(c))²``, at least ``LEAST_WEIGHT``; 0 stays.
-
-        The solver weighs a squared error by its confidence, so this is the inverse variance.
-        """
-        sigma = np.interp(confidence, self.confidence, self.sigma_mm)
-        told = np.clip((self.sigma_mm.min() / sigma) ** 2, LEAST_WEIGHT, 1.0)
-        return np.where(confidence > 0, told, 0.0)
-
-    def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, str]:
-        """Return keypoints weighted by what their confidence means, and a note."""
-        note = f"Confidences stand for variances as measured of {self.detector} on {self.detections} keypoints."
-        if detector != self.detector:
-            note += f" These detections are of {detector}."
-        return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values."""
-        return {
-            "format": FORMAT, "detector": self.detector, "confidence": np.round(self.confidence, 5).tolist(),
-            "sigma_mm": np.round(self.sigma_mm, 3).tolist(), "captures": list(self.captures),
-            "detections": self.detections,
-        }  # fmt: skip
-
-
-def read_noise_map(path: Path) -> NoiseMap:
-    """Read a noise map.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is no noise map, or its numbers are impossible.
-    """
-    values = read_json_file(path)
-    try:
-        assert values["format"] == FORMAT
-        confidence, sigma = (np.array(values[key], dtype=np.float64) for key in ("confidence", "sigma_mm"))
-        assert confidence.ndim == 1 and confidence.shape == sigma.shape and len(confidence)
-        assert (np.diff(confidence) >= 0).all() and (sigma > 0).all() and np.isfinite(sigma).all()
-        return NoiseMap(
-            str(values["detector"]), confidence, sigma, tuple(values["captures"]), int(values["detections"])
-        )
-    except (AssertionError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged(
-            "The file is no noise map of a detector.",
-            where=str(path),
-            hint="detector-noise CAPTURE... --out NOISE.json",
-        ) from error
 
 
 def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
@@ -116,7 +48,8 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     variance = np.array([np.median(square[step]) / _MEDIAN_OF_SQUARE for step in steps])
     floor = 0.05 * float(np.median(variance))
     falling = _pooled(np.maximum(variance, floor), np.array([len(step) for step in steps]))
-    return NoiseMap(detector, middle, np.sqrt(falling), tuple(c.name for c in used), len(confidence))
+    sigma_mm = np.sqrt(np.maximum(falling, LEAST_MM**2))
+    return NoiseMap(detector, middle, sigma_mm, tuple(c.name for c in used), len(confidence))
 
 
 def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:

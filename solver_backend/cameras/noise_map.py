@@ -1,0 +1,136 @@
+"""What a detector's confidence says about its spread, and the file that says it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.json_file import read_json_file
+from solver_backend.types import Keypoints2D
+
+FORMAT = "manifold_mocap_detector_noise"
+SYSTEMATIC_MM = 8.0
+"""Standard deviation per axis of what no confidence tells: how far usual calibrations misplace a person in a view."""
+USUAL_CONFIDENCE = 0.65
+"""Of a detection as detectors make them: the solver's balance of data and priors was chosen with these."""
+WEIGHTS = (0.02, 20.0)
+"""Least and most that a detection counts."""
+MOST_STEPS = 1000
+"""Steps of the confidence that a file may have."""
+LARGEST_MM = 10_000.0
+"""No detector scatters further than this at the person's distance."""
+_MARK = "Confidences stand for variances"
+
+
+@dataclass(frozen=True)
+class NoiseMap:
+    """Spread by confidence of one detector; B steps."""
+
+    detector: str
+    """What it is for."""
+    confidence: np.ndarray
+    """(B,) middle confidence of each step, ascending."""
+    sigma_mm: np.ndarray
+    """(B,) standard deviation per axis at the person's distance, never rising with the confidence."""
+    captures: tuple[str, ...] = ()
+    """What it was measured on."""
+    detections: int = 0
+    """How many keypoints it was measured on."""
+
+    def weight(self, confidence: np.ndarray) -> np.ndarray:
+        """Return the confidence that says what it means, 0 where it is 0.
+
+        ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)``: the inverse variance, with what a calibration is off by, s, beside the
+        detector's spread σ, such that a detection of the map's median spread σ_m has a usual confidence w₀. It passes 1
+        where one is better. The solver weighs a squared error by its confidence.
+        """
+        variance = np.interp(confidence, self.confidence, self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
+        usual = np.median(self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
+        return np.where(confidence > 0, np.clip(USUAL_CONFIDENCE * usual / variance, *WEIGHTS), 0.0)
+
+    def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, str]:
+        """Return keypoints weighted by what their confidence means, and a note."""
+        note = f"{_MARK} as measured of {self.detector} on {self.detections} keypoints."
+        if detector != self.detector:
+            note += f" These detections are of {detector}."
+        return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "format": FORMAT, "version": 1, "detector": self.detector,
+            "confidence": np.round(self.confidence, 5).tolist(), "sigma_mm": np.round(self.sigma_mm, 3).tolist(),
+            "captures": list(self.captures), "detections": self.detections,
+        }  # fmt: skip
+
+
+def is_applied(notes: Sequence[str]) -> bool:
+    """Return whether a capture's notes say that its confidences were weighted by a noise map already."""
+    return any(note.startswith(_MARK) for note in notes)
+
+
+def detector_of(notes: Sequence[str]) -> str | None:
+    """Return which detector a capture's notes name, None where they name none."""
+    named = [found.group(1) for note in notes if (found := re.match(r"Detector: (.+?);", note))]
+    return named[0] if named else None
+
+
+def read_noise_map(path: Path | str) -> NoiseMap:
+    """Read a noise map.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is no noise map, or its numbers are impossible; the message says which.
+    """
+    values = read_json_file(path)
+    try:
+        if not isinstance(values, dict) or values.get("format") != FORMAT:
+            raise ValueError(f"its format is not '{FORMAT}'")
+        # Files of earlier versions of this program say no version.
+        if values.get("version", 1) != 1:
+            raise ValueError(f"it has version {values['version']!r}, and 1 is read")
+        return _checked(values)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        raise FileDamaged(
+            f"The file is no noise map of a detector: {why}.",
+            where=str(path),
+            hint="Measure one: detector-noise CAPTURE... --out NOISE.json.",
+        ) from error
+
+
+def _checked(values: dict[str, Any]) -> NoiseMap:
+    confidence, sigma = (_numbers(values, key) for key in ("confidence", "sigma_mm"))
+    if confidence.shape != sigma.shape:
+        raise ValueError(f"it has {len(confidence)} confidences and {len(sigma)} values of sigma_mm")
+    if not 1 <= len(confidence) <= MOST_STEPS:
+        raise ValueError(f"it has {len(confidence)} steps, and 1 to {MOST_STEPS} can be")
+    if (np.diff(confidence) < 0).any():
+        raise ValueError("its confidences do not ascend")
+    if not ((sigma > 0) & (sigma <= LARGEST_MM)).all():
+        raise ValueError(f"its sigma_mm must lie above 0, and at {LARGEST_MM:g} at most")
+    if (np.diff(sigma) > 0).any():
+        raise ValueError("its sigma_mm rises with the confidence")
+    captures, count = values.get("captures", []), values.get("detections", 0)
+    if not isinstance(captures, list) or not all(isinstance(name, str) for name in captures):
+        raise ValueError("captures is no list of names")
+    if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+        raise ValueError("detections is no whole number")
+    if not isinstance(values["detector"], str):
+        raise ValueError("detector is no name")
+    return NoiseMap(values["detector"], confidence, sigma, tuple(captures), count)
+
+
+def _numbers(values: dict[str, Any], key: str) -> np.ndarray:
+    told = values[key]
+    plain = isinstance(told, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in told)
+    numbers = np.array(told, dtype=np.float64) if plain else np.array([np.nan])
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{key} is no list of finite numbers")
+    return numbers
