@@ -31,6 +31,9 @@ def draw_setting(
     if is_narrow(context) and prop.type in _LONG:
         column = layout.column(align=True)
         column.label(text=prop.name, text_ctxt=CONTEXT)
-        column.prop(settings, name, text="")
+        if prop.type == "ENUM" and prop.is_enum_flag:
+            column.prop(settings, name, expand=True)  # without a text its items would have none either
+        else:
+            column.prop(settings, name, text="")
     else:
         layout.prop(settings, name)

@@ -12,6 +12,10 @@ import bpy
 Steps = Generator[float | None, None, Any]
 """Yields seconds to wait, None for one round of the event loop."""
 
+_DIGITS = ("ZERO", "ONE", "TWO", "THREE", "FOUR", "FIVE", "SIX", "SEVEN", "EIGHT", "NINE")
+_KEYS = {".": "PERIOD", **{str(number): name for number, name in enumerate(_DIGITS)}}
+"""Blender's names of the keys of characters that are no letters."""
+
 
 class Hands:
     """Mouse, keys and eyes; every method that takes time is a generator."""
@@ -80,7 +84,7 @@ class Hands:
         """Type a text into the field that is being edited, in place of what stands there, and confirm it."""
         yield from self._strike("A", ctrl=True)
         for letter in text:
-            kind = letter.upper() if letter.isascii() and letter.isalpha() else "A"
+            kind = _KEYS.get(letter, letter.upper() if letter.isascii() and letter.isalpha() else "O")
             self.window.event_simulate(type=kind, value="PRESS", unicode=letter, x=self._x, y=self._y)
             yield None
             self.window.event_simulate(type=kind, value="RELEASE", x=self._x, y=self._y)

@@ -22,7 +22,7 @@ _TOP_PX = 90
 def steps(user: Any) -> Any:
     """Play it."""
     fill()
-    yield from user.open_all_panels(PACKAGE)
+    yield from user.open_from_the_start(PACKAGE)
     yield from user.open_tab("MoCap")
     yield from user.narrow(_NARROW_PX)
     yield from user.pages("empty_narrow")

@@ -19,7 +19,7 @@ _LONGEST_S = 300
 def steps(user: Any) -> Any:
     """Play it."""
     empty()
-    yield from user.open_all_panels(PACKAGE)
+    yield from user.open_from_the_start(PACKAGE)
     yield from user.open_tab("MoCap")
     yield from user.narrow(283)
     yield from live_panel(user)

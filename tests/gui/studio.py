@@ -16,7 +16,7 @@ from tests.gui.scene import OUT, PACKAGE, empty, extension, mocap
 def steps(user: Any) -> Any:
     """Play it."""
     empty()
-    yield from user.open_all_panels(PACKAGE)
+    yield from user.open_from_the_start(PACKAGE)
     yield from user.open_tab("MoCap")
     yield from user.narrow(283)
     settings = mocap().studio
@@ -44,7 +44,7 @@ def benchmark(user: Any) -> Any:
     user.look_at((0.0, 0.0, 0.0), 9.0)
     yield from user.find("mocap.benchmark()")
     yield from user.shot("judged")
-    yield from user.press("mocap.show_places(index=1)", 0.88)
+    yield from user.press("mocap.show_places(index=1)", 0.83)
     assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [mocap().studio.rows[1].rig]
     yield from user.press("mocap.clear_benchmarks()")
     assert not [obj for obj in bpy.data.objects if shown in obj] and not len(mocap().studio.rows)

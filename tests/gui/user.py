@@ -14,6 +14,8 @@ from tests.gui.hands import Hands, Steps
 
 _STEP_PX = 14
 _NEAR_PX = 20
+_SCROLL_WAITS = 12
+"""Tenths of a second after which the wheel has moved nothing."""
 _LAG = 8
 """Moves of the mouse by which a slow screen may lag behind."""
 _TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14
@@ -45,10 +47,8 @@ class User(Hands):
         x = int(region.x + across * (region.width - 24))
         seen: set[str] = set()
         for scroll in (0, _TO_THE_TOP, *[_PAGE] * _PAGES):
-            before = self._offset()
-            yield from self._scroll(scroll)
-            yield 0.1
-            if scroll > 0 and self._offset() == before:
+            moved = yield from self._scroll(scroll)
+            if scroll > 0 and not moved:
                 break
             heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
             passed: list[int] = []
@@ -73,37 +73,34 @@ class User(Hands):
         self.note(f"clicked {words}")
 
     def type_into(self, words: str, text: str, across: float = 0.5) -> Steps:
-        """Find a field and type into it."""
-        yield from self.find(words, across)
-        yield from self._strike("RET")
-        yield 0.2
+        """Find a field, click into it, and type."""
+        x, y = yield from self.find(words, across)
+        yield from self.click(x, y)
+        yield 0.3
         yield from self.type_text(text)
         self.note(f"typed {text} into {words}")
 
     def pages(self, name: str) -> Steps:
         """Have screenshots taken of the whole sidebar, page by page."""
         yield from self._scroll(_TO_THE_TOP)
-        yield 0.3
         for page in range(_PAGES):
             yield from self.shot(f"{name}_{page + 1}")
-            before = self._offset()
-            yield from self._scroll(_PAGE)
-            yield 0.3
-            if self._offset() == before:
+            if not (yield from self._scroll(_PAGE)):
                 break
         yield from self._scroll(_TO_THE_TOP)
 
-    def open_all_panels(self, package: str) -> Steps:
-        """Have every panel open that was not drawn yet: for looking at all of them."""
-        panels = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith(package)]
+    def open_from_the_start(self, package: str, *names: str) -> Steps:
+        """Have panels open that were not drawn yet: those that are named, all where none is."""
+        ours = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith(package)]
+        panels = sorted(ours, key=lambda cls: hasattr(cls, "bl_parent_id"))
         for cls in reversed(panels):
             bpy.utils.unregister_class(cls)
         for cls in panels:
-            if "DEFAULT_CLOSED" in getattr(cls, "bl_options", ()):
+            if "DEFAULT_CLOSED" in getattr(cls, "bl_options", ()) and (not names or cls.__name__ in names):
                 cls.bl_options = cls.bl_options - {"DEFAULT_CLOSED"}
             bpy.utils.register_class(cls)
         yield 0.3
-        self.note(f"{len(panels)} panels are open where they are to be seen")
+        self.note(f"open from the start: {', '.join(names) or 'all panels'}")
 
     def open_panel(self, name: str, *, at_the_end: bool = False) -> Steps:
         """Open a closed panel by a click on its header; which header it is shows when the panel is drawn.
@@ -181,9 +178,16 @@ class User(Hands):
         """Return how far the sidebar is scrolled."""
         return float(self.region("UI").view2d.region_to_view(0.0, 0.0)[1])
 
-    def _scroll(self, lines: int) -> Steps:
-        region = self.region("UI")
+    def _scroll(self, lines: int) -> Generator[float | None, None, bool]:
+        """Turn the wheel, and return whether that moved the panels; a slow screen takes a while to follow."""
+        region, before = self.region("UI"), self._offset()
         x, y = region.x + region.width // 2, region.y + region.height // 2
         for _ in range(abs(lines)):
             self.window.event_simulate(type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
             yield None
+        for _ in range(_SCROLL_WAITS if lines else 0):
+            yield 0.1
+            if self._offset() != before:
+                yield 0.2
+                return True
+        return False

@@ -139,6 +139,8 @@ class NarrowLayout:
         kind = prop.type if prop is not None else "FLOAT"
         words = text_width(shown) if shown else 0.0
         extra = _ICON if icon != "NONE" else 0.0
+        if kind == "ENUM" and prop.is_enum_flag and text == "":
+            self.cut.append((1, 0, f"{prop.name}: its items have no words"))
         if kind == "ENUM" and expand:
             for item in prop.enum_items:
                 self._add(item.name, text_width(item.name) + _PADDING)
