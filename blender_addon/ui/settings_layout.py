@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from .translation import CONTEXT
+
 _NARROW_PX = 280
 """Below this width there is no room for names and values side by side."""
 _LONG = ("ENUM", "STRING", "POINTER")
@@ -28,7 +30,10 @@ def draw_setting(
     prop = settings.bl_rna.properties[name]
     if is_narrow(context) and prop.type in _LONG:
         column = layout.column(align=True)
-        column.label(text=prop.name)
-        column.prop(settings, name, text="")
+        column.label(text=prop.name, text_ctxt=CONTEXT)
+        if prop.type == "ENUM" and prop.is_enum_flag:
+            column.prop(settings, name, expand=True)  # without a text its items would have none either
+        else:
+            column.prop(settings, name, text="")
     else:
         layout.prop(settings, name)

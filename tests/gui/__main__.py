@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 import build_addon
+from tests.gui.recordings import lay_out
 
 HERE = Path(__file__).parent
 _INSIDE = Path("/work_io")
@@ -43,12 +44,9 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
     pictures = out / "pictures"
     pictures.mkdir(parents=True)
     archive = build_addon.build(out)
-    for name in ("driver.py", script):
-        shutil.copy(HERE / name, out)
-    shutil.copytree(HERE.parent / "support", out / "tests" / "support")
-    recordings = Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview"
-    for source, name in (("pose2sim", "Aufnahme ü"), ("pose2sim_session", "Sitzung ü")):
-        shutil.copytree(recordings / source, out / name)
+    for name in ("support", "gui"):
+        shutil.copytree(HERE.parent / name, out / "tests" / name, ignore=shutil.ignore_patterns("__pycache__"))
+    lay_out(out, script)
     install = ["blender", "--command", "extension", "install-file", "-r", "user_default", "-e"]
     done = subprocess.run(
         _tool("run", suite, [*install, f"{_INSIDE}/{archive.name}"]), env=_environment(out), check=False
@@ -56,7 +54,8 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
     if done.returncode != 0:
         raise RuntimeError("The extension does not install.")
     blender = ["blender", "--enable-event-simulate", "--window-geometry", "0", "0", "1600", "900"]
-    played = [*blender, "--python", f"{_INSIDE}/driver.py", "--", f"{_INSIDE}/pictures", f"{_INSIDE}/{script}"]
+    gui = f"{_INSIDE}/tests/gui"
+    played = [*blender, "--python", f"{gui}/driver.py", "--", f"{_INSIDE}/pictures", f"{gui}/{script}"]
     with (out / "console.log").open("w") as log:
         process = subprocess.Popen(
             _tool("gui", suite, played),

@@ -14,19 +14,14 @@ from typing import Any
 import bpy
 import numpy as np
 
-PACKAGE = "bl_ext.user_default.manifold_mocap"
-
-
-def mocap() -> Any:
-    """Return the scene's settings; undo makes earlier references invalid."""
-    return bpy.context.scene.mocap
+from tests.gui.scene import empty, extension, mocap
 
 
 def support() -> tuple[Any, Any]:
     """Return the tests' rigs and measures; they know the extension by the name of its source tree."""
-    extension = importlib.import_module(PACKAGE)
-    sys.modules["blender_addon"] = extension
-    environment = importlib.import_module(f"{PACKAGE}.backend_environment")
+    package = extension()
+    sys.modules["blender_addon"] = package
+    environment = extension("backend_environment")
     sys.path += ["/work_io", *environment.environment_for_child()["PYTHONPATH"].split(os.pathsep)]
     return importlib.import_module("tests.support.retarget_rigs"), importlib.import_module(
         "tests.support.retarget_measures"
@@ -35,8 +30,7 @@ def support() -> tuple[Any, Any]:
 
 def steps(user: Any) -> Any:
     """Solve the demo, retarget to both, measure, undo, redo."""
-    for obj in list(bpy.data.objects):
-        bpy.data.objects.remove(obj)
+    empty()
     yield from user.open_tab("MoCap")
     yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
     yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)

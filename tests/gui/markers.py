@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 import shutil
 from pathlib import Path
 from typing import Any
 
 import bpy
 
+from tests.gui.scene import empty, extension, mocap
+
 SOURCE = "backend/solver_backend/assets/demo_markers.c3d"
 TAKE, WRITTEN = Path("/work_io/Gang ü.c3d"), Path("/work_io/gelöst.c3d")
-
-
-def mocap() -> Any:
-    """Return the scene's settings; undo makes earlier references invalid."""
-    return bpy.context.scene.mocap
 
 
 def grades() -> set[float]:
@@ -25,11 +21,9 @@ def grades() -> set[float]:
 
 def steps(user: Any) -> Any:
     """Drop, names, solve, undo, redo, colours, confidence, export, follow the frame rate."""
-    extension = importlib.import_module("bl_ext.user_default.manifold_mocap")
-    shutil.copy(Path(str(extension.__file__)).parent / SOURCE, TAKE)
-    for obj in list(bpy.data.objects):
-        bpy.data.objects.remove(obj)
-    bpy.ops.ed.undo_push(message="empty scene")
+    package = extension()
+    shutil.copy(Path(str(package.__file__)).parent / SOURCE, TAKE)
+    empty()
     yield from user.open_tab("MoCap")
     with user.override:
         bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory="/work_io/", files=[{"name": TAKE.name}])

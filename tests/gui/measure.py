@@ -7,7 +7,6 @@ also while nothing moves: what an idle Blender and an empty scene cost there is 
 
 from __future__ import annotations
 
-import importlib
 import json
 import subprocess
 import time
@@ -16,14 +15,14 @@ from typing import Any
 
 import bpy
 
-_PACKAGE = "bl_ext.user_default.manifold_mocap"
+from tests.gui.scene import empty, extension
+
 _SECONDS = 8.0
 
 
 def steps(user: Any) -> Any:
     """Make the demo, solve it by the button and alone, play it."""
-    for obj in list(bpy.data.objects):
-        bpy.data.objects.remove(obj)
+    empty()
     yield from user.open_tab("MoCap")
     yield from user.press("mocap.demo_capture(kind='CAMERAS')")
     yield from user.until(lambda: bpy.context.scene.mocap.capture.file, "the demo capture is there", 300)
@@ -59,7 +58,7 @@ def steps(user: Any) -> Any:
 
 def _solved_alone(job_file: Path) -> float:
     """Return the wall seconds of the same job without Blender."""
-    environment = importlib.import_module(f"{_PACKAGE}.backend_environment")
+    environment = extension("backend_environment")
     job = json.loads(job_file.read_text("utf-8"))
     out = job_file.parent / "alone.npz"
     job |= {"out": str(out), "report": str(out.with_suffix(".html"))}

@@ -5,26 +5,16 @@
 
 from __future__ import annotations
 
-import importlib
 import shutil
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-PACKAGE = "bl_ext.user_default.manifold_mocap"
+from tests.gui.scene import extension, file_of, mocap
+
 FIRST, COPY, MOVED = (Path("/work_io", name) for name in ("Schuss ü", "Kopie", "Umzug ü"))
 MARKERS = Path("/work_io/Gang ü.c3d")
-
-
-def mocap() -> Any:
-    """Return the scene's settings; undo and opening a file make earlier references invalid."""
-    return bpy.context.scene.mocap
-
-
-def file_of(key: str) -> Path:
-    """Return a file that the shown take refers to."""
-    return Path(bpy.path.abspath(mocap().review.take[key]))
 
 
 def users_state() -> tuple[Any, ...]:
@@ -122,8 +112,8 @@ def moved(user: Any) -> Any:
 
 def second_capture(user: Any) -> Any:
     """Drop a recording of markers into the same shot: panels show it, and a click shows the first again."""
-    extension = importlib.import_module(PACKAGE)
-    shutil.copy(Path(str(extension.__file__)).parent / "backend/solver_backend/assets/demo_markers.c3d", MARKERS)
+    package = extension()
+    shutil.copy(Path(str(package.__file__)).parent / "backend/solver_backend/assets/demo_markers.c3d", MARKERS)
     before = users_state()
     body = mocap().review.armature
     yield from user.drop(str(MARKERS.parent), MARKERS.name)

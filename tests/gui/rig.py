@@ -11,12 +11,9 @@ from typing import Any
 import bpy
 import numpy as np
 
+from tests.gui.scene import mocap
+
 _NARROW_PX = 200
-
-
-def mocap() -> Any:
-    """Return the scene's settings; undo makes earlier references invalid."""
-    return bpy.context.scene.mocap
 
 
 def joints() -> Any:

@@ -8,14 +8,17 @@ import pytest
 
 from tests.gui.__main__ import missing, run
 
-SCRIPTS = ["workflow.py", "markers.py", "rig.py", "project.py", "characters.py"]
+SUBJECTS = (
+    "workflow", "markers", "rig", "project", "characters", "cameras", "people", "clean_up", "panels", "sensors",
+    "studio",
+)  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
 @pytest.mark.parametrize("suite", ["trixie", "sid"])
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_the_workflow_by_clicks(script: str, suite: str, tmp_path: Path) -> None:
-    record = run(suite, tmp_path / "run", script)
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_the_workflow_by_clicks(subject: str, suite: str, tmp_path: Path) -> None:
+    record = run(suite, tmp_path / "run", f"{subject}.py")
     assert record["failure"] == "", record
     assert record["console"] == [] and record["left_behind"] == []

@@ -7,19 +7,12 @@ from typing import Any
 
 import bpy
 
-TRIAL = Path("/work_io/Aufnahme ü/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial")
-
-
-def mocap() -> Any:
-    """Return the scene's settings; undo makes earlier references invalid."""
-    return bpy.context.scene.mocap
+from tests.gui.scene import TRIAL, empty, mocap
 
 
 def steps(user: Any) -> Any:
     """Drop, look, solve, cancel, solve again, undo, redo, review, pin, export, solve a range again."""
-    for obj in list(bpy.data.objects):
-        bpy.data.objects.remove(obj)
-    bpy.ops.ed.undo_push(message="empty scene")
+    empty()
     yield from user.open_tab("MoCap")
     yield from user.shot("empty")
 

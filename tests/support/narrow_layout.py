@@ -12,6 +12,8 @@ from typing import Any
 import blf
 import bpy
 
+from blender_addon.ui.translation import CONTEXT
+
 _TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 4.0, 22.0, 20.0
 _TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
 _SPLIT = 0.4
@@ -38,7 +40,7 @@ def text_width(text: str) -> float:
 
 
 class NarrowLayout:
-    """Stands for ``bpy.types.UILayout``; ``cut`` lists what does not fit.
+    """Stands for ``bpy.types.UILayout``; ``cut`` lists what does not fit, ``loose`` what Blender takes for its words.
 
     A row gives icons their size and all texts the same of the rest, however long they are, as Blender's rows do.
     """
@@ -47,6 +49,7 @@ class NarrowLayout:
         self.__dict__.update(kind=kind, less=less, factor=0.0, columns=1, held=[], given={})
         self.__dict__["cut"] = above.cut if above is not None else []
         self.__dict__["drawn"] = above.drawn if above is not None else []
+        self.__dict__["loose"] = above.loose if above is not None else []
 
     def __setattr__(self, name: str, value: Any) -> None:
         self.given[name] = value
@@ -111,10 +114,12 @@ class NarrowLayout:
     def template_list(self, *_: Any, **__: Any) -> None:
         pass
 
-    def label(self, text: str = "", icon: str = "NONE", **_: Any) -> None:
+    def label(self, text: str = "", icon: str = "NONE", **said: Any) -> None:
+        self._look_at_context(text, said)
         self._add(text, text_width(text) + (_ICON if icon != "NONE" else _PADDING / 2))
 
-    def progress(self, text: str = "", **_: Any) -> None:
+    def progress(self, text: str = "", **said: Any) -> None:
+        self._look_at_context(text, said)
         self._add(text, text_width(text) + _PADDING)
 
     def operator(self, idname: str, text: str | None = None, icon: str = "NONE", **_: Any) -> SimpleNamespace:
@@ -125,13 +130,17 @@ class NarrowLayout:
         return SimpleNamespace()
 
     def prop(
-        self, data: Any, name: str, text: str | None = None, expand: bool = False, icon: str = "NONE", **_: Any
+        self, data: Any, name: str, text: str | None = None, expand: bool = False, icon: str = "NONE", **said: Any
     ) -> None:
         prop = data.bl_rna.properties.get(name)
+        if prop is None or prop.translation_context != CONTEXT:
+            self._look_at_context(text or "", said)
         shown = prop.name if text is None and prop is not None else text or ""
         kind = prop.type if prop is not None else "FLOAT"
         words = text_width(shown) if shown else 0.0
         extra = _ICON if icon != "NONE" else 0.0
+        if kind == "ENUM" and prop.is_enum_flag and text == "":
+            self.cut.append((1, 0, f"{prop.name}: its items have no words"))
         if kind == "ENUM" and expand:
             for item in prop.enum_items:
                 self._add(item.name, text_width(item.name) + _PADDING)
@@ -155,6 +164,10 @@ class NarrowLayout:
 
     def prop_search(self, data: Any, name: str, *_: Any, text: str = "", **__: Any) -> None:
         self._add(text, 2 * text_width(text))
+
+    def _look_at_context(self, text: str, said: dict[str, Any]) -> None:
+        if text and said.get("translate", True) and said.get("text_ctxt") != CONTEXT:
+            self.loose.append(text)
 
     def _add(self, text: str, width: float) -> None:
         self.drawn.append(text)

@@ -74,10 +74,19 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage, and keep what was recognised for the panels; of each trial, where it was a session."""
-        parts = [{"source": str(self._source), **part} for part in result.get("captures", [result])]
-        return [self._received(context, part) for part in parts][-1]
+        from .import_results import takes_over
 
-    def _received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        scene = context.scene
+        take_over = takes_over(scene, scene.mocap.reading.scene_setup)
+        last = 1
+        for part in result.get("captures", [result]):
+            self._received(context, {"source": str(self._source), **part})
+            last = max(last, scene.mocap.capture.review.last)
+        if take_over:  # of a session the longest trial tells the range
+            scene.frame_end = max(scene.frame_end, last)
+        return {"FINISHED"}
+
+    def _received(self, context: bpy.types.Context, result: dict[str, Any]) -> None:
         from .import_results import frame_capture, set_up_said, take_capture, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
@@ -94,7 +103,6 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
             {"WARNING"} if problems else {"INFO"},
             f"Capture '{result['name']}': {found}{look}",
         )
-        return {"FINISHED"}
 
 
 class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):

@@ -138,7 +138,6 @@ def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, cap
     box = layout.box()
     column = box.column(align=True)
     column.label(text=capture.name, icon="CHECKMARK", translate=False)
-    column.scale_y = 0.85
     seconds = capture.frames / capture.fps if capture.fps else 0.0
     wrapped(column, context, f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", "TIME")
     parts = [counted(len(capture.cameras), "camera")] if capture.cameras else []

@@ -8,6 +8,7 @@ from ...export.formats import FORMATS
 from ..operators.export_markers import MOCAP_OT_export_markers
 from ..operators.export_take import MOCAP_OT_export_take
 from ..operators.review import MOCAP_OT_select_body
+from ..translation import CONTEXT
 from .parts import BodyPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("export-markers",)
@@ -43,7 +44,7 @@ def _draw_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     column = layout.column(align=True)
     for contents, text in (("cleaned", "Cleaned Markers"), ("solved", "Solved Markers")):
         row = column.row(align=True)
-        row.label(text=text)
+        row.label(text=text, text_ctxt=CONTEXT)
         for name in ("c3d", "trc"):
             button = row.operator(MOCAP_OT_export_markers.bl_idname, text=name.upper(), translate=False)
             button.format, button.contents = name, contents

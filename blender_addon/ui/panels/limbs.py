@@ -6,6 +6,7 @@ import bpy
 
 from ...body.controls.limbs import LIMBS, ROOT, has_limbs
 from ..operators.limbs import MOCAP_OT_switch_limbs
+from ..translation import CONTEXT
 from .parts import MocapPanel, wrapped
 
 _SLIDER = 0.75
@@ -32,7 +33,7 @@ class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
         column = layout.column(align=True)
         for limb in LIMBS:
             row = column.split(factor=_SLIDER, align=True)
-            row.prop(armature.pose.bones[ROOT], f'["{limb.switch}"]', text=limb.label, slider=True, translate=True)
+            row.prop(armature.pose.bones[ROOT], f'["{limb.switch}"]', text=limb.label, text_ctxt=CONTEXT, slider=True)
             to = "FK" if armature.pose.bones[ROOT][limb.switch] > 0 else "IK"
             _draw_switch(row, to, limb.switch, to)
         row = layout.row(align=True)

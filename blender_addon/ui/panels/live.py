@@ -8,6 +8,7 @@ import bpy
 
 from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
+from ..translation import CONTEXT
 from .parts import MocapPanel, wrapped
 
 _STATES = {
@@ -50,12 +51,12 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     assert run is not None  # drawn only while it runs
     pose = run.latest
     text, icon = ("Starting", "TIME") if pose is None else _STATES.get(pose.state, (pose.state, "DOT"))
-    layout.label(text="Stopping" if run.process.cancelling else text, icon=icon)
+    layout.label(text="Stopping" if run.process.cancelling else text, text_ctxt=CONTEXT, icon=icon)
     if pose is not None:
         off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
         layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
         for name, share in pose.coverage.items():
-            layout.progress(factor=share, text=f"{name} {share:.0%}")
+            layout.progress(factor=share, text=f"{name} {share:.0%}", translate=False)
         if pose.why:
             wrapped(layout, context, pose.why)
     if run.said:

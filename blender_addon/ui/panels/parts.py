@@ -11,6 +11,7 @@ from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
+from ..translation import CONTEXT
 
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, what stands beside it in a box, and an icon, at an interface scale of 1."""
@@ -96,7 +97,7 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
     run = current.run
     if run is None or run.verb not in verbs:
         return False
-    layout.label(text="Running, see above", icon="TIME")
+    layout.label(text="Running, see above", text_ctxt=CONTEXT, icon="TIME")
     return True
 
 

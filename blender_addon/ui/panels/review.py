@@ -61,7 +61,8 @@ class VIEW3D_PT_mocap_resolve(TakePanel, bpy.types.Panel):
         for index, pin in enumerate(review.pins):
             line = column.row(align=True)
             outside = not review.first <= pin.frame <= review.last
-            line.label(text=f"Frame {pin.frame}" + (" (outside the range)" if outside else ""), icon="PINNED")
+            text = f"Frame {pin.frame}" + (" (outside the range)" if outside else "")
+            line.label(text=text, icon="PINNED", translate=False)
             line.operator(MOCAP_OT_unpin.bl_idname, text="", icon="X", emboss=False).index = index
         button = layout.column()
         button.scale_y = 1.3
@@ -141,4 +142,5 @@ def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
     value = confidence[worst]
     row = layout.row()
     spread = f"± {1000 * sigma_of(value):.0f} mm" if value > 0 else "bridged"
-    row.label(text=f"{worst.replace('_', ' ')} {spread}", icon="INFO" if value < review.below else "CHECKMARK")
+    icon = "INFO" if value < review.below else "CHECKMARK"
+    row.label(text=f"{worst.replace('_', ' ')} {spread}", icon=icon, translate=False)

@@ -8,6 +8,7 @@ from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.live import MOCAP_OT_live_stop, live
 from ..operators.rig import MOCAP_OT_rig_calibrate, MOCAP_OT_rig_find, MOCAP_OT_rig_start
 from ..rig_properties import PARTS, MocapRig
+from ..translation import CONTEXT
 from .live import draw_run
 from .parts import MocapPanel, draw_failure, draw_progress, wrapped
 
@@ -58,8 +59,8 @@ def _draw_calibration(layout: bpy.types.UILayout, context: bpy.types.Context, ri
         column.prop(rig, PARTS[part][2], text="", placeholder=PARTS[part][2].capitalize())
     if rig.gamma:
         column = box.column(align=True)
-        column.prop(rig, "long_edge", text="Long")
-        column.prop(rig, "short_edge", text="Short")
+        column.prop(rig, "long_edge", text="Long", text_ctxt=CONTEXT)
+        column.prop(rig, "short_edge", text="Short", text_ctxt=CONTEXT)
     box.prop(rig, "trigger")
     box.operator(MOCAP_OT_rig_calibrate.bl_idname, icon="PLAY")
     for sentence in rig.said.splitlines():

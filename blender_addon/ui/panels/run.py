@@ -28,7 +28,7 @@ class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
             draw_solve(self.layout, context)
             return
         column = self.layout.column(align=True)
-        column.progress(factor=run.share, text=run.headline)
+        column.progress(factor=run.share, text=run.headline, translate=False)
         row = column.row(align=True)
         row.enabled = not run.process.cancelling
         row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")

@@ -108,17 +108,17 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         wrapped(box, context, f"Calibrated: {calibrated(result)}", "CHECKMARK")
         return
     if "takes" in result:
-        box.label(text=f"{counted(len(result['takes']), 'take')} solved", icon="CHECKMARK")
+        box.label(text=f"{counted(len(result['takes']), 'take')} solved", icon="CHECKMARK", translate=False)
         for item in result["failed"]:
             wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
         box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
         return
-    box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK")
+    box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK", translate=False)
     column = box.column(align=True)
     if result.get("reprojection_median_px") is not None:
-        wrapped(column, context, f"{result['reprojection_median_px']:.1f} px from the detections (median)")
+        wrapped(column, context, f"{result['reprojection_median_px']:.1f} px from the detections (median)", "DOT")
     if result.get("marker_median_mm") is not None:
-        wrapped(column, context, f"{result['marker_median_mm']:.1f} mm from the markers (median)")
+        wrapped(column, context, f"{result['marker_median_mm']:.1f} mm from the markers (median)", "DOT")
     if result["unsure_frames"]:
         wrapped(column, context, f"{counted(result['unsure_frames'], 'frame')} to look at", "INFO")
     if result["unseen_frames"]:

@@ -14,6 +14,7 @@ from ..operators.videos import (
     draw_settings,
 )
 from ..previews import previews
+from ..translation import CONTEXT
 from ..video_properties import STEPS, MocapVideoStep
 from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
@@ -54,11 +55,11 @@ def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, name: str
     box = layout.box()
     row = box.row(align=True)
     if step is None:
-        row.label(text=STEPS[name][0], icon="LAYER_USED")
+        row.label(text=STEPS[name][0], text_ctxt=CONTEXT, icon="LAYER_USED")
     else:
         row.prop(step, "open", text="", icon="DOWNARROW_HLT" if step.open else "RIGHTARROW", emboss=False)
         row.alert = bool(step.doubts)
-        row.label(text=STEPS[name][0], icon="ERROR" if step.doubts else "CHECKMARK")
+        row.label(text=STEPS[name][0], text_ctxt=CONTEXT, icon="ERROR" if step.doubts else "CHECKMARK")
         row.alert = False
     again = row.operator(MOCAP_OT_video_step.bl_idname, text="", icon="PLAY" if step is None else "FILE_REFRESH")
     again.step = name

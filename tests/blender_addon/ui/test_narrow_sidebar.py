@@ -33,13 +33,18 @@ def cut_off() -> list[str]:
     return found
 
 
+def taken_for_blenders() -> list[str]:
+    """Return the words that Blender would translate as if they were its own."""
+    return [f"{panel.__name__}: {text!r}" for panel in panels() for text in draw_panel(panel, _NARROW).loose]
+
+
 def test_the_measure_finds_what_is_too_long(mocap) -> None:
     assert 40 < text_width("Read Again") < 90
     assert text_width("Read Again" * 3) == pytest.approx(3 * text_width("Read Again"), rel=0.1)
 
 
 def test_an_empty_scene(mocap) -> None:
-    assert "\n".join(cut_off()) == ""
+    assert "\n".join(cut_off()) == "" and not taken_for_blenders()
 
 
 def test_a_solved_capture(mocap, solved_take) -> None:
@@ -49,14 +54,14 @@ def test_a_solved_capture(mocap, solved_take) -> None:
     mocap.studio.rig, mocap.studio.motion, mocap.studio.film = "RING", "FILE", {"rgb"}
     mocap.retarget.target = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     mocap.retarget.map_text, mocap.retarget.label = "{}", "Rigify"
-    assert "\n".join(cut_off()) == ""
+    assert "\n".join(cut_off()) == "" and not taken_for_blenders()
 
 
 def test_a_run_under_way_and_a_failed_one(mocap, solved_take, monkeypatch) -> None:
     process = SimpleNamespace(cancelling=False)
     run = SimpleNamespace(share=0.4, headline="Bundle, 3 s left", verb="solve", process=process)
     monkeypatch.setattr(current, "run", run)
-    assert "\n".join(cut_off()) == ""
+    assert "\n".join(cut_off()) == "" and not taken_for_blenders()
     monkeypatch.setattr(current, "run", None)
     error = {"code": "x", "message": "The camera cam_03 sees nobody in frames 4 to 93.", "hint": "Leave it out."}
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=error, result=None))
@@ -70,7 +75,7 @@ def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
     drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _NARROW).drawn)
     assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
-    assert not cut_off()
+    assert not cut_off() and not taken_for_blenders()
 
 
 def test_several_captures_people_and_left_out_cameras(mocap, solved_take) -> None:

@@ -75,3 +75,12 @@ def test_a_session_arrives_with_one_import(mocap, shared_data: Path) -> None:
     assert all(Path(bpy.path.abspath(capture.file)).is_file() for capture in mocap.captures)
     assert mocap.captures[1].source.endswith("S00_P01_T01_StaticTrialParticipant2")
     assert bpy.ops.mocap.solve_all.poll()
+    # The scene was as new: its range is the longest trial's, not the first one's.
+    assert bpy.context.scene.frame_end - bpy.context.scene.frame_start == 99
+
+
+def test_a_session_leaves_a_shots_own_range(mocap, shared_data: Path) -> None:
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 10, 20
+    assert bpy.ops.mocap.import_capture(filepath=str(shared_data / SESSION / "Config.toml")) == {"FINISHED"}
+    assert (scene.frame_start, scene.frame_end) == (10, 20)

@@ -1,0 +1,50 @@
+"""The recordings that scripts work with, laid where Blender sees them: real ones, and sensors that are painted."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+SENSORS, WAND = "Sensoren ü", "Stab"
+"""Folders of two sensors before markers that rise, and of a wand that is waved before two."""
+LONG_DEMO = "demo_1000.npz"
+"""Capture of the demo's person, 1,000 frames long."""
+_WAVED_S, _LONG = 20.0, 1000
+
+
+def lay_out(out: Path, script: str) -> None:
+    """Copy the recordings beside the repository, and write those that a script needs besides."""
+    recordings = Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview"
+    for source, name in (("pose2sim", "Aufnahme ü"), ("pose2sim_session", "Sitzung ü")):
+        shutil.copytree(recordings / source, out / name)
+    if script == "sensors.py":
+        _sensors(out / SENSORS)
+        _wand(out / WAND)
+    elif script == "retarget_speed.py":
+        _long_demo(out / LONG_DEMO)
+
+
+def _long_demo(path: Path) -> None:
+    from solver_backend.io.native.capture_file import write_capture
+    from solver_backend.synthetic.demo import demo_capture
+
+    write_capture(path, demo_capture(_LONG))
+
+
+def _sensors(folder: Path) -> None:
+    from tests.support.recorded_markers import recorded
+
+    recorded(folder, frames=240)
+
+
+def _wand(folder: Path) -> None:
+    from solver_backend.rig.formats.write import write_calibration
+    from tests.support.waved_wand import Waving, as_tables, sensors, waved
+
+    cameras = sensors(2)
+    folder.mkdir()
+    for name, table in as_tables(waved(cameras, Waving(seconds=_WAVED_S))).items():
+        (folder / name).write_text(table)
+    for c, name in enumerate(cameras.names):
+        write_calibration(folder / f"{name}.toml", cameras.subset([c]))

@@ -1,0 +1,118 @@
+"""The panels *Live* and *Rig*: markers replayed, sensors shown, a wand waved and calibrated, takes imported.
+
+``python -m tests.gui --script sensors.py``: on the demo's markers, and on painted pictures of two sensors.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from tests.gui.recordings import SENSORS, WAND
+from tests.gui.scene import OUT, PACKAGE, empty, extension, mocap
+
+_LONGEST_S = 300
+
+
+def steps(user: Any) -> Any:
+    """Play it."""
+    empty()
+    yield from user.open_from_the_start(PACKAGE)
+    yield from user.open_tab("MoCap")
+    yield from user.narrow(283)
+    yield from live_panel(user)
+    yield from a_take(user)
+    yield from a_wand(user)
+    yield from cameras_that_are_not_there(user)
+
+
+def running() -> Any:
+    """Return the live run."""
+    return extension("ui.operators.live").live
+
+
+def ended(user: Any, what: str) -> Any:
+    """Wait for the live run to end, without a failure."""
+    yield from user.until(lambda: not running().busy, what, _LONGEST_S)
+    yield 0.5
+    assert running().failure == "", running().failure
+
+
+def live_panel(user: Any) -> Any:
+    """Replay the demo's markers, stop, import what was recorded."""
+    assets = Path(str(extension().__file__)).parent / "backend/solver_backend/assets"
+    mocap().live.source = str(assets / "demo_markers.c3d")
+    user.viewport.tag_redraw()
+    yield 0.3
+    yield from user.press("mocap.live_start()")
+    yield from user.until(lambda: running().run and running().run.shown > 60, "sixty poses are shown", _LONGEST_S)
+    user.look_at((0.0, 0.0, 0.9), 3.5)
+    yield 1.0
+    yield from user.find("mocap.live_stop()")
+    yield from user.shot("live_runs")
+    assert running().run is not None and running().run.latest.rotvec is not None
+    yield from user.press("mocap.live_stop()")
+    yield from ended(user, "live is stopped")
+    recorded = running().recorded
+    assert recorded and Path(bpy.path.abspath(recorded)).is_file(), recorded
+    yield from user.find("mocap.import_capture(filepath=", 0.8)
+    yield from user.shot("live_recorded")
+    yield from user.press("live_01.c3d", 0.8)
+    yield from user.until(lambda: mocap().capture.markers > 0, "what was recorded is a capture", 120)
+    yield 0.5
+    yield from user.shot("live_imported")
+
+
+def a_take(user: Any) -> Any:
+    """Show sensors' points, record them, import the take."""
+    mocap().rig.kind, mocap().rig.source = "FOLDER", str(OUT / SENSORS)
+    yield from user.press("mocap.rig_start(part='TAKE')")
+    yield from user.until(lambda: running().run and running().run.shown > 5, "sensors are shown", _LONGEST_S)
+    yield from user.shot("rig_runs")
+    yield from ended(user, "the recording is at its end")
+    assert Path(bpy.path.abspath(mocap().rig.take)).name == "take_01", mocap().rig.take
+    yield from user.find("take_01", 0.5)
+    yield from user.shot("rig_recorded")
+    captures = len(mocap().captures)
+    yield from user.press("take_01')")
+    yield from user.until(lambda: len(mocap().captures) == captures + 1, "the take is a capture", 300)
+    yield 0.5
+    yield from user.shot("rig_imported")
+
+
+def a_wand(user: Any) -> Any:
+    """Wave a wand: coverage while it is seen, a sentence where it is none, a calibration where it is one."""
+    yield from user.press("mocap.rig_start(part='WAND')")
+    yield from user.until(lambda: running().run and running().run.latest, "coverage is told", _LONGEST_S)
+    yield from user.shot("wand_is_waved")
+    assert running().run is None or running().run.latest.state == "waving"
+    yield from ended(user, "the wand's recording is at its end")
+    yield from user.press("mocap.rig_calibrate()")
+    yield from user.solved("what was waved is no wand")
+    assert mocap().rig.calibration == ""
+    yield from user.shot("no_wand")
+    mocap().rig.wand = str(OUT / WAND)
+    yield from user.press("mocap.rig_calibrate()")
+    yield 1.0
+    yield from user.shot("calibrating")
+    yield from user.solved("the sensors are calibrated")
+    assert Path(bpy.path.abspath(mocap().rig.calibration)).is_file()
+    yield from user.find("mocap.rig_calibrate()")
+    yield from user.shot("calibrated")
+    user.note(f"said: {mocap().rig.said.splitlines()}")
+
+
+def cameras_that_are_not_there(user: Any) -> Any:
+    """Look for cameras where there are none."""
+    mocap().rig.kind = "OAK"
+    user.viewport.tag_redraw()
+    yield 0.3
+    yield from user.press("mocap.rig_find()")
+    yield from user.solved("cameras are looked for", 60)
+    assert mocap().rig.oaks == ""
+    yield from user.shot("no_cameras")
+    yield from user.narrow(200)
+    yield from user.find("mocap.rig_find()")
+    yield from user.shot("narrow")

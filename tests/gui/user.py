@@ -1,0 +1,193 @@
+"""A user who finds buttons of the sidebar by hovering over them, scrolls, opens panels and drags the edge.
+
+Which button lies under the mouse is asked with Blender's own "Copy Python Command" and "Copy Data Path".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+
+import bpy
+
+from tests.gui.hands import Hands, Steps
+
+_STEP_PX = 14
+_NEAR_PX = 20
+_SCROLL_WAITS = 12
+"""Tenths of a second after which the wheel has moved nothing."""
+_LAG = 8
+"""Moves of the mouse by which a slow screen may lag behind."""
+_TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14
+"""Turns of the wheel to the top and for a page, and pages at most."""
+
+
+class User(Hands):
+    """What a user can do; every method that takes time is a generator."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self._last_y = 10_000
+
+    def under_mouse(self) -> str:
+        """What the button under the mouse does: its Python command or its data path."""
+        manager = bpy.context.window_manager
+        for ask in (bpy.ops.ui.copy_python_command_button, bpy.ops.ui.copy_data_path_button):
+            with self.override:
+                if ask.poll():
+                    manager.clipboard = ""
+                    ask()
+                    if manager.clipboard:
+                        return manager.clipboard
+        return ""
+
+    def find(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:
+        """Hover over the sidebar, near the last find first and scrolling if need be, until a button holds the words."""
+        region = self.region("UI")
+        x = int(region.x + across * (region.width - 24))
+        seen: set[str] = set()
+        for scroll in (0, _TO_THE_TOP, *[_PAGE] * _PAGES):
+            moved = yield from self._scroll(scroll)
+            if scroll > 0 and not moved:
+                break
+            heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
+            passed: list[int] = []
+            for y in sorted(heights, key=lambda y: abs(y - self._last_y)) if scroll == 0 else heights:
+                yield from self.move(x, y)
+                passed.append(y)
+                found = self.under_mouse()
+                seen.add(found)
+                if words not in found:
+                    continue
+                for there in passed[: -_LAG - 1 : -1]:
+                    yield from self.move(x, there)
+                    if (yield from self._stays(words, x, there)):
+                        self._last_y = there
+                        return x, there
+        raise AssertionError(f"No button '{words}' in the sidebar; there are {sorted(seen)}")
+
+    def press(self, words: str, across: float = 0.5) -> Steps:
+        """Find a button and click it."""
+        x, y = yield from self.find(words, across)
+        yield from self.click(x, y)
+        self.note(f"clicked {words}")
+
+    def type_into(self, words: str, text: str, across: float = 0.5) -> Steps:
+        """Find a field, click into it, and type."""
+        x, y = yield from self.find(words, across)
+        yield from self.click(x, y)
+        yield 0.3
+        yield from self.type_text(text)
+        self.note(f"typed {text} into {words}")
+
+    def pages(self, name: str) -> Steps:
+        """Have screenshots taken of the whole sidebar, page by page."""
+        yield from self._scroll(_TO_THE_TOP)
+        for page in range(_PAGES):
+            yield from self.shot(f"{name}_{page + 1}")
+            if not (yield from self._scroll(_PAGE)):
+                break
+        yield from self._scroll(_TO_THE_TOP)
+
+    def open_from_the_start(self, package: str, *names: str) -> Steps:
+        """Have panels open that were not drawn yet: those that are named, all where none is."""
+        ours = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith(package)]
+        panels = sorted(ours, key=lambda cls: hasattr(cls, "bl_parent_id"))
+        for cls in reversed(panels):
+            bpy.utils.unregister_class(cls)
+        for cls in panels:
+            if "DEFAULT_CLOSED" in getattr(cls, "bl_options", ()) and (not names or cls.__name__ in names):
+                cls.bl_options = cls.bl_options - {"DEFAULT_CLOSED"}
+            bpy.utils.register_class(cls)
+        yield 0.3
+        self.note(f"open from the start: {', '.join(names) or 'all panels'}")
+
+    def open_panel(self, name: str, *, at_the_end: bool = False) -> Steps:
+        """Open a closed panel by a click on its header; which header it is shows when the panel is drawn.
+
+        Headers are tried from what was clicked last downwards or, if so told, from the sidebar's end upwards.
+        """
+        panel, drawn = getattr(bpy.types, name), []
+        draw = panel.draw
+
+        def noticed(shown: bpy.types.Panel, context: bpy.types.Context) -> None:
+            drawn.append(name)
+            draw(shown, context)
+
+        panel.draw = noticed
+        try:
+            self.viewport.tag_redraw()
+            yield 0.3
+            if not drawn:
+                yield from self._click_headers(drawn, at_the_end)
+        finally:
+            panel.draw = draw
+        self.note(f"opened {name}")
+
+    def _click_headers(self, drawn: list[str], at_the_end: bool) -> Steps:
+        """Click on what is no button until the panel is drawn; other panels are opened and closed again."""
+        region = self.region("UI")
+        x = int(region.x + 0.3 * (region.width - 24))
+        heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
+        near = sorted(heights, key=lambda y: (y >= self._last_y, -y))
+        ways = [(60, heights[::-1])] if at_the_end else [(0, near)]
+        for scroll, tried in (*ways, (-60, heights), *[(12, heights)] * 12):
+            yield from self._scroll(scroll)
+            yield 0.1
+            for y in tried:
+                yield from self.move(x, y)
+                if self.under_mouse() or not (yield from self._stays("", x, y)):
+                    continue
+                yield from self.click(x, y)
+                yield 0.2
+                if drawn:
+                    self._last_y = y
+                    return
+                yield from self.click(x, y)
+        raise AssertionError("No header opens the panel")
+
+    def narrow(self, width: int) -> Steps:
+        """Drag the sidebar's edge until it is so wide; what can be grabbed lies a little off it."""
+        for beside in (8, 0, 4, 12):
+            region = self.region("UI")
+            x, y = region.x + beside, region.y + region.height - 60  # where panels are: the empty lets clicks through
+            to = x + region.width - width
+            yield from self.move(x - 30, y)
+            yield from self.move(x, y)
+            yield 0.2
+            self.window.event_simulate(type="LEFTMOUSE", value="PRESS", x=x, y=y)
+            yield None
+            for step in range(1, 21):
+                yield from self.move(x + (to - x) * step // 20, y)
+            self.window.event_simulate(type="LEFTMOUSE", value="RELEASE", x=to, y=y)
+            yield 0.5
+            if abs(self.region("UI").width - width) <= _NEAR_PX:
+                break
+        self.note(f"the sidebar is {self.region('UI').width} px wide")
+        assert abs(self.region("UI").width - width) <= _NEAR_PX
+
+    def _stays(self, words: str, x: int, y: int) -> Generator[float | None, None, bool]:
+        """Whether the button is still there once Blender has caught up with the mouse."""
+        yield 0.15
+        yield from self.move(x + 1, y)
+        yield 0.1
+        found = self.under_mouse()
+        return words in found if words else not found
+
+    def _offset(self) -> float:
+        """Return how far the sidebar is scrolled."""
+        return float(self.region("UI").view2d.region_to_view(0.0, 0.0)[1])
+
+    def _scroll(self, lines: int) -> Generator[float | None, None, bool]:
+        """Turn the wheel, and return whether that moved the panels; a slow screen takes a while to follow."""
+        region, before = self.region("UI"), self._offset()
+        x, y = region.x + region.width // 2, region.y + region.height // 2
+        for _ in range(abs(lines)):
+            self.window.event_simulate(type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
+            yield None
+        for _ in range(_SCROLL_WAITS if lines else 0):
+            yield 0.1
+            if self._offset() != before:
+                yield 0.2
+                return True
+        return False
