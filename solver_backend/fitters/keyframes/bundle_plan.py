@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD
 from solver_backend.fitters.keyframes.optimise import Schedule
+from solver_backend.fitters.keyframes.posterior import CONSTANT_M, constant_of_markers_m
 from solver_backend.fitters.keyframes.turned_keys import LOOSENESS
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.types import SMPL_JOINTS
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,13 @@ class BundlePlan:
     """Feet that stand are held where they stand."""
     covariance_stride: int = 1
     """Covariances of every so many frames are formed."""
+    calibrated: bool = False
+    """The person was calibrated from markers: what does not average out is what that leaves."""
+
+    @property
+    def constant_m(self) -> np.ndarray:
+        """(24,) standard deviation per axis of what does not average out at each joint, metres."""
+        return constant_of_markers_m() if self.calibrated else np.full(len(SMPL_JOINTS), CONSTANT_M)
 
     @classmethod
     def of(cls, problem: Problem, settings: SolveSettings) -> BundlePlan:
@@ -44,4 +55,5 @@ class BundlePlan:
         # keys, tell what all of them do.
         first = Schedule((2 * scale,), min(3, steps), third, 3e-2, hessian_frames=3)
         passes = (Schedule((scale,), steps, second, 1e-2),)
-        return cls(first, passes, LOOSENESS, True, False, False, problem.frames_of(4, 1))
+        calibrated = problem.measurements.marker_sigma is not None
+        return cls(first, passes, LOOSENESS, True, False, False, problem.frames_of(4, 1), calibrated)

@@ -110,7 +110,7 @@ def solve_by_bundle(
         problem, layout, window, (data,), residuals=model.residuals, smoothing=settings.smoothing
     )
     covariance = covariance_of_joints(
-        replace(model, objective=measured), layout, keys, frames, scale, inflation,
+        replace(model, objective=measured), layout, keys, frames, scale, inflation, plan.constant_m,
         stride=plan.covariance_stride,
     )  # fmt: skip
     standing_feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)

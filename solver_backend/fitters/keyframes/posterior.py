@@ -41,13 +41,13 @@ alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds 
 
 def joint_covariance(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
-    inflation: float, stride: int = 1,
+    inflation: float, constant_m: np.ndarray, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
     pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
-    ``CONSTANT_M``, or ``OF_MARKERS_M`` by joint.
+    what does not average out, by joint (``BundlePlan.constant_m``).
 
     Args:
         model: what the keys were judged by.
@@ -56,6 +56,7 @@ def joint_covariance(
         frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
+        constant_m: (24,) standard deviation per axis of what does not average out, metres.
         stride: covariances of every so many frames are formed; those between lie on straight lines.
     """
     xp = array_namespace(keys.z)
@@ -64,7 +65,7 @@ def joint_covariance(
     by_keys = d_pose_d_key(model.prior, keys.z, residual) if model.codes else d_pose_d_turned(keys)
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
-    constant_m2 = constant(_constant_m(model) ** 2, keys.z)[:, None, None] * identity(3, keys.z)
+    constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
     rows = layout.rows(stride)
 
     def block(windows: slice) -> Array:
@@ -98,10 +99,8 @@ def joint_covariance(
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
 
 
-def _constant_m(model: BundleModel) -> np.ndarray:
-    """Return (24,) standard deviations per axis of what does not average out, metres."""
-    if model.codes:
-        return np.full(len(SMPL_JOINTS), CONSTANT_M)
+def constant_of_markers_m() -> np.ndarray:
+    """Return (24,) standard deviations per axis of what does not average out of a calibrated person, metres."""
     parts = [name.removeprefix("left_").removeprefix("right_") for name in SMPL_JOINTS]
     return np.array([OF_MARKERS_M[part] for part in parts])
 

@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
+from solver_backend.fitters.keyframes.bundle_plan import BundlePlan
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.key_density import window_of
@@ -94,19 +95,21 @@ def solve_range(
         schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
         best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
     solved = SolvedRange(frame_range, layout, free, model.poses(best.keys, layout), contacts, best.convergence.status)
-    covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2))
+    constant_m = BundlePlan.of(problem, settings).constant_m
+    covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2), constant_m)
     progress(STAGE, 3, 3)
     return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), solved.status)
 
 
 def _covariance(
-    problem: Problem, model: BundleModel, solved: SolvedRange, keys: Keyframes, scale: float, frames_per_key: int
-) -> np.ndarray:
+    problem: Problem, model: BundleModel, solved: SolvedRange, keys: Keyframes, scale: float, frames_per_key: int,
+    constant_m: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Return (n, 24, 6) of the joints in the frames of the layout (see ``packed``)."""
     layout, data = solved.layout, problem.measurements.term.select(solved.layout.frames)
     inflation = noise_inflation(model.subject, solved.frames, data, scale, frames_per_key)
     system = model.information(layout, keys, scale).with_fixed(~solved.free).block_tridiagonal()
-    return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation)))
+    return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation, constant_m)))
 
 
 def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:

@@ -44,9 +44,9 @@ def test_chunks_agree_with_the_whole_and_are_joined_at_their_keys(scene):
 
 def test_covariance_of_chunks_is_that_of_the_whole(scene):
     model = scene.model(*MOTION)
-    frames = scene.poses(scene.start)
+    frames, constant_m = scene.poses(scene.start), np.full(24, 0.0065)
     one, cut = (
-        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, windows, overlap=4)
+        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, constant_m, windows, overlap=4)
         for windows in (99, 5)
     )
     assert one.shape == (FRAMES, 24, 6)
