@@ -4,8 +4,8 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.fitters import SolveSettings, resolve_range, solve
-from solver_backend.fitters.keyframes.bundle_plan import BundlePlan
 from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.keyframes.known_person_plan import KnownPersonPlan
 from solver_backend.fitters.keyframes.posterior import CONSTANT_M, OF_MARKERS_M
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.problem import Problem
@@ -35,4 +35,4 @@ def test_points_of_a_motion_are_no_calibrated_persons():
     motion = solve(Capture("take", markers=record_markers(40, seed=4).cloud), QUICK).motion
     body = load_body()
     problem = Problem.of(body, load_sposer(), measure_motion(body, motion, [], np.zeros(1)))
-    np.testing.assert_array_equal(BundlePlan.of(problem, SolveSettings()).constant_m, np.full(24, CONSTANT_M))
+    np.testing.assert_array_equal(KnownPersonPlan.of(problem, SolveSettings()).constant_m, np.full(24, CONSTANT_M))
