@@ -32,7 +32,7 @@ class SolveSettings:
     """Geman-McClure scale in standard deviations of the detector's noise."""
     refine_window: int = 10
     """The same for 'global', as a duration: so many frames at 60 a second, and down to 0.6 times as many in takes that
-    are fast throughout."""
+    are fast throughout, 0.4 where they are of markers."""
     residual_rotations: bool = True
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
     body: str = "neutral"

@@ -22,8 +22,17 @@ def constant(value: Any, like: Array) -> Array:
 
 
 def astype(values: Array, precision: Any) -> Array:
-    """Return the values in a precision of their own kind."""
-    return array_namespace(values).astype(values, precision)
+    """Return the values in a precision of their own kind; themselves where they have it."""
+    return array_namespace(values).astype(values, precision, copy=False)
+
+
+def solved(A: Array, B: Array) -> Array:
+    """Return ``A⁻¹ B`` of (..., n, n) and (..., n, m) arrays; the array interface's own imports modules in each call.
+
+    Raises:
+        LinAlgError: a matrix is singular.
+    """
+    return np.linalg.solve(A, B) if isinstance(A, np.ndarray) else array_namespace(A).linalg.solve(A, B)
 
 
 def index(values: np.ndarray, like: Array) -> Array:

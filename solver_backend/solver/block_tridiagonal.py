@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, identity, index
+from solver_backend.geometry.arrays import Array, identity, index, solved
 from solver_backend.geometry.parallel import map_blocks
 
 BATCH = 16
@@ -195,15 +195,15 @@ class _Outer:
         orders = range(middle), range(count - 1, middle, -1)
         halves = map_blocks(lambda order: self._eliminated(order, right, carry=carry), orders, self.diagonal)
         coupled: dict[int, Array] = halves[0][0] | halves[1][0]
-        solved: dict[int, Array] = halves[0][1] | halves[1][1]
+        found: dict[int, Array] = halves[0][1] | halves[1][1]
         block, r = self.diagonal[middle], right[middle]
         for i in {middle - 1, middle + 1} & set(coupled):
             H_T = self._towards(i, middle).T
             block = block - xp.matmul(H_T, coupled[i])
-            r = r - xp.matmul(H_T, solved[i]) if carry else r
-        solved[middle] = xp.linalg.solve(block, r)
+            r = r - xp.matmul(H_T, found[i]) if carry else r
+        found[middle] = solved(block, r)
         outwards = [(i, i + 1) for i in range(middle - 1, -1, -1)], [(i, i - 1) for i in range(middle + 1, count)]
-        return _Sweeps(coupled, [solved[i] for i in range(count)], outwards)
+        return _Sweeps(coupled, [found[i] for i in range(count)], outwards)
 
     def _eliminated(
         self, order: range, right: Sequence[Array], *, carry: bool
@@ -211,17 +211,17 @@ class _Outer:
         """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` of the blocks in this order, j the next of each."""
         xp = array_namespace(self.diagonal)
         coupled: dict[int, Array] = {}
-        solved: dict[int, Array] = {}
+        found: dict[int, Array] = {}
         met = self.diagonal.shape[1]
         for i in order:
             block, r, before = self.diagonal[i], right[i], i - order.step
             if before in coupled:
                 H_T = self._towards(before, i).T
                 block = block - xp.matmul(H_T, coupled[before])
-                r = r - xp.matmul(H_T, solved[before]) if carry else r
-            both = xp.linalg.solve(block, xp.concat([self._towards(i, i + order.step), r], axis=1))
-            coupled[i], solved[i] = both[:, :met], both[:, met:]
-        return coupled, solved
+                r = r - xp.matmul(H_T, found[before]) if carry else r
+            both = solved(block, xp.concat([self._towards(i, i + order.step), r], axis=1))
+            coupled[i], found[i] = both[:, :met], both[:, met:]
+        return coupled, found
 
     def _towards(self, i: int, j: int) -> Array:
         """Return ``H_ij`` of neighbours."""

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, identity
+from solver_backend.geometry.arrays import Array, identity, solved
 
 
 class NormalEquations(Protocol):
@@ -59,13 +59,37 @@ class DenseBlocks:
         diagonal = xp.linalg.diagonal(self.H)
         eye = identity(self.H.shape[-1], self.H)
         damped = self.H + (damping[:, None] * diagonal + 1e-9)[:, :, None] * eye
-        return -xp.linalg.solve(damped, self.g[:, :, None])[..., 0]
+        return -solved(damped, self.g[:, :, None])[..., 0]
 
     def merged(self, mask: Array, newer: DenseBlocks) -> DenseBlocks:
         """Return the equations with the masked problems taken from ``newer``."""
         xp = array_namespace(self.H)
         H = xp.where(mask[:, None, None], newer.H, self.H)
         return DenseBlocks(H, xp.where(mask[:, None], newer.g, self.g))
+
+
+class LazyBlocks:
+    """Independent problems whose equations are formed when a step is asked for: after the last one nobody asks."""
+
+    def __init__(self, form: Callable[[], DenseBlocks]) -> None:
+        self._form: Callable[[], DenseBlocks] | None = form
+        self._blocks: DenseBlocks | None = None
+
+    @property
+    def formed(self) -> DenseBlocks:
+        """The equations; what they are formed from is let go of."""
+        if self._blocks is None:
+            assert self._form is not None
+            self._blocks, self._form = self._form(), None
+        return self._blocks
+
+    def solve(self, damping: Array) -> Array:
+        """Return the (B, n) damped steps."""
+        return self.formed.solve(damping)
+
+    def merged(self, mask: Array, newer: LazyBlocks) -> LazyBlocks:
+        """Return the equations with the masked problems taken from ``newer``."""
+        return LazyBlocks(lambda: self.formed.merged(mask, newer.formed))
 
 
 @dataclass(frozen=True)
@@ -93,9 +117,9 @@ class Arrowhead:
         )
         shared = self.shared + (relative * xp.linalg.diagonal(self.shared) + 1e-9)[:, None] * identity(m, self.shared)
         right = xp.concat([self.coupling, self.g_blocks[:, :, None]], axis=-1)
-        eliminated = xp.linalg.solve(blocks, right)
+        eliminated = solved(blocks, right)
         reduced = xp.sum(xp.matmul(xp.permute_dims(self.coupling, (0, 2, 1)), eliminated), axis=0)
-        step_shared = -xp.linalg.solve(shared - reduced[:, :m], (self.g_shared - reduced[:, m])[:, None])[:, 0]
+        step_shared = -solved(shared - reduced[:, :m], (self.g_shared - reduced[:, m])[:, None])[:, 0]
         step_blocks = -eliminated[..., m] - xp.matmul(eliminated[..., :m], step_shared[:, None])[..., 0]
         return xp.concat([step_shared, xp.reshape(step_blocks, (-1,))])[None]
 

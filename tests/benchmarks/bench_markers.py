@@ -20,10 +20,11 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud, Motion
 from tests.benchmarks.marker_takes import coverage, joint_angles, speed
 from tests.benchmarks.marker_takes.held_out import held_out, pooled, report
-from tests.benchmarks.marker_takes.rigid_bones import motion_in_bones
+from tests.benchmarks.marker_takes.rigid_bones import HINGES, flexion_in_bones, motion_in_bones
 from tests.benchmarks.marker_takes.spoiled import moved_mm
 from tests.benchmarks.marker_takes.takes import cmu, folder, held_out_takes, ui_prmd
 from tests.benchmarks.metric import Metric
+from tests.benchmarks.open_sim import flexion_deg
 from tests.support.cmu_marker_take import read_take
 from tests.support.recordings import recordings_folder
 
@@ -57,9 +58,19 @@ def _skeleton() -> list[Metric]:
         sys.stdout.write(
             f"  {name:<16} steady {steady[name]:6.1f} mm   in the markers' own frames {bones[name]:6.1f}\n"
         )
+    hinges = flexion_in_bones(take.labels, take.markers, take.joints)
+    angles: dict[str, list[float]] = {hinge: [] for hinge in HINGES}
+    for name, (_, floor) in hinges.items():
+        side, _, hinge = name.partition("_")
+        parts = [f"{side}_{part}" for part in HINGES[hinge]]
+        ours = flexion_deg(*(motion.joints[:, SMPL_JOINTS.index(part)] for part in parts))
+        off = ours - flexion_deg(*(take.joints[part] for part in parts))
+        angles[hinge].append(float(off.var()))
+        sys.stdout.write(f"  {name:<16} RMS {off.std():4.1f}°   in the markers' own frames {floor:4.1f}°\n")
     return [
         Metric("skeleton_steady_mm", float(np.mean([*steady.values()])), "mm"),
         Metric("skeleton_in_markers_mm", float(np.mean([*bones.values()])), "mm"),
+        *(Metric(f"skeleton_{hinge}_deg", float(np.mean(found) ** 0.5), "°") for hinge, found in angles.items()),
     ]
 
 

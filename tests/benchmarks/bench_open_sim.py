@@ -17,7 +17,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.methods import FILTER, OURS, PUBLISHED, Method
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
-from tests.benchmarks.open_sim import read_mot
+from tests.benchmarks.open_sim import flexion_deg, read_mot
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
 RESULTS = Path("multiview", "pose2sim", "S00_P00_SingleParticipant", "S00_P00_OpenSim")
@@ -73,12 +73,6 @@ def reference_angles(path: Path) -> Angles:
         for angle, (_, coordinate) in ANGLES.items()
         for side in ("left", "right")
     }
-
-
-def flexion_deg(above: np.ndarray, hinge: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Return (F,) degrees by which a hinge of (F, 3) points is bent, 0 when straight."""
-    u, v = hinge - above, below - hinge
-    return np.degrees(np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), (u * v).sum(-1)))
 
 
 def compare(found: Angles, reference: Angles) -> dict[str, tuple[float, float]]:

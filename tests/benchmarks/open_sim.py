@@ -1,4 +1,4 @@
-"""Joint angles of an OpenSim motion file (``.mot``)."""
+"""Joint angles: of an OpenSim motion file (``.mot``), and of the points that a hinge stands between."""
 
 from __future__ import annotations
 
@@ -28,3 +28,9 @@ def read_mot(path: Path) -> dict[str, np.ndarray]:
     if units[1] == "no":
         columns |= {name: np.degrees(values) for name, values in columns.items() if not LENGTHS.fullmatch(name)}
     return columns
+
+
+def flexion_deg(above: np.ndarray, hinge: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Return (F,) degrees by which a hinge of (F, 3) points is bent, 0 when straight."""
+    u, v = hinge - above, below - hinge
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), (u * v).sum(-1)))

@@ -144,7 +144,7 @@ def _stretch(
 
 def covariance_of_joints(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, scale: float, inflation: float,
-    chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS, stride: int = 1,
+    constant_m: np.ndarray, chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
@@ -155,6 +155,7 @@ def covariance_of_joints(
         frames: F poses.
         scale: of Geman-McClure's penalty.
         inflation: see ``joint_covariance``.
+        constant_m: see ``joint_covariance``.
         chunk_windows: windows at a time.
         overlap: windows on both sides of them whose frames are looked at too.
         stride: see ``joint_covariance``.
@@ -166,7 +167,7 @@ def covariance_of_joints(
         told = part.information(windows, some, scale) if model.codes else turned_information(part, windows, some, scale)
         system = told.block_tridiagonal()
         poses = frames.select(index(windows.frames - first, keys.z))
-        spread = packed(joint_covariance(model, windows, some, poses, system, inflation, stride))
+        spread = packed(joint_covariance(model, windows, some, poses, system, inflation, constant_m, stride))
         low, high = layout.bounds[chunk.kept.start] + (chunk.kept.start > 0), layout.bounds[chunk.kept.stop]
         found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
     return array_namespace(keys.z).concat(found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 
@@ -11,16 +10,17 @@ from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.bundle_plan import BundlePlan
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
-from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.key_density import dense_layout
+from solver_backend.fitters.keyframes.known_person import solve_known_person
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
-from solver_backend.fitters.keyframes.posterior import noise_inflation
+from solver_backend.fitters.keyframes.posterior import keypoint_constant_m, noise_inflation
 from solver_backend.fitters.keyframes.restart import regained, restarted
 from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import Subject, points_of, pose
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -37,6 +37,8 @@ def solve_by_bundle(
 ) -> MethodResult:
     """Solve all keys at once: first on the prior's manifold, then off it, with shape and bias between.
 
+    A person who is known is solved by ``solve_known_person``.
+
     Args:
         problem: the measurements made ready.
         subject: the person.
@@ -44,10 +46,12 @@ def solve_by_bundle(
         progress: called as stages advance.
         each: solves the stretches of a long take.
     """
+    if problem.measurements.subject is not None:
+        return solve_known_person(problem, subject, settings, progress, each)
     window = problem.frames_of(settings.refine_window)
     layout, contacts = KeyframeLayout.even(problem.num_frames, window), None
     start, data = initial_keys(problem, subject, layout), problem.measurements.term
-    single = _keys_of_frames(problem, subject, layout, start)
+    single = keys_of_frames(problem, subject, layout, start)
     objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
     model = BundleModel(subject, problem.prior, objective)
     scale, plan = settings.robust_scale, BundlePlan.of(problem, settings)
@@ -55,13 +59,10 @@ def solve_by_bundle(
     def solved(
         model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, number: int
     ) -> KeySolution:
-        model = model.single() if plan.known_person else model
-        begin, alive = keys.astype(model.subject.betas.dtype), partial(progress, "Global bundle", number, 3)
-        found = solve_long(model, layout, begin, schedule, alive, each=each)
-        return replace(found, keys=found.keys.astype(keys.z.dtype))
+        return solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number, 3), each=each)
 
     found = solved(model, layout, start, plan.first, 0)
-    dense = layout if plan.known_person else dense_layout(model, layout, found.keys, window, problem.fps)
+    dense = dense_layout(model, layout, found.keys, window, problem.fps)
     if dense is not layout:
         found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
         layout, window = dense, round(problem.num_frames / dense.num_windows)
@@ -75,7 +76,7 @@ def solve_by_bundle(
             keys, poses = anew, model.poses(anew, layout)
         sample = poses.select(index(problem.sample, keys.z))
         # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
-        shape_prior = ShapePrior(free_betas=plan.free_betas, free_offsets=number > 0 and not plan.known_person)
+        shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=number > 0)
         judged = model.objective.frames.select(problem.sample)
         before = model.subject
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
@@ -89,39 +90,25 @@ def solve_by_bundle(
             data = with_window_variances(data, standing, problem.fps, scale, dof)
         if feet:
             contacts = find_contacts(to_numpy(standing), model.subject.landmarks.names, problem.fps)
-        points = (
-            (data,) if contacts is None or not plan.holds_feet else (data, contacts.term(keys.z, settings.foot_lock))
-        )
+        points = (data,) if contacts is None else (data, contacts.term(keys.z, settings.foot_lock))
         free = settings.residual_rotations
-        objective = bundle_objective(
-            problem, layout, window, points, residuals=free, smoothing=settings.smoothing, looseness=plan.looseness
-        )
-        model = replace(model, objective=objective, residuals=free, codes=not (plan.known_person and free))
+        objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
+        model = replace(model, objective=objective, residuals=free)
         found = solved(model, layout, keys, schedule, number + 1)
     found = regained(problem.measurements, model, layout, found, single, plan.passes[-1])
     progress("Global bundle", 3, 3)
 
     # Solved on a smooth curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
     keys, frames = found.keys, model.poses(control_points(found.keys, layout), layout, spline=True)
-    inflation = noise_inflation(model.subject, frames, problem.measurements.term, scale, max(1, window // 2))
+    term, at = problem.measurements.term, points_of(model.subject, frames)
+    inflation = noise_inflation(at, term, scale, max(1, window // 2))
     give_back_freed_memory()
     # Standing feet steady the solution, but how sure it is follows from what was measured.
     measured = bundle_objective(
         problem, layout, window, (data,), residuals=model.residuals, smoothing=settings.smoothing
     )
     covariance = covariance_of_joints(
-        replace(model, objective=measured), layout, keys, frames, scale, inflation,
-        stride=plan.covariance_stride,
+        replace(model, objective=measured), layout, keys, frames, scale, inflation, keypoint_constant_m()
     )  # fmt: skip
     standing_feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
     return SolvedFrames(model.subject, frames, layout.key_times, covariance, standing_feet), found.convergence
-
-
-def _keys_of_frames(
-    problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes
-) -> Callable[[], Keyframes]:
-    """Return what makes keys from the points of single frames: the start, unless a rough motion told it."""
-    if problem.measurements.rough is None:
-        return lambda: start
-    by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
-    return cache(lambda: initial_keys(by_itself, subject, layout))

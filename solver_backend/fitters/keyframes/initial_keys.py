@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 from array_api_compat import array_namespace
 
@@ -36,6 +40,16 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> 
     transl = states.transl[first] + t[:, None] * (states.transl[second] - states.transl[first])
     roots = slerp(quat[first], xp.where(near, quat[second], -quat[second]), t)
     return hemisphere_aligned(Keyframes(slerp(states.z[first], states.z[second], t), roots, transl, residual))
+
+
+def keys_of_frames(
+    problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes
+) -> Callable[[], Keyframes]:
+    """Return what makes keys from the points of single frames: the start, unless a rough motion told it."""
+    if problem.measurements.rough is None:
+        return lambda: start
+    by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
+    return cache(lambda: initial_keys(by_itself, subject, layout))
 
 
 def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,11 +11,10 @@ from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.keyframes.turned_keys import d_pose_d_turned
 from solver_backend.fitters.model.codes import d_pose_d_key
-from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES, lagrange
+from solver_backend.fitters.model.keyframe_curve import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -41,13 +40,13 @@ alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds 
 
 def joint_covariance(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
-    inflation: float, stride: int = 1,
+    inflation: float, constant_m: np.ndarray, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
     pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
-    ``CONSTANT_M``, or ``OF_MARKERS_M`` by joint.
+    what does not average out, by joint.
 
     Args:
         model: what the keys were judged by.
@@ -56,6 +55,7 @@ def joint_covariance(
         frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
+        constant_m: (24,) standard deviation per axis of what does not average out, metres.
         stride: covariances of every so many frames are formed; those between lie on straight lines.
     """
     xp = array_namespace(keys.z)
@@ -64,7 +64,7 @@ def joint_covariance(
     by_keys = d_pose_d_key(model.prior, keys.z, residual) if model.codes else d_pose_d_turned(keys)
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
-    constant_m2 = constant(_constant_m(model) ** 2, keys.z)[:, None, None] * identity(3, keys.z)
+    constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
     rows = layout.rows(stride)
 
     def block(windows: slice) -> Array:
@@ -98,10 +98,13 @@ def joint_covariance(
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
 
 
-def _constant_m(model: BundleModel) -> np.ndarray:
-    """Return (24,) standard deviations per axis of what does not average out, metres."""
-    if model.codes:
-        return np.full(len(SMPL_JOINTS), CONSTANT_M)
+def keypoint_constant_m() -> np.ndarray:
+    """Return (24,) standard deviations per axis of what does not average out where keypoints are solved, metres."""
+    return np.full(len(SMPL_JOINTS), CONSTANT_M)
+
+
+def marker_constant_m() -> np.ndarray:
+    """Return (24,) standard deviations per axis of what does not average out of a calibrated person, metres."""
     parts = [name.removeprefix("left_").removeprefix("right_") for name in SMPL_JOINTS]
     return np.array([OF_MARKERS_M[part] for part in parts])
 
@@ -135,21 +138,26 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
     return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, PoseTangent.DOF, PoseTangent.DOF))
 
 
-def noise_inflation(subject: Subject, frames: PosedFrames, term: DataTerm, scale: float, num_frames: int) -> float:
+def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
     """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
 
     A detector errs alike in neighbouring frames. r, the lag-one correlation of first-order autoregressive noise, is
     measured on the residuals of inliers; n is the number of frames that a key averages over.
 
+    Args:
+        points: (F, L, 3) landmarks of a solution.
+        term: what was measured in these frames.
+        scale: robust scale, beyond which a measurement is no inlier.
+        num_frames: n.
+
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".
     """
-    xp, count = array_namespace(frames.transl), frames.transl.shape[0]
+    xp, count = array_namespace(points), points.shape[0]
     product = power = 0.0
     for start in range(0, count, BLOCK_POSES):
         part = np.arange(start, min(start + BLOCK_POSES + 1, count))
-        points = pose(subject, frames.select(index(part, frames.transl))).points
-        found = term.select(part).residuals(points)
+        found = term.select(part).residuals(points[start : start + len(part)])
         error, inlier = found.error, found.inliers(scale)
         pair = xp.astype(inlier[:, 1:] & inlier[:, :-1], error.dtype)
         product += float(xp.sum(xp.sum(error[:, 1:] * error[:, :-1], axis=-1) * pair))

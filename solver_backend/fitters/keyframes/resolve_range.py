@@ -14,12 +14,17 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.key_density import window_of
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
-from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
+from solver_backend.fitters.keyframes.posterior import (
+    joint_covariance,
+    keypoint_constant_m,
+    marker_constant_m,
+    noise_inflation,
+)
 from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, spliced
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.model.tangent import JOINTS_DOF
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -94,19 +99,21 @@ def solve_range(
         schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
         best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
     solved = SolvedRange(frame_range, layout, free, model.poses(best.keys, layout), contacts, best.convergence.status)
-    covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2))
+    constant_m = keypoint_constant_m() if problem.measurements.marker_sigma is None else marker_constant_m()
+    covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2), constant_m)
     progress(STAGE, 3, 3)
     return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), solved.status)
 
 
 def _covariance(
-    problem: Problem, model: BundleModel, solved: SolvedRange, keys: Keyframes, scale: float, frames_per_key: int
-) -> np.ndarray:
+    problem: Problem, model: BundleModel, solved: SolvedRange, keys: Keyframes, scale: float, frames_per_key: int,
+    constant_m: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Return (n, 24, 6) of the joints in the frames of the layout (see ``packed``)."""
     layout, data = solved.layout, problem.measurements.term.select(solved.layout.frames)
-    inflation = noise_inflation(model.subject, solved.frames, data, scale, frames_per_key)
+    inflation = noise_inflation(points_of(model.subject, solved.frames), data, scale, frames_per_key)
     system = model.information(layout, keys, scale).with_fixed(~solved.free).block_tridiagonal()
-    return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation)))
+    return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation, constant_m)))
 
 
 def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None:

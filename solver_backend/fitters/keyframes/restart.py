@@ -14,7 +14,7 @@ from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.model.subject import points_of
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.runs import true_runs
 
@@ -23,8 +23,9 @@ BESIDE = 3
 
 
 def restarted(
-    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Callable[[], Keyframes]
-) -> Keyframes | None:
+    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Callable[[], Keyframes],
+    frames: np.ndarray | None = None,
+) -> Keyframes | None:  # fmt: skip
     """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
 
     Args:
@@ -33,15 +34,16 @@ def restarted(
         points: (F, L, 3) landmarks of a solution.
         keys: its keys.
         start: makes keys fitted to the points of single frames.
+        frames: numbers of the F frames; all of the layout if None.
     """
-    lost = _lost_windows(measurements, layout, points)
+    lost = _lost_windows(measurements, layout, points, frames)
     return _anew(lost, keys, start()) if lost.any() else None
 
 
 def regained(
     measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution,
     start: Callable[[], Keyframes],
-    schedule: Schedule,
+    schedule: Schedule, frames: np.ndarray | None = None,
 ) -> KeySolution:  # fmt: skip
     """Return a solution whose lost limbs were solved again, where that lowers the cost; the rest of the take stays.
 
@@ -54,9 +56,10 @@ def regained(
         found: the solution.
         start: makes keys fitted to the points of single frames.
         schedule: of the solution's last pass.
+        frames: numbers of those that are looked at; all of the layout if None.
     """
     keys = found.keys
-    lost = _lost_windows(measurements, layout, pose(model.subject, model.poses(keys, layout)).points)
+    lost = _lost_windows(measurements, layout, points_of(model.subject, model.poses(keys, layout, frames)), frames)
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first >= CHUNK_WINDOWS:
@@ -72,11 +75,14 @@ def regained(
     return replace(found, keys=hemisphere_aligned(keys))
 
 
-def _lost_windows(measurements: Measurements, layout: KeyframeLayout, points: Array) -> np.ndarray:
+def _lost_windows(
+    measurements: Measurements, layout: KeyframeLayout, points: Array, frames: np.ndarray | None
+) -> np.ndarray:
     """Return (N,) bool: a limb is lost in the window."""
-    frames = lost_landmarks(to_numpy(points), measurements.points, measurements.covariance).any(axis=1)
+    number = layout.frames if frames is None else frames
+    lost_in = lost_landmarks(to_numpy(points), measurements.points[number], measurements.covariance[number])
     lost = np.zeros(layout.num_windows, dtype=bool)
-    lost[layout.positions(np.flatnonzero(frames))[0]] = True
+    lost[layout.positions(number[lost_in.any(axis=1)])[0]] = True
     return lost
 
 

@@ -12,6 +12,7 @@ from solver_backend.fitters.marker_calibration.gap_neighbours import (
     told_by_neighbours,
 )
 from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.small_systems import solved_3x3
 
 LAG_S = 0.2
 """How much alike what a marker is off remains is measured over this time."""
@@ -40,21 +41,21 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
         fps: frames per second.
     """
     found, missing = measured.copy(), ~np.isfinite(measured).all(-1)
-    off = np.linalg.solve(bones, (measured - solved)[..., None])[..., 0]
+    away = measured - solved
+    off = solved_3x3(bones, away)
     lasting = LONGER * lasting_frames(off, max(1, round(LAG_S * fps)))
     order = neighbours_by_distance(solved)
     for m in np.flatnonzero(missing.any(axis=0)):
-        near = [m, *order[m, :LOOKED_AT]]
-        beside = np.einsum("fji,fmj->fmi", bones[:, m], measured[:, near] - solved[:, near])
+        beside = away[:, [m, *order[m, :LOOKED_AT]]] @ bones[:, m]
         for first, last in true_runs(missing[:, m]):
             gap = np.arange(first, last + 1)
             ends = [end for end in (first - 1, last + 1) if 0 <= end < len(measured)]
             joined = np.zeros((len(gap), 3))
             for end in ends:
-                away = np.abs(gap - end)
-                share = np.exp(-away / lasting)
+                since = np.abs(gap - end)
+                share = np.exp(-since / lasting)
                 if len(ends) == 2:
-                    share = joining_shares(away, last - first + 1, lasting)
+                    share = joining_shares(since, last - first + 1, lasting)
                 joined += share[:, None] * off[end, m]
             if len(ends) == 2:
                 joined += told_by_neighbours(beside, (first, last), lasting)

@@ -11,7 +11,9 @@ NOISE = 0.1
 DOUBT = 2.0
 """Stretches' worth of evidence that markers move independently."""
 TIMES, STRETCHES = 6, 6
-"""Times in a gap at which markers are compared, and stretches of its length that begin in one length."""
+"""Times in a gap at which markers are compared, and stretches of its length that begin in one length ..."""
+MOST_STRETCHES = 240
+"""... and in the take: a gap does not take longer in a longer one."""
 LEAST, MOST_M = 4, 0.05
 """Stretches without which nothing is learned, and the most that neighbours may add, metres."""
 
@@ -43,12 +45,14 @@ def told_by_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) ->
     first, last = gap
     length = last - first + 1
     near = 1 + np.flatnonzero(np.isfinite(off[first - 1 : last + 2, 1:, 0]).all(axis=0))[:NEIGHBOURS]
-    starts = np.arange(0, len(off) - length - 1, max(1, length // STRETCHES))
-    if len(near) == 0 or len(starts) < LEAST:
+    room = len(off) - length - 1
+    step = max(1, length // STRETCHES, -(-room // MOST_STRETCHES))
+    count = -(-room // step)
+    if len(near) == 0 or count < LEAST:
         return np.zeros((length, 3))
     columns = np.append(0, near)
     times = np.unique(np.linspace(1, length, min(length, TIMES)).round().astype(int))
-    rests = _rests(off[:, columns], starts, times, length, lasting)
+    rests = _rests(off, columns, step, count, times, length, lasting)
     flat = np.moveaxis(rests, 2, 3).reshape(-1, len(columns))
     known = np.isfinite(flat)
     both, flat = known.T.astype(float) @ known, np.where(known, flat, 0.0)
@@ -57,7 +61,7 @@ def told_by_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) ->
     covariance *= evidence / (evidence + DOUBT)
     np.fill_diagonal(covariance, (1.0 + NOISE) * variance + 1e-12)
     weights = np.linalg.solve(covariance[1:, 1:], covariance[1:, 0])
-    now = _rests(off[:, near], np.array([first - 1]), np.arange(1, length + 1), length, lasting)[0]
+    now = _rests(off[first - 1 : last + 2], near, 1, 1, np.arange(1, length + 1), length, lasting)[0]
     told = np.moveaxis(now, 1, 2) @ weights
     return told * np.minimum(1.0, MOST_M / np.maximum(np.linalg.norm(told, axis=-1, keepdims=True), 1e-9))
 
@@ -74,8 +78,14 @@ def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
 
 
-def _rests(off: np.ndarray, starts: np.ndarray, times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return (S, T, K, 3): what (F, K, 3) errors leave beside what joins a stretch's ends."""
-    before, after = (joining_shares(t, length, lasting)[:, None, None] for t in (times, length + 1 - times))
-    ends = before * off[starts][:, None] + after * off[starts + length + 1][:, None]
-    return off[starts[:, None] + times] - ends
+def _rests(
+    off: np.ndarray, columns: np.ndarray, step: int, count: int, times: np.ndarray, length: int, lasting: float
+) -> np.ndarray:
+    """Return (S, T, K, 3): what errors in K columns leave beside what joins the ends of S stretches, a step apart."""
+    before, after = (joining_shares(t, length, lasting) for t in (times, length + 1 - times))
+    stop = step * (count - 1) + 1
+    first, last = off[:stop:step][:, columns], off[length + 1 : length + 1 + stop : step][:, columns]
+    rests = np.empty((count, len(times), len(columns), 3))
+    for k, t in enumerate(times.tolist()):
+        rests[:, k] = off[t : t + stop : step][:, columns] - (before[k] * first + after[k] * last)
+    return rests

@@ -8,11 +8,11 @@ from array_api_compat import array_namespace
 from solver_backend.fitters.measurements.base import RoughMotion
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.single_precision import single_objective, single_subject
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import bridged_states, fit_frames, posed
 from solver_backend.fitters.single_frame.start import fit_to_points
-from solver_backend.geometry.arrays import constant, index, to_numpy
+from solver_backend.geometry.arrays import astype, constant, index, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.solver.levenberg_marquardt import LMSettings
 
@@ -46,8 +46,10 @@ def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
 
 def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.ndarray:
     """Return (F, L, 3) where a body has its markers, some centimetres off where it moves fast."""
-    states = bridged_states(rough.states, rough.frames, problem.num_frames)
-    return to_numpy(pose(subject, posed(problem.prior, states)).points)
+    xp = array_namespace(rough.states.z)
+    states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
+    points = points_of(single_subject(subject), posed(problem.prior, states))
+    return to_numpy(astype(points, rough.states.z.dtype))
 
 
 def _fitted(
@@ -61,7 +63,7 @@ def _fitted(
         objective, begin = single_objective(problem.objective.select(frames[part])), start.select(part)
         begin = begin.astype(array_namespace(start.z).float32)
         found = fit_frames(single_subject(subject), problem.prior, objective, begin, SCALES, STEPS)
-        return found.state.astype(start.z.dtype), to_numpy(found.cost)
+        return found.state.astype(subject.betas.dtype), to_numpy(found.cost)
 
     found = map_blocks(fit, parts, start.z)
     return FrameStates.concatenate([state for state, _ in found]), np.concatenate([cost for _, cost in found])

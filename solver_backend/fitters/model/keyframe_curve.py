@@ -17,16 +17,13 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.codes import CODES, decoded, decoded_with_vjp, decoder_jacobian
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.spherical_mean import SphericalMean
 from solver_backend.fitters.model.tangent import PoseTangent, d_pose_d_state
 from solver_backend.geometry.arrays import Array, constant, zeros
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import matrix_from_quat, quat_left_tangent
 from solver_backend.priors.base import PosePrior
-
-BLOCK_POSES = 2000
-"""Frames posed at a time."""
 
 
 class Interpolant(Protocol):

@@ -13,6 +13,9 @@ from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import exp_so3
 
+BLOCK_POSES = 2000
+"""Frames posed at a time."""
+
 
 @dataclass(frozen=True)
 class PosedFrames:

@@ -11,10 +11,10 @@ from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.geometry.arrays import Array, constant, identity, index
+from solver_backend.geometry.arrays import Array, astype, constant, empty, index
 from solver_backend.residuals.pose_term import PoseTerm
 
 
@@ -63,6 +63,13 @@ def pose(
     )  # fmt: skip
 
 
+def points_of(subject: Subject, frames: PosedFrames) -> Array:
+    """Return the subject's landmarks (F, L, 3) in these poses, some frames at a time."""
+    starts = range(0, frames.transl.shape[0], BLOCK_POSES)
+    parts = [pose(subject, frames.select(slice(start, start + BLOCK_POSES))).points for start in starts]
+    return array_namespace(frames.transl).concat(parts)
+
+
 def frame_equations(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float,
     hessian_frames: np.ndarray | None = None,
@@ -93,18 +100,23 @@ def frame_equations(
     parts = [J, data.information, *(term.factors for term in poses)]
     if hessian_frames is not None:
         chosen = index(hessian_frames, J)
-        parts = [xp.astype(part[chosen], xp.float32) for part in parts]
+        parts = [astype(part[chosen], xp.float32) for part in parts]
     return FrameEquations(cost, gradient, lambda: _hessian(objective.poses, *parts))
 
 
 def _hessian(terms: tuple[PoseTerm, ...], by_rotations: Array, information: Array, *factors: Array) -> Array:
     """Return the (F, 69, 69) Gauss-Newton matrices of the point terms and the pose terms."""
     xp = array_namespace(by_rotations)
-    count, num_landmarks = by_rotations.shape[:2]
-    eye = identity(3, by_rotations)
-    J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    weighted = xp.reshape(xp.matmul(information, J), (count, 3 * num_landmarks, PoseTangent.DOF))
-    hessian = xp.matmul(xp.matrix_transpose(xp.reshape(J, weighted.shape)), weighted)
+    count, num_landmarks, _, rotations = by_rotations.shape
+    weighted = xp.matmul(information, by_rotations)
+    tall = (count, 3 * num_landmarks, rotations)
+    across, hessian = xp.sum(weighted, axis=1), empty((count, PoseTangent.DOF, PoseTangent.DOF), by_rotations)
+    hessian[:, PoseTangent.ROTATIONS, PoseTangent.ROTATIONS] = xp.matmul(
+        xp.matrix_transpose(xp.reshape(by_rotations, tall)), xp.reshape(weighted, tall)
+    )
+    hessian[:, PoseTangent.TRANSL, PoseTangent.ROTATIONS] = across
+    hessian[:, PoseTangent.ROTATIONS, PoseTangent.TRANSL] = xp.matrix_transpose(across)
+    hessian[:, PoseTangent.TRANSL, PoseTangent.TRANSL] = xp.sum(information, axis=1)
     for term, part in zip(terms, factors, strict=True):
         hessian[:, PoseTangent.JOINTS, PoseTangent.JOINTS] += term.hessian(part)
     return hessian

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
-from solver_backend.fitters.model.keyframe_curve import BLOCK_POSES
+from solver_backend.fitters.model.posed_frames import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.frame_flags import flagged
 from solver_backend.fitters.solution import SolvedFrames

@@ -15,7 +15,10 @@ RANGE = (0.2, 25.0)
 """Least and largest variance, as a share of the first."""
 
 
-def with_window_variances(term: DataTerm, points: Array, fps: float, scale: float, dof: float) -> DataTerm:
+def with_window_variances(
+    term: DataTerm, points: Array, fps: float, scale: float, dof: float,
+    looked_at: np.ndarray | None = None,
+) -> DataTerm:  # fmt: skip
     """Return the term with a variance for every landmark and stretch of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
@@ -30,10 +33,12 @@ def with_window_variances(term: DataTerm, points: Array, fps: float, scale: floa
         fps: frames per second.
         scale: landmarks beyond this many standard deviations are left out.
         dof: unknowns of a solution for each frame.
+        looked_at: (T,) bool of all frames of the term: those that the points are of, some in every stretch; None: all.
 
     Reference: Kendall and Gal 2017, eq. 8, whose minimum by a variance this is.
     """
-    found = term.residuals(points)
+    looked_at = np.ones(len(points), dtype=bool) if looked_at is None else looked_at
+    found = term.select(np.flatnonzero(looked_at)).residuals(points)
     inlier, squared = to_numpy(found.inliers(scale)).sum(0), to_numpy(found.squared).sum(0)
     used = inlier.astype(np.float64)
     per_frame = 3.0 * np.maximum(used.sum(-1, keepdims=True), 1.0)
@@ -41,8 +46,8 @@ def with_window_variances(term: DataTerm, points: Array, fps: float, scale: floa
     square = used * squared / 3.0
     mean = square.sum() / max(free.sum(), 1.0)
     by_landmark = (square.sum(0) + TAKE_FRAMES * mean) / (free.sum(0) + TAKE_FRAMES)
-    window = (np.arange(len(used)) / max(1.0, WINDOW_S * fps)).astype(int)
-    sums, freedoms = (_by_window(values, window) for values in (square, free))
+    window = (np.arange(len(looked_at)) / max(1.0, WINDOW_S * fps)).astype(int)
+    sums, freedoms = (_by_window(values, window[looked_at]) for values in (square, free))
     variance = (sums + WINDOW_FRAMES * by_landmark) / (freedoms + WINDOW_FRAMES)
     level = min(float(np.median(by_landmark)), 1.0)
     return term.rescaled(constant(np.clip(variance / max(level, 1e-3), *RANGE)[window][None], points))

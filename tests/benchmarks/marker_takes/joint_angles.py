@@ -10,7 +10,7 @@ from solver_backend.fitters import solve
 from solver_backend.io.load import load_capture
 from solver_backend.types import SMPL_JOINTS, Motion
 from tests.benchmarks.marker_takes.takes import folder
-from tests.benchmarks.open_sim import read_mot
+from tests.benchmarks.open_sim import flexion_deg, read_mot
 
 TRIALS: dict[str, tuple[str, str]] = {
     "running 3.5 m/s": ("Sprinter/run0350cms.trc", "Sprinter/run0350cms.mot"),
@@ -23,11 +23,9 @@ BOUNDS_DEG = {"knee": 4.0, "elbow": 6.0}
 HINGES = {"knee": ("hip", "knee", "ankle", "knee_angle"), "elbow": ("shoulder", "elbow", "wrist", "elbow_flex")}
 
 
-def flexion_deg(motion: Motion, side: str, parts: tuple[str, str, str]) -> np.ndarray:
-    """Return (F,) degrees by which a hinge is bent, 0 when straight."""
-    above, hinge, below = (motion.joints[:, SMPL_JOINTS.index(f"{side}_{part}")] for part in parts)
-    u, v = hinge - above, below - hinge
-    return np.degrees(np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), (u * v).sum(-1)))
+def flexion_of(motion: Motion, side: str, parts: tuple[str, str, str]) -> np.ndarray:
+    """Return (F,) degrees by which a hinge of the solved body is bent, 0 when straight."""
+    return flexion_deg(*(motion.joints[:, SMPL_JOINTS.index(f"{side}_{part}")] for part in parts))
 
 
 def differences() -> dict[str, dict[str, tuple[float, float]]]:
@@ -49,7 +47,7 @@ def _trial(take: Path, angles: Path) -> dict[str, tuple[float, float]]:
             name = f"{coordinate}_{side[0]}"
             if name in reference:
                 # The sign of a coordinate is the model's choice.
-                theirs, ours = np.abs(reference[name]), flexion_deg(motion, side, tuple(parts))[frames]
+                theirs, ours = np.abs(reference[name]), flexion_of(motion, side, tuple(parts))[frames]
                 pairs.append(ours - theirs)
         if pairs:
             offset = float(np.mean([pair.mean() for pair in pairs]))

@@ -9,10 +9,10 @@ from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model import keyframe_curve
+from solver_backend.fitters.model import keyframe_curve, subject
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.model.subject import points_of, pose
 from solver_backend.geometry.symmetric import mean_sigma, unpacked
 from tests.support.finer_keys import resampled
 from tests.support.stick_scene import FRAMES
@@ -44,9 +44,9 @@ def test_chunks_agree_with_the_whole_and_are_joined_at_their_keys(scene):
 
 def test_covariance_of_chunks_is_that_of_the_whole(scene):
     model = scene.model(*MOTION)
-    frames = scene.poses(scene.start)
+    frames, constant_m = scene.poses(scene.start), np.full(24, 0.0065)
     one, cut = (
-        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, windows, overlap=4)
+        covariance_of_joints(model, scene.layout, scene.start, frames, 3.0, 2.0, constant_m, windows, overlap=4)
         for windows in (99, 5)
     )
     assert one.shape == (FRAMES, 24, 6)
@@ -68,10 +68,11 @@ def test_blocks_of_frames_add_up_to_all_of_them(scene, monkeypatch):
         monkeypatch.setattr(normal_equations, "BLOCK_FRAMES", frames)
         monkeypatch.setattr(keyframe_curve, "BLOCK_POSES", frames)
         monkeypatch.setattr(posterior, "BLOCK_POSES", frames)
+        monkeypatch.setattr(subject, "BLOCK_POSES", frames)
         cost, form = model.equations(scene.layout.rows(), scene.start, 3.0)
         equations = form()
         poses = key_poses(scene.prior, scene.start, scene.layout, residuals=True)
-        inflation = noise_inflation(scene.subject, poses, scene.term, 3.0, 8)
+        inflation = noise_inflation(points_of(scene.subject, poses), scene.term, 3.0, 8)
         found.append((cost, equations.g, poses.local, inflation, equations.diagonal, equations.upper))
     for one, other in zip(found[0][:4], found[1][:4], strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-7)

@@ -1,0 +1,40 @@
+"""What joints fixed in the frames of recorded markers tell of a skeleton: nothing is off where bones are rigid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.geometry.rotations import exp_so3
+from tests.benchmarks.marker_takes.rigid_bones import CLUSTERS, flexion_in_bones, motion_in_bones
+
+FRAMES = 60
+
+
+def limbs(rng: np.random.Generator, shift: float) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.ndarray]]:
+    """Return labels, markers and joints of four limbs of rigid bones; hinges may be shifted against their markers."""
+    names = sorted({m.format(s=s) for found in CLUSTERS.values() for c in found for m in c for s in "LR"})
+    markers, joints = np.zeros((FRAMES, len(names), 3)), {}
+    angle = 0.6 + 0.5 * np.sin(np.linspace(0, 9, FRAMES))
+    turned = exp_so3(angle[:, None] * [0.0, 1.0, 0.0])
+    below = {"KNE", "SHN", "ANK", "HEE", "TOE", "MT5", "ELB", "FRM", "WRA", "WRB"}
+    for i, name in enumerate(names):
+        place = 0.3 * rng.normal(size=3)
+        markers[:, i] = turned @ place if name[1:] in below else place
+    for side in ("left", "right"):
+        for parts in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
+            lower = turned @ np.array([0.05, 0.02, -0.4])
+            wander = shift * np.stack([np.zeros(FRAMES), np.zeros(FRAMES), np.sin(np.linspace(0, 40, FRAMES))], -1)
+            places = (np.full((FRAMES, 3), [0.02, 0.0, 0.4]), wander @ exp_so3(np.array([0.0, 1.2, 0.0])).T, lower)
+            joints |= {f"{side}_{part}": place for part, place in zip(parts, places, strict=True)}
+    return tuple(names), markers, joints
+
+
+def test_rigid_bones_are_met_exactly_and_a_wandering_knee_is_told() -> None:
+    rng = np.random.default_rng(3)
+    still, moved = limbs(rng, 0.0), limbs(rng, 0.02)
+    assert max(motion_in_bones(*still).values()) < 1e-6
+    assert max(rms for _, rms in flexion_in_bones(*still).values()) < 1e-6
+    wandering = motion_in_bones(*moved)
+    assert wandering["left_knee"] == pytest.approx(20 * 2 / np.pi, rel=0.1) and wandering["left_hip"] < 1e-6
+    assert all(1.0 < rms < 6.0 for _, rms in flexion_in_bones(*moved).values())

@@ -1,0 +1,57 @@
+"""How close keys stand and which passes are made, by how fast a person in markers moves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.fitters.keyframes.key_density import closer_window, paces
+from solver_backend.fitters.keyframes.known_person_plan import CLOSEST, KnownPersonPlan
+from solver_backend.fitters.measurements.base import RoughMotion
+from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
+from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.synthetic.marker_demo import record_markers
+
+ROUGH = RoughMotion(np.arange(1), FrameStates(np.zeros((1, 32)), np.eye(3)[None], np.zeros((1, 3))))
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0, 60.0, 100.0, 120.0, 250.0])
+def test_how_fast_points_are_does_not_depend_on_the_rate(fps: float) -> None:
+    """A circle of 10 cm at 2 turns a second: ``r ω²``, less what a chord of two keys' spacing takes off."""
+    time = np.arange(0, 4, 1 / fps)[:, None] * np.ones(5)
+    angle, apart = 2 * np.pi * 2 * time, max(1, round(fps / 12))
+    points = 0.1 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
+    h = apart / fps
+    expected = 0.2 * (1 - np.cos(4 * np.pi * h)) / h**2
+    assert paces(points, fps, apart) == pytest.approx((expected, expected), rel=1e-6)
+    points[::3, 2] = np.nan
+    assert paces(points, fps, apart)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_noise_of_markers_brings_keys_no_closer() -> None:
+    noise = 0.004 * np.random.default_rng(1).normal(size=(600, 41, 3))
+    assert paces(noise, 60.0, 5)[0] < 2.5 and closer_window(10, paces(noise, 60.0, 5)[0], 4.0, CLOSEST) == 10
+    assert paces(np.full((30, 4, 3), np.nan), 60.0, 5) == (0.0, 0.0)
+    assert paces(np.zeros((3, 4, 3)), 60.0, 5) == (0.0, 0.0)
+
+
+def test_fast_takes_have_closer_keys_and_a_calm_one_starts_near() -> None:
+    body, take = load_body(), record_markers(120, 60.0, seed=3).cloud
+    measured = measure_markers(known_markers_of(take), body, np.zeros(1))
+    measured = replace(measured, subject=Subject.average(body, measured.landmarks, np.zeros(1)), rough=ROUGH)
+
+    def plan(fps: float, rough: RoughMotion | None = ROUGH) -> KnownPersonPlan:
+        """Of the same take, recorded in slow or in fast motion: accelerations grow with the square."""
+        problem = Problem.of(body, load_sposer(), replace(measured, fps=fps, rough=rough))
+        return KnownPersonPlan.of(problem, SolveSettings())
+
+    slow, usual, fast = plan(24.0), plan(60.0), plan(240.0)
+    assert slow.first is None and plan(24.0, rough=None).first is not None
+    assert fast.first is not None
+    assert (slow.window, usual.window) == (4, 10)
+    assert CLOSEST * 40 <= fast.window < 20 and fast.second.stride == round(0.2 * fast.window)
