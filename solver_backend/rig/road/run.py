@@ -132,7 +132,7 @@ class _Road:
     def capture(self) -> None:
         plan, calibration = self._plan, self._calibration
         assert calibration is not None
-        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), None]
+        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration)]
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
