@@ -10,6 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from assets_procedural.detail.fingers import finger_knots, relax_fingers
+from assets_procedural.detail.lay_on import lay_on_details
 from assets_procedural.layout import BORDERS, PARENTS
 from assets_procedural.mesh.charts import build_texture_map
 from assets_procedural.mesh.meshing import build_mesh
@@ -38,18 +40,27 @@ def build_body(num_vertices: int = NUM_VERTICES) -> dict[str, np.ndarray]:
     (V, 2); ``vt`` (T, 2) and ``ft`` (F, 3) with seams; ``face_material`` (F,) and ``material_names``; ``mirror`` (V,);
     the joints that the regressor was fitted to, ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10).
     """
-    mesh = _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
-    part = face_parts(mesh.vertices, mesh.faces)
     statistics, fitted_joints = load_statistics(), load_joints()
-    space = _timed("shape", lambda: build_shape_space(mesh.vertices, mesh.faces, fitted_joints, statistics))
-    origin = space.joints[0]
-    vertices, joints = _rounded(space.vertices - origin), space.joints - origin
-    vertex_dirs = _rounded(space.vertex_dirs)
-    weights = _timed("weights", lambda: heat_weights(vertices, mesh.faces, mesh.mirror, joints))
+    fitted = _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
+    detailed = _timed("details", lambda: lay_on_details(fitted, fitted_joints))
+    mesh, part = detailed.mesh, face_parts(detailed.mesh.vertices, detailed.mesh.faces)
+    carried = np.concatenate([mesh.vertices, finger_knots(fitted_joints)])
+    space = _timed(
+        "shape", lambda: build_shape_space(fitted.vertices, fitted.faces, fitted_joints, statistics, carried)
+    )
+    origin, count = space.joints[0], len(mesh.vertices)
+    spread, joints = space.carried - origin, space.joints - origin
+
+    def relaxed(points: np.ndarray) -> np.ndarray:
+        return relax_fingers(points[:count], points[count:], mesh.vertices, fitted_joints)
+
+    vertices = _rounded(relaxed(spread[..., None])[..., 0])
+    vertex_dirs = _rounded(relaxed(space.carried_dirs))
+    weights = _timed("weights", lambda: heat_weights(_rounded(spread[:count]), mesh.faces, mesh.mirror, joints))
     weights = weights.astype(np.float32).astype(np.float64)
     regressor = _timed("regressor", lambda: fit_regressor(vertices, vertex_dirs, joints, space.joint_dirs, mesh.mirror))
     posedirs = _timed("correctives", lambda: fit_correctives(vertices, mesh.faces, weights, joints, mesh.mirror))
-    texture = _timed("texture", lambda: build_texture_map(space.vertices, mesh.faces, part, PART_FACING))
+    texture = _timed("texture", lambda: build_texture_map(space.carried[:count], mesh.faces, part, PART_FACING))
     return {
         "body_id": np.array(BODY_ID),
         "v_template": vertices.astype(np.float32),
@@ -64,7 +75,7 @@ def build_body(num_vertices: int = NUM_VERTICES) -> dict[str, np.ndarray]:
         "uv": texture.per_vertex(mesh.faces, len(vertices)).astype(np.float32),
         "vt": texture.vt.astype(np.float32),
         "ft": texture.ft.astype(np.uint32),
-        "face_material": face_materials(part),
+        "face_material": face_materials(part, detailed.feature),
         "material_names": np.array(MATERIAL_NAMES),
         "mirror": mesh.mirror.astype(np.uint32),
     }

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from assets_procedural.detail import features
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
 
-SKIN, SUIT = 0, 1
-MATERIAL_NAMES = ("skin", "suit")
-"""Names of the two materials, in the order of their numbers."""
+SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL = range(6)
+MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil")
+"""Names of the materials, in the order of their numbers."""
 PART_FACING = np.array(
     [
         (0.0, 0.0, 1.0),  # head
@@ -43,6 +44,14 @@ def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.select(conditions, [np.zeros_like(right), 8 + right, 6 + right, 4 + right, 2 + right], 1)
 
 
-def face_materials(part: np.ndarray) -> np.ndarray:
-    """Return the (F,) material of each face: head, hands and feet are skin, the rest wears a suit."""
-    return np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT).astype(np.uint8)
+def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
+    """Return the (F,) material of each face: head, hands and feet are skin, the rest wears a suit; eyes and lips.
+
+    Args:
+        part: (F,) from ``face_parts``.
+        feature: (F,) numbers of ``detail.features``.
+    """
+    plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
+    of_feature = {features.LIPS: LIPS, features.EYEBALL: EYEBALL, features.IRIS: IRIS, features.PUPIL: PUPIL}
+    conditions = [feature == number for number in of_feature]
+    return np.select(conditions, list(of_feature.values()), plain).astype(np.uint8)

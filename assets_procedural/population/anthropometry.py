@@ -41,6 +41,8 @@ class Measures:
     toe: int
     heel: int
     tapes: dict[str, Tape]
+    straightened: float
+    """Length of the hand with straight fingers over that of this mesh."""
     offsets: dict[str, float]
     """What joint-based lengths add, metres: skin landmarks are not joint centres."""
 
@@ -54,15 +56,16 @@ class Measures:
             return float(joints[JOINT[name], 0])
 
         floor = vertices[self.sole, 1]
+        hand = self.straightened * (vertices[self.fingertip, 0] - x("left_wrist"))
         values = {
             "stature": vertices[self.top, 1] - floor,
             "cervicaleheight": y("neck") - floor,
             "crotchheight": vertices[self.crotch, 1] - floor,
             "kneeheightmidpatella": y("left_knee") - floor,
-            "span": 2.0 * vertices[self.fingertip, 0],
+            "span": 2.0 * (x("left_wrist") + hand),
             "biacromialbreadth": 2.0 * x("left_shoulder"),
             "radialestylionlength": x("left_wrist") - x("left_elbow"),
-            "handlength": vertices[self.fingertip, 0] - x("left_wrist"),
+            "handlength": hand,
             "footlength": vertices[self.toe, 2] - vertices[self.heel, 2],
         }
         values |= {name: tape.length(vertices) for name, tape in self.tapes.items()}
@@ -95,13 +98,14 @@ _TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width
 }
 
 
-def place_measures(vertices: Array, faces: Array, joints: Array) -> Measures:
+def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
     """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0, any place in z.
 
     Args:
         vertices: (V, 3) metres.
         faces: (T, 3).
         joints: (24, 3) metres.
+        straightened: length of the hand with straight fingers over that of this mesh.
     """
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
@@ -117,6 +121,7 @@ def place_measures(vertices: Array, faces: Array, joints: Array) -> Measures:
             name: place_tape(vertices, faces, normal, (x, y, z + joints[JOINT["neck"], 2]), box)
             for name, (normal, (x, y, z), box) in _TAPES.items()
         },
+        straightened=straightened,
         offsets=_OFFSETS,
     )
 

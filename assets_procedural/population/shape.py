@@ -30,6 +30,10 @@ class ShapeSpace:
     """(V, 3, 10) metres per standard deviation."""
     joint_dirs: Array
     """(24, 3, 10) metres per standard deviation."""
+    carried: Array
+    """(P, 3) metres: points that went along."""
+    carried_dirs: Array
+    """(P, 3, 10) metres per standard deviation."""
     measures: Measures
     """Landmarks and tapes on this mesh."""
     explained: float
@@ -43,7 +47,9 @@ def population_mean(statistics: Statistics) -> Array:
     return mean
 
 
-def build_shape_space(vertices: Array, faces: Array, joints: Array, statistics: Statistics) -> ShapeSpace:
+def build_shape_space(
+    vertices: Array, faces: Array, joints: Array, statistics: Statistics, carried: Array | None = None
+) -> ShapeSpace:
     """Bring a fitted body to the population's mean and span the shape space around it.
 
     Args:
@@ -51,10 +57,12 @@ def build_shape_space(vertices: Array, faces: Array, joints: Array, statistics: 
         faces: (T, 3).
         joints: (24, 3) metres.
         statistics: of the population.
+        carried: (P, 3) metres, points that move with the body and do not count for its components.
     """
-    vertices, joints = calibrate(vertices, faces, joints, population_mean(statistics))
+    carried = np.zeros((0, 3)) if carried is None else carried
+    vertices, joints, carried = calibrate(vertices, faces, joints, population_mean(statistics), carried)
     measures = place_measures(vertices, faces, joints)
-    unit_v, unit_j = _unit_fields(vertices, joints, measures)
+    unit_v, unit_j, unit_c = _unit_fields(vertices, joints, carried, measures)
     loadings = np.stack(_driven_components(statistics.covariance), axis=1)
     _, area = cotangent_laplacian(vertices, faces)
     metric = np.einsum("iva,jva,v->ij", unit_v, unit_v, area / area.sum(), optimize=True)
@@ -62,36 +70,48 @@ def build_shape_space(vertices: Array, faces: Array, joints: Array, statistics: 
     loadings = _within_population(np.concatenate([loadings, rest], axis=1), statistics)
     vertex_dirs = np.einsum("iva,ik->vak", unit_v, loadings)
     joint_dirs = np.einsum("ija,ik->jak", unit_j, loadings)
+    carried_dirs = np.einsum("ipa,ik->pak", unit_c, loadings)
     pelvis = joint_dirs[0].copy()
     pelvis[0] = 0.0
-    return ShapeSpace(vertices, joints, vertex_dirs - pelvis, joint_dirs - pelvis, measures, explained)
+    dirs = (vertex_dirs - pelvis, joint_dirs - pelvis)
+    return ShapeSpace(vertices, joints, *dirs, carried, carried_dirs - pelvis, measures, explained)
 
 
-def calibrate(vertices: Array, faces: Array, joints: Array, wanted: Array, rounds: int = 6) -> tuple[Array, Array]:
-    """Return vertices and joints whose measures equal ``wanted`` (M,) metres, by Newton steps in the fields."""
+def calibrate(
+    vertices: Array, faces: Array, joints: Array, wanted: Array, carried: Array, rounds: int = 6
+) -> tuple[Array, Array, Array]:
+    """Return vertices, joints and carried points of the body whose measures equal ``wanted`` (M,) metres.
+
+    Newton steps in the fields; the carried points go along.
+    """
     for _ in range(rounds):
         measures = place_measures(vertices, faces, joints)
-        moved, moved_joints = _fields_of(vertices, joints)
+        moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
         jacobian = measures.jacobian(vertices, joints, moved, moved_joints)
         step = np.linalg.solve(jacobian, wanted - measures(vertices, joints))
         vertices = vertices + np.tensordot(step, moved, axes=1)
         joints = joints + np.tensordot(step, moved_joints, axes=1)
-        vertices[:, 1], joints[:, 1] = vertices[:, 1] - vertices[:, 1].min(), joints[:, 1] - vertices[:, 1].min()
-    return vertices, joints
+        carried = carried + np.tensordot(step, moved_carried, axes=1)
+        floor = vertices[:, 1].min()
+        for points in (vertices, joints, carried):
+            points[:, 1] -= floor
+    return vertices, joints, carried
 
 
-def _fields_of(vertices: Array, joints: Array) -> tuple[Array, Array]:
+def _fields_of(vertices: Array, joints: Array, carried: Array) -> tuple[Array, Array, Array]:
     fields = build_fields(Frame(joints, float(vertices[:, 1].max())))
     fields = {name: fields[name] for name in MEASURES}
-    moved = displace(fields, np.concatenate([vertices, joints]))
-    return moved[:, : len(vertices)], moved[:, len(vertices) :]
+    moved = displace(fields, np.concatenate([vertices, joints, carried]))
+    of_vertices, of_joints, of_carried = np.split(moved, np.cumsum([len(vertices), len(joints)]), axis=1)
+    return of_vertices, of_joints, of_carried
 
 
-def _unit_fields(vertices: Array, joints: Array, measures: Measures) -> tuple[Array, Array]:
-    """Return the (M, V, 3) and (M, 24, 3) fields that each change one measure by one metre and no other."""
-    moved, moved_joints = _fields_of(vertices, joints)
+def _unit_fields(vertices: Array, joints: Array, carried: Array, measures: Measures) -> tuple[Array, Array, Array]:
+    """Return the (M, n, 3) fields of all points that each change one measure by one metre and no other."""
+    moved, moved_joints, moved_carried = _fields_of(vertices, joints, carried)
     inverse = np.linalg.inv(measures.jacobian(vertices, joints, moved, moved_joints))
-    return np.tensordot(inverse.T, moved, axes=1), np.tensordot(inverse.T, moved_joints, axes=1)
+    unit_v, unit_j, unit_c = (np.tensordot(inverse.T, field, axes=1) for field in (moved, moved_joints, moved_carried))
+    return unit_v, unit_j, unit_c
 
 
 def _within_population(loadings: Array, statistics: Statistics) -> Array:

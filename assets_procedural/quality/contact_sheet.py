@@ -1,4 +1,4 @@
-"""Rest, shapes and poses to look at: ``python -m assets_procedural.quality.contact_sheet --out FOLDER``."""
+"""Rest, shapes, poses and close-ups to look at: ``python -m assets_procedural.quality.contact_sheet --out FOLDER``."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE
+from assets_procedural.quality.close_ups import close_poses, close_views
 from assets_procedural.quality.poses import EXTREMES, rotations
 from assets_procedural.quality.raster import View, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
-from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton
+from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
 
-_MATERIAL_COLOURS = np.array([[0.80, 0.62, 0.50], [0.42, 0.47, 0.54]])
+_MATERIAL_COLOURS = np.array(
+    [[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85], [0.30, 0.36, 0.28], [0.05] * 3]
+)
+"""In the order of ``parts.MATERIAL_NAMES``."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,17 @@ def read_baked(path: Path = BODY_FILE) -> BakedBody:
     )
 
 
+def draw_close(body: BakedBody) -> Array:
+    """Return the sheet of close-ups."""
+    turns = {id(pose): rotations(pose) for pose in close_poses()}
+    posed = {key: body.posed(local) for key, local in turns.items()}
+    joints = {key: posed_joints(body.joints, local) for key, local in turns.items()}
+    colours = _MATERIAL_COLOURS[body.material]
+    return tile([render(posed[id(pose)], body.faces, colours, view) for pose, view in close_views(joints)], 6)
+
+
 def draw_all(body: BakedBody) -> dict[str, Array]:
-    """Return the sheets by file name."""
+    """Return the sheets of the whole body by file name."""
     colours = _MATERIAL_COLOURS[body.material]
 
     def draw(vertices: Array, view: View) -> Array:
@@ -100,9 +113,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--body", type=Path, default=BODY_FILE)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--close", action="store_true", help="draw the close-ups alone")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for name, image in draw_all(read_baked(arguments.body)).items():
+    body = read_baked(arguments.body)
+    sheets = {"close.png": draw_close(body)} | ({} if arguments.close else draw_all(body))
+    for name, image in sheets.items():
         write_png(arguments.out / name, image)
 
 

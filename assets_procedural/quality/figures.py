@@ -13,6 +13,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, build_body
+from assets_procedural.detail.fingers import STRAIGHTENED
 from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import euler_number
 from assets_procedural.population.anthropometry import place_measures, place_tape
@@ -84,7 +85,7 @@ def _mesh_figures(body: BakedBody) -> Iterator[Figure]:
     yield Figure("triangles", len(faces), "")
     yield Figure("Euler number", euler_number(faces, len(vertices)), "", 2, 2)
     yield Figure("edges without two faces", open_edges, "", 0, 0)
-    yield Figure("smallest triangle", float(doubled.min()) * 0.5e6, "mm²", 0.3)
+    yield Figure("smallest triangle", float(doubled.min()) * 0.5e6, "mm²", 0.1)
     yield Figure(
         "worst triangle quality (1 = equilateral)", float(np.min(2 * np.sqrt(3) * doubled / squares)), "", 0.05
     )
@@ -95,7 +96,7 @@ def _mesh_figures(body: BakedBody) -> Iterator[Figure]:
 def _shape_figures(body: BakedBody) -> Iterator[Figure]:
     floor = np.array([0.0, body.vertices[:, 1].min(), 0.0])
     vertices, joints, statistics = body.vertices - floor, body.joints - floor, load_statistics()
-    measures = place_measures(vertices, body.faces, joints)
+    measures = place_measures(vertices, body.faces, joints, STRAIGHTENED)
     joint_dirs = np.tensordot(body.regressor, body.shapedirs, axes=1)
 
     def measured(betas: Array) -> Array:

@@ -1,25 +1,33 @@
 """Pose correctives, computed joint by joint: what linear blending loses against dual quaternions, and lost volume.
 
 One joint turns at a time. The wanted rest offset is dual-quaternion skinning (Kavan et al. 2007) minus linear blending,
-plus, at hips and knees, a swelling of stretched skin that gives back the rest volume. It is regressed on
-``flatten(R_j - I)`` and masked to the skin on which both sides of the joint pull.
+plus, at hips, knees and elbows, a swelling of stretched skin that gives back the rest volume. Under a raised arm skin
+is taut instead: it lies between ribs and arm, without the arc that dual quaternions would carry it on. In an elbow's
+pit it ends where the two sides meet. What is wanted is regressed on ``flatten(R_j - I)`` and masked to the skin on
+which both sides of the joint pull.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from assets_procedural.arrays import Array
-from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
+from assets_procedural.layout import CHILDREN, JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.quality.raster import vertex_normals
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, volume
 from solver_backend.types import SMPL_JOINTS
 
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
-_BULGING_JOINTS, _BULGE = ("shoulder",), 0.3  # dual quaternions round shoulders too much: take back this share
-_SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee"), 0.025
+_BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulders too much: take back this share
+_RAISED_FROM, _RAISED = 0.35, 0.9
+"""Sines of the angles at which an arm begins to count as raised, and wholly does."""
+_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5
+"""Averages over neighbours; shares of its area at rest at which skin begins to be taut, and is."""
+_TOUCHING_JOINTS = ("elbow",)
+_SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 _FLEXION = {  # joint: axis and range of its main bend, radians
     "left_knee": ((1.0, 0.0, 0.0), -0.1, 2.4),
     "left_elbow": ((0.0, -1.0, 0.0), -0.1, 2.4),
@@ -29,6 +37,7 @@ _FLEXION = {  # joint: axis and range of its main bend, radians
     "left_ankle": ((1.0, 0.0, 0.0), -0.5, 0.9),
     "neck": ((1.0, 0.0, 0.0), -0.6, 0.6),
 }
+_SECOND_BEND = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
 _OTHER_SPREAD_RAD = 0.18
 
@@ -39,9 +48,13 @@ def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
     vectors = rng.normal(size=(count, 3)) * _SPREAD_RAD.get(part, _OTHER_SPREAD_RAD)
     key = name.replace("right", "left")
     if key in _FLEXION:
+        flip = np.array([1.0, -1.0, -1.0] if name.startswith("right") else [1.0, 1.0, 1.0])
         axis, low, high = _FLEXION[key]
-        main = np.array(axis) * ([1.0, -1.0, -1.0] if name.startswith("right") else 1.0)
-        vectors += rng.uniform(low, high, (count, 1)) * main
+        bends = rng.uniform(low, high, (count, 1)) * np.array(axis) * flip
+        if key in _SECOND_BEND:
+            axis, low, high = _SECOND_BEND[key]
+            bends[1::2] = rng.uniform(low, high, (count // 2, 1)) * np.array(axis) * flip
+        vectors += bends
     return vectors
 
 
@@ -152,7 +165,12 @@ def _wanted_offsets(
     turns, shifts = pose_skeleton(joints, local)
     target = dual_quaternion_blend(vertices, weights, turns, shifts)
     if SMPL_JOINTS[joint].endswith(_BULGING_JOINTS):
-        target = target + _BULGE * (linear_blend(vertices, weights, turns, shifts) - target)
+        raised = float(np.clip((turn[1, 0] - _RAISED_FROM) / (_RAISED - _RAISED_FROM), 0.0, 1.0))
+        share = _BULGE + (1.0 - _BULGE) * raised
+        target = target + share * (linear_blend(vertices, weights, turns, shifts) - target)
+        target = _taut(vertices, target, faces, raised * mask)
+    if SMPL_JOINTS[joint].endswith(_TOUCHING_JOINTS):
+        target = _parted(vertices, target, joints, joint, turn, mask)
     if SMPL_JOINTS[joint].endswith(_SWELLING_JOINTS):
         target = target + _swelling(vertices, target, faces, mask)
     chosen = mask > 0
@@ -169,6 +187,32 @@ def _swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array
     amount = lost / max(float(np.sum(share * areas)), 1e-9)
     limit = _LARGEST_SWELLING_M / max(float(share.max()), 1e-9)
     return (np.clip(amount, 0.0, limit) * share)[:, None] * vertex_normals(posed, faces)
+
+
+def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
+    """Return (V, 3) the posed skin drawn to the mean of its neighbours, as far as it is stretched, times ``share``."""
+    stretch = vertex_areas(posed, faces) / vertex_areas(vertices, faces)
+    pull = share * ((stretch - _TAUT_FROM) / (_TAUT_AT - _TAUT_FROM)).clip(0.0, 1.0)
+    if not pull.any():
+        return posed
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(len(posed),) * 2)
+    mean = sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph
+    drawn = posed
+    for _ in range(_TAUT_ROUNDS):
+        drawn = drawn + pull[:, None] * (mean @ drawn - drawn)
+    return drawn
+
+
+def _parted(vertices: Array, posed: Array, joints: Array, joint: int, turn: Array, share: Array) -> Array:
+    """Return (V, 3) the posed skin; what crossed the plane that halves the bend is back on it, times ``share``."""
+    bone = joints[CHILDREN[joint][0]] - joints[joint]
+    bone = bone / np.linalg.norm(bone)
+    halving = bone + turn @ bone
+    halving = halving / np.linalg.norm(halving)
+    side = np.sign((vertices - joints[joint]) @ bone)
+    beyond = np.minimum(side * ((posed - joints[joint]) @ halving), 0.0)
+    return posed - (share * side * beyond)[:, None] * halving
 
 
 def _mirrored(directions: Array, mirror: Array) -> Array:

@@ -107,6 +107,12 @@ def pose_skeleton(joints: Array, rotations: Array) -> tuple[Array, Array]:
     return turns, origins - np.einsum("jab,jb->ja", turns, joints)
 
 
+def posed_joints(joints: Array, rotations: Array) -> Array:
+    """Return (24, 3) where the joints are in a pose, metres; see ``pose_skeleton``."""
+    turns, shifts = pose_skeleton(joints, rotations)
+    return np.einsum("jab,jb->ja", turns, joints) + shifts
+
+
 def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
     """Return the (V, 3) linearly blended vertices."""
     blend = (weights @ turns.reshape(len(turns), 9)).reshape(-1, 3, 3)

@@ -1,4 +1,7 @@
-"""Geometry nodes that add a body's pose correctives: over a vertex's rows, ``v + sum P_row flatten(R_joint - I)``."""
+"""Geometry nodes that add a body's pose correctives: over a vertex's rows, ``v + sum P_row flatten(R_joint - I)``.
+
+The table's points are grouped by vertex and summed there; the skin then looks up the sum at its first row.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,14 @@ from collections.abc import Sequence
 
 import bpy
 
-_JOINT = "joint"
+from .drivers import add_driver
 
-
-def row_attribute(slot: int) -> str:
-    """Return the name of the skin's attribute that holds a vertex's row in the table of correctives."""
-    return f"corrective {slot}"
+JOINT, VERTEX = "joint", "vertex"
+"""Names of the table's attributes that say which joint and vertex a row belongs to."""
+ROW = "corrective row"
+"""Name of the skin's attribute that holds a vertex's first row in the table."""
+NO_ROW, MIRRORED = -1, -2
+"""Value of vertices that nothing moves; one whose mirror image has the row r has -2 - r."""
 
 
 def column_attribute(row: int, column: int) -> str:
@@ -20,7 +25,7 @@ def column_attribute(row: int, column: int) -> str:
 
 
 def build_corrective_nodes(
-    name: str, table: bpy.types.Object, joints: Sequence[str], slots: int
+    name: str, table: bpy.types.Object, joints: Sequence[str], opposite: Sequence[int]
 ) -> bpy.types.GeometryNodeTree:
     """Return nodes that move a skin by its correctives; each joint's rotation is a hidden input, XYZ Euler angles.
 
@@ -28,7 +33,7 @@ def build_corrective_nodes(
         name: name of the node group.
         table: points with the index of their joint and nine vectors each.
         joints: names of the joints that the table counts.
-        slots: number of rows that a vertex may have.
+        opposite: for each joint the place of the one across in ``joints``; empty where the table is of the whole body.
     """
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.is_modifier = True
@@ -40,20 +45,28 @@ def build_corrective_nodes(
     entry = tree.nodes.new("NodeGroupInput")
     source = tree.nodes.new("GeometryNodeObjectInfo")
     source.inputs["Object"].default_value = table
-    moved = tree.nodes.new("GeometryNodeSetPosition")
-    _link(tree, source.outputs["Geometry"], moved.inputs["Geometry"])
-    _link(tree, _displacement(tree, _rotation(tree, entry, joints)), moved.inputs["Position"])
-    total = None
-    for slot in range(slots):
-        part = _sampled(tree, moved.outputs["Geometry"], slot)
-        total = part if total is None else _vector_math(tree, "ADD", total, part).outputs[0]
+    points, row = source.outputs["Geometry"], _attribute(tree, ROW, "INT")
+    inner = _sums(f"{name} of one side")
+    angles = [entry.outputs[joint] for joint in joints]
+    moved = _looked_up(tree, points, _summed(tree, inner, _chosen(tree, angles)), row)
+    if opposite:
+        mirrored = _vector_math(tree, "MULTIPLY", _chosen(tree, [angles[k] for k in opposite]))
+        mirrored.inputs[1].default_value = (1.0, -1.0, -1.0)
+        across = tree.nodes.new("ShaderNodeMath")
+        across.operation = "SUBTRACT"
+        across.inputs[0].default_value = MIRRORED
+        _link(tree, row, across.inputs[1])
+        there = _looked_up(tree, points, _summed(tree, inner, mirrored.outputs[0]), across.outputs[0])
+        back = _vector_math(tree, "MULTIPLY_ADD", there)
+        back.inputs[1].default_value = (-1.0, 1.0, 1.0)
+        _link(tree, moved, back.inputs[2])
+        moved = back.outputs[0]
     skin = tree.nodes.new("GeometryNodeSetPosition")
     leave = tree.nodes.new("NodeGroupOutput")
     _link(tree, entry.outputs["Geometry"], skin.inputs["Geometry"])
-    _link(tree, total, skin.inputs["Offset"])
+    _link(tree, moved, skin.inputs["Offset"])
     _link(tree, skin.outputs["Geometry"], leave.inputs["Geometry"])
-    for k, node in enumerate(tree.nodes):
-        node.location = (220.0 * (k // 8), -180.0 * (k % 8))
+    _lay_out(tree)
     return tree
 
 
@@ -61,22 +74,45 @@ def drive_input(modifier: bpy.types.NodesModifier, name: str, axis: int) -> bpy.
     """Return a new driver of one axis of a vector input of a nodes modifier."""
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later
-        return getattr(modifier.properties.inputs, identifier).driver_add("value", axis).driver
-    return modifier.driver_add(f'["{identifier}"]', axis).driver
+        return add_driver(getattr(modifier.properties.inputs, identifier), "value", axis)
+    return add_driver(modifier, f'["{identifier}"]', axis)
 
 
-def _rotation(tree: bpy.types.GeometryNodeTree, entry: bpy.types.Node, joints: Sequence[str]) -> bpy.types.NodeSocket:
-    """Return the rotation of the joint that each row of the table belongs to."""
+def _chosen(tree: bpy.types.GeometryNodeTree, angles: Sequence[bpy.types.NodeSocket]) -> bpy.types.NodeSocket:
+    """Return the angles of the joint that each row of the table belongs to."""
     chosen = tree.nodes.new("GeometryNodeIndexSwitch")
     chosen.data_type = "VECTOR"
-    for _ in range(len(joints) - len(chosen.index_switch_items)):
+    for _ in range(len(angles) - len(chosen.index_switch_items)):
         chosen.index_switch_items.new()
-    _link(tree, _attribute(tree, _JOINT, "INT"), chosen.inputs["Index"])
-    for k, joint in enumerate(joints):
-        _link(tree, entry.outputs[joint], chosen.inputs[1 + k])
+    _link(tree, _attribute(tree, JOINT, "INT"), chosen.inputs["Index"])
+    for k, angle in enumerate(angles):
+        _link(tree, angle, chosen.inputs[1 + k])
+    return chosen.outputs[0]
+
+
+def _sums(name: str) -> bpy.types.GeometryNodeTree:
+    """Return nodes that turn each row's angles into what all rows of its vertex move the skin by."""
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    tree.interface.new_socket("Angles", in_out="INPUT", socket_type="NodeSocketVector")
+    tree.interface.new_socket("Sum", in_out="OUTPUT", socket_type="NodeSocketVector")
     rotation = tree.nodes.new("FunctionNodeEulerToRotation")
-    _link(tree, chosen.outputs[0], rotation.inputs[0])
-    return rotation.outputs[0]
+    _link(tree, tree.nodes.new("NodeGroupInput").outputs[0], rotation.inputs[0])
+    total = tree.nodes.new("GeometryNodeAccumulateField")
+    total.data_type, total.domain = "FLOAT_VECTOR", "POINT"
+    _link(tree, _displacement(tree, rotation.outputs[0]), _enabled(total.inputs, "Value"))
+    _link(tree, _attribute(tree, VERTEX, "INT"), _enabled(total.inputs, "Group ID"))
+    _link(tree, _enabled(total.outputs, "Total"), tree.nodes.new("NodeGroupOutput").inputs[0])
+    _lay_out(tree)
+    return tree
+
+
+def _summed(
+    tree: bpy.types.GeometryNodeTree, inner: bpy.types.GeometryNodeTree, angles: bpy.types.NodeSocket
+) -> bpy.types.NodeSocket:
+    group = tree.nodes.new("GeometryNodeGroup")
+    group.node_tree = inner
+    _link(tree, angles, group.inputs[0])
+    return group.outputs[0]
 
 
 def _displacement(tree: bpy.types.GeometryNodeTree, rotation: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
@@ -98,15 +134,29 @@ def _displacement(tree: bpy.types.GeometryNodeTree, rotation: bpy.types.NodeSock
     return total
 
 
-def _sampled(tree: bpy.types.GeometryNodeTree, table: bpy.types.NodeSocket, slot: int) -> bpy.types.NodeSocket:
-    """Return what a row of the table moves a vertex by; a row of -1 does not move it."""
-    position = tree.nodes.new("GeometryNodeInputPosition")
+def _looked_up(
+    tree: bpy.types.GeometryNodeTree,
+    points: bpy.types.NodeSocket,
+    value: bpy.types.NodeSocket,
+    row: bpy.types.NodeSocket,
+) -> bpy.types.NodeSocket:
+    """Return a value of the table's points by row; zero where there is no such row."""
     sample = tree.nodes.new("GeometryNodeSampleIndex")
     sample.data_type, sample.domain, sample.clamp = "FLOAT_VECTOR", "POINT", False
-    _link(tree, table, sample.inputs["Geometry"])
-    _link(tree, position.outputs[0], sample.inputs["Value"])
-    _link(tree, _attribute(tree, row_attribute(slot), "INT"), sample.inputs["Index"])
-    return sample.outputs[0]
+    _link(tree, points, sample.inputs["Geometry"])
+    _link(tree, value, _enabled(sample.inputs, "Value"))
+    _link(tree, row, sample.inputs["Index"])
+    return _enabled(sample.outputs, "Value")
+
+
+def _enabled(sockets: bpy.types.bpy_prop_collection, name: str) -> bpy.types.NodeSocket:
+    """Return the socket of the data type that a node is set to, among those of its other types."""
+    return next(socket for socket in sockets if socket.name == name and socket.enabled)
+
+
+def _lay_out(tree: bpy.types.GeometryNodeTree) -> None:
+    for k, node in enumerate(tree.nodes):
+        node.location = (220.0 * (k // 8), -180.0 * (k % 8))
 
 
 def _attribute(tree: bpy.types.GeometryNodeTree, name: str, kind: str) -> bpy.types.NodeSocket:

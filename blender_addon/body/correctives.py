@@ -3,6 +3,10 @@
 The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint reaches few vertices, so
 ``P`` is kept as a table, a point for each vertex and joint that moves it, not as a shape key over the whole skin for
 each of 207 features; drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
+
+Of a body that equals its mirror image the table holds the left half. With S = diag(-1, 1, 1), the skin at ``S v`` moves
+by S times what ``v`` would move by if each joint turned as the one across from it does in the mirror; in the axes of
+mirrored bones that is a rotation with two of its Euler angles negated.
 """
 
 from __future__ import annotations
@@ -13,28 +17,44 @@ import bpy
 import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.skeleton import JOINTS
+from ..conventions.skeleton import JOINTS, MIRROR_JOINT
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile
-from .corrective_nodes import build_corrective_nodes, column_attribute, drive_input, row_attribute
+from .corrective_nodes import (
+    JOINT,
+    MIRRORED,
+    NO_ROW,
+    ROW,
+    VERTEX,
+    build_corrective_nodes,
+    column_attribute,
+    drive_input,
+)
 
 CORRECTIVES = "Pose Correctives"
 """Name of the modifier."""
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
 """Displacements that no rotation makes this large are left out."""
+_SAME_PLACE_M, _SAME_DIRECTION_M = 2e-6, 2e-6
+_FLIP, _TURNED = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0])
+"""S, and what a mirror does to the Euler angles of a bone in the axes of its mirror image."""
 
 
 @dataclass(frozen=True)
 class CorrectiveTable:
-    """The pose correctives that are not zero: a row for each vertex and joint that moves it."""
+    """The pose correctives that are not zero: a row for each vertex and joint that moves it, by vertex."""
 
+    vertex: np.ndarray
+    """(N,) index of the vertex, rising."""
     joint: np.ndarray
     """(N,) index of the joint, 1..23."""
     directions: np.ndarray
     """(N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``."""
-    rows: np.ndarray
-    """(S, V) rows of each vertex, -1 where it has fewer than S."""
+
+    def part(self, chosen: np.ndarray) -> CorrectiveTable:
+        """Return some of the rows."""
+        return CorrectiveTable(self.vertex[chosen], self.joint[chosen], self.directions[chosen])
 
 
 def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
@@ -42,11 +62,7 @@ def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
     blocks = posedirs.astype(np.float32).reshape(len(posedirs), 3, -1, 3, 3)
     reach = _LARGEST_FEATURE * np.sqrt(np.square(blocks).sum(axis=1).max(axis=(2, 3)))
     vertex, joint = np.nonzero(reach >= _LEAST_M)
-    first = np.searchsorted(vertex, np.arange(len(posedirs)))
-    slot = np.arange(len(vertex)) - first[vertex]
-    rows = np.full((int(slot.max(initial=-1)) + 1, len(posedirs)), -1, np.int32)
-    rows[slot, vertex] = np.arange(len(vertex))
-    return CorrectiveTable(joint + 1, blocks[vertex, :, joint], rows)
+    return CorrectiveTable(vertex, joint + 1, blocks[vertex, :, joint])
 
 
 def add_correctives(
@@ -66,13 +82,26 @@ def add_correctives(
     joints = np.unique(table.joint).tolist()
     if not joints:
         return 0
-    points = _table_object(f"{mesh.name} correctives", table, rotation_from_body_axes(armature))
+    turned = _in_bone_axes(table, rotation_from_body_axes(armature))
+    across = mirror_of(body.v_template)
+    if across is not None and not _is_mirrored(table, turned, across):
+        across = None
+    rows = np.full(len(body.v_template), NO_ROW, np.int32)
+    if across is not None:
+        kept = body.v_template[table.vertex, 0] >= -_SAME_PLACE_M
+        table, turned = table.part(kept), turned[kept]
+    first = np.unique(table.vertex, return_index=True)
+    rows[first[0]] = first[1]
+    if across is not None:
+        right = body.v_template[:, 0] < -_SAME_PLACE_M
+        rows[right] = np.where(rows[across[right]] >= 0, MIRRORED - rows[across[right]], NO_ROW)
+    points = _table_object(f"{mesh.name} correctives", table, turned, joints)
     hidden.objects.link(points)
-    for slot, rows in enumerate(table.rows):
-        mesh.data.attributes.new(row_attribute(slot), "INT", "POINT").data.foreach_set("value", rows)
+    mesh.data.attributes.new(ROW, "INT", "POINT").data.foreach_set("value", rows)
     modifier = mesh.modifiers.new(CORRECTIVES, "NODES")
     names = [JOINTS[joint] for joint in joints]
-    modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, len(table.rows))
+    opposite = [names.index(JOINTS[MIRROR_JOINT[joint]]) for joint in joints] if across is not None else []
+    modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
     mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
     for name in names:
         for axis in range(3):
@@ -80,14 +109,43 @@ def add_correctives(
     return len(joints)
 
 
-def _table_object(name: str, table: CorrectiveTable, C: np.ndarray) -> bpy.types.Object:
-    """Return the table as points in the bones' axes ``C``; they stay hidden wherever the body is appended to."""
-    data = bpy.data.meshes.new(name)
-    data.from_pydata(np.zeros((len(table.joint), 3)).tolist(), [], [])
-    order = np.unique(table.joint, return_inverse=True)[1]
-    data.attributes.new("joint", "INT", "POINT").data.foreach_set("value", order.astype(np.int32))
+def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
+    """Return (V,) the index of each vertex's mirror image, None where one has none."""
+    keys = np.round(vertices / _SAME_PLACE_M).astype(np.int64)
+    order, other = np.lexsort(keys.T), np.lexsort((keys * [-1, 1, 1]).T)
+    if np.abs(vertices[order] - vertices[other] * _FLIP).max() > _SAME_PLACE_M:
+        return None
+    across = np.empty(len(vertices), np.int64)
+    across[order] = other
+    return across
+
+
+def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray) -> bool:
+    """Say whether every row equals the one of the mirrored vertex and joint, mirrored, in the axes of the bones."""
+    here = dict(
+        zip(zip(table.vertex.tolist(), table.joint.tolist(), strict=True), range(len(table.vertex)), strict=True)
+    )
+    image = zip(across[table.vertex].tolist(), np.array(MIRROR_JOINT)[table.joint].tolist(), strict=True)
+    found = np.array([here.get(key, -1) for key in image])
+    if (found < 0).any():
+        return False
+    mirrored = turned[found] * _FLIP[:, None, None] * _TURNED[:, None] * _TURNED
+    return bool(np.abs(mirrored - turned).max() < _SAME_DIRECTION_M)
+
+
+def _in_bone_axes(table: CorrectiveTable, C: np.ndarray) -> np.ndarray:
+    """Return (N, 3, 3, 3): the table for skin in the armature's axes and rotations in the bones' axes ``C``."""
     axes = C[table.joint]
-    turned = np.einsum("kc,ncab,nia,njb->nkij", R_ARMATURE_BODY, table.directions, axes, axes, optimize=True)
+    return np.einsum("kc,ncab,nia,njb->nkij", R_ARMATURE_BODY, table.directions, axes, axes, optimize=True)
+
+
+def _table_object(name: str, table: CorrectiveTable, turned: np.ndarray, joints: list[int]) -> bpy.types.Object:
+    """Return the table as points that count ``joints``; they stay hidden wherever the body is appended to."""
+    data = bpy.data.meshes.new(name)
+    data.vertices.add(len(table.joint))
+    order = np.searchsorted(joints, table.joint)
+    data.attributes.new(JOINT, "INT", "POINT").data.foreach_set("value", order.astype(np.int32))
+    data.attributes.new(VERTEX, "INT", "POINT").data.foreach_set("value", table.vertex.astype(np.int32))
     for row in range(3):
         for column in range(3):
             attribute = data.attributes.new(column_attribute(row, column), "FLOAT_VECTOR", "POINT")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..conventions.materials import BODY_COLOURS, create_material
+from ..conventions.materials import BODY_COLOURS, LARGE_SURFACES, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
 from .armature import deform_bone
 from .body_file import BodyFile
@@ -50,8 +50,8 @@ def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
 def _add_materials(mesh: bpy.types.Mesh, body: BodyFile) -> None:
     index = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material.astype(np.int32)
     index = np.clip(index, 0, len(BODY_COLOURS) - 1)
-    for name, colour in BODY_COLOURS[: int(index.max()) + 1]:
-        mesh.materials.append(create_material(name, colour, glossy=True))
+    for number, (name, colour) in enumerate(BODY_COLOURS[: int(index.max()) + 1]):
+        mesh.materials.append(create_material(name, colour, glossy=number < LARGE_SURFACES))
     mesh.polygons.foreach_set("material_index", index)
 
 

@@ -14,7 +14,8 @@ from .controls.shapes import add_control_shapes
 from .correctives import add_correctives
 from .layout import around_pelvis, lay_out_bones, shape_directions
 from .mesh import create_mesh
-from .shape import add_shape_keys, drive_by_betas, drive_joints, get_betas
+from .shape import add_shape_keys, get_betas
+from .shape_drivers import drive_by_betas, drive_joints
 
 
 @dataclass(frozen=True)

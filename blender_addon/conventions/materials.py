@@ -10,9 +10,14 @@ Colour = tuple[float, float, float, float]
 BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Skin", (0.58, 0.36, 0.26, 1.0)),
     ("Suit", (0.10, 0.25, 0.46, 1.0)),
-    ("Trim", (0.70, 0.30, 0.06, 1.0)),
+    ("Lips", (0.50, 0.26, 0.20, 1.0)),
+    ("Eyeball", (0.75, 0.73, 0.70, 1.0)),
+    ("Iris", (0.12, 0.16, 0.10, 1.0)),
+    ("Pupil", (0.01, 0.01, 0.01, 1.0)),
 )
 """Names and colours of the body's ``face_material`` indices; larger indices take the last one."""
+LARGE_SURFACES = 2
+"""The first materials cover most of the body and are made to go on from."""
 
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)

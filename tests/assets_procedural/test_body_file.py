@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from assets_procedural.build import BODY_FILE, NUM_VERTICES
+from assets_procedural.detail.lay_on import lay_on_details
 from assets_procedural.layout import BORDERS, MIRROR_JOINT, PARENTS
 from assets_procedural.mesh.meshing import build_mesh
+from assets_procedural.mesh.parts import MATERIAL_NAMES
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
 from assets_procedural.quality.figures import Figure, figures
 from assets_procedural.quality.poses import BENDS, EXTREMES, rotations
 from assets_procedural.skeleton.correctives import joint_masks
+from assets_procedural.skeleton.joints import load_joints
 from assets_procedural.skeleton.skinning import volume
 from assets_procedural.surface.primitives import load_primitives
 from solver_backend.body.body import load_body
@@ -113,7 +116,7 @@ def test_texture_charts_cover_every_face_without_turning_over(body: BakedBody) -
     a, b, c = (vt[ft[:, k]] for k in range(3))
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     assert np.mean(area <= 0) < 0.002
-    assert set(np.unique(material)) == {0, 1}
+    assert set(np.unique(material)) == set(range(len(MATERIAL_NAMES)))
 
 
 def test_the_runtime_loads_the_file() -> None:
@@ -143,5 +146,5 @@ def test_last_bits_of_the_primitives_do_not_change_the_mesh(body: BakedBody) -> 
     exact, rng = load_primitives(), np.random.default_rng(0)
     noise = 1e-12 * rng.normal(size=(len(exact.mean) // 2, 3))
     disturbed = replace(exact, mean=exact.mean + np.concatenate([noise, noise * [-1.0, 1.0, 1.0]]))
-    mesh = build_mesh(disturbed, NUM_VERTICES, BORDERS)
-    np.testing.assert_array_equal(mesh.faces, body.faces)
+    detailed = lay_on_details(build_mesh(disturbed, NUM_VERTICES, BORDERS), load_joints())
+    np.testing.assert_array_equal(detailed.mesh.faces, body.faces)

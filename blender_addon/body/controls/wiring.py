@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ...conventions.skeleton import JOINTS
+from ..drivers import add_driver
 from ..layout import BoneLayout
 from .bones import rest_pole
 from .limbs import LIMBS, ROOT, Limb, switch_path
@@ -60,7 +61,7 @@ def _follow(armature: bpy.types.Object, joint: str, leader: str, limb: Limb) -> 
     copy = armature.pose.bones[joint].constraints.new("COPY_ROTATION")
     copy.name, copy.target, copy.subtarget = FOLLOW, armature, leader
     copy.owner_space = copy.target_space = "POSE"
-    driver = copy.driver_add("influence").driver
+    driver = add_driver(copy, "influence")
     driver.type, driver.expression = "SCRIPTED", "ik"
     variable = driver.variables.new()
     variable.name, variable.type = "ik", "SINGLE_PROP"

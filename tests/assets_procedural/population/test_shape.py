@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from assets_procedural.detail.fingers import STRAIGHTENED
 from assets_procedural.population.anthropometry import Measures, place_measures
 from assets_procedural.population.fields import Frame, build_fields, displace
 from assets_procedural.population.shape import population_mean
@@ -26,7 +27,7 @@ def body() -> BakedBody:
 def on_floor(body: BakedBody) -> tuple[np.ndarray, np.ndarray, Measures]:
     floor = np.array([0.0, body.vertices[:, 1].min(), 0.0])
     vertices, joints = body.vertices - floor, body.joints - floor
-    return vertices, joints, place_measures(vertices, body.faces, joints)
+    return vertices, joints, place_measures(vertices, body.faces, joints, STRAIGHTENED)
 
 
 def test_table_is_a_valid_covariance() -> None:

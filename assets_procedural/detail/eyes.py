@@ -1,0 +1,124 @@
+"""The eye: lids that lie on an eyeball, an opening between them, iris and pupil that look straight ahead.
+
+What the fitted surface has there is a slit that ends somewhere in the head. It is cut out, and rings are put in: lids,
+the lids' edge, eyeball, iris, pupil. Depths are those of a sphere, and of the skin around bridged over it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from assets_procedural.arrays import Array
+from assets_procedural.detail.features import EYEBALL, IRIS, NONE, PUPIL
+from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces, surface_around
+
+EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])
+"""Of the left eyeball in the fitted mesh, metres, floor at y = 0."""
+EYEBALL_M, IRIS_M, PUPIL_M = 0.0129, 0.0056, 0.0020
+"""Radii. Irises of adults are 11.7 mm across in the mean (Rüfer et al. 2005); the fitted face is a little small."""
+_CORNEA_M = 0.0006
+_LID_M, _SOFT_M = 0.0012, 0.0006
+_CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])
+"""Outer and inner corner of the lids."""
+_UPPER_M, _LOWER_M = 0.0047, 0.0050
+_EDGE_M = 0.0005
+_AROUND = 28
+_HOLE_CENTRE, _HOLE_M = np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126])
+_LID_RINGS = (0.76, 0.48, 0.22)
+"""Rings of the lids, as shares of the way from the lids' edge to the rim of the hole."""
+_BALL_RINGS = (0.5,)
+_CLIPPED = 0.86
+"""Share of the way to the lids' edge beyond which the iris has no ring of its own, where a lid lies over it."""
+_LEAST_Z = 0.07
+_SEEN_M, _BRIDGED_M = 0.010, 0.0022
+
+
+def put_in_eye(half: HalfBody) -> HalfBody:
+    """Return the half body with an eye in place of the slit.
+
+    Raises:
+        BodyInvalid: the slit is not where it is looked for.
+    """
+    return replace(half, _hole, _eye(half))
+
+
+def _hole(vertices: Array) -> Array:
+    return (_apart(vertices) < 1.0) & (vertices[:, 2] > _LEAST_Z)
+
+
+def _apart(points: Array, wider_m: float = 0.0) -> Array:
+    return np.linalg.norm((points[:, :2] - _HOLE_CENTRE) / (_HOLE_M + wider_m), axis=1)
+
+
+def _eye(half: HalfBody) -> Patch:
+    angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
+    edge, centre = _lid_edge(angle), EYE_CENTRE[:2]
+    inwards = (centre - edge) / np.linalg.norm(centre - edge, axis=1, keepdims=True)
+    near = (_apart(half.vertices, _SEEN_M) < 1.0) & (half.vertices[:, 2] > _LEAST_Z)
+    skin = surface_around(half, near, _between_lids(half.vertices))
+    rim = _HOLE_CENTRE + 0.97 * _HOLE_M * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    lids = [edge + share * (rim - edge) for share in _LID_RINGS] + [edge]
+    seen = edge + _EDGE_M * inwards
+    iris, around = _iris_ring(seen, angle)
+    ball = [seen] + [iris + share * (seen - iris) for share in _BALL_RINGS] + [iris]
+    ball += [centre + 0.64 * (iris - centre), centre + PUPIL_M * around]
+    points = [np.column_stack([ring, _lid_depth(ring, skin(ring))]) for ring in lids]
+    points += [np.column_stack([ring, _ball_depth(ring)]) for ring in ball]
+    vertices = np.concatenate([*points, np.array([[*centre, _ball_depth(centre[None])[0]]])])
+    rings = list(np.arange(len(points) * _AROUND).reshape(-1, _AROUND))
+    middle = np.full(_AROUND, len(vertices) - 1)
+    faces = rings_to_faces(rings, closed=True)
+    fan = np.stack([rings[-1], np.roll(rings[-1], -1), middle], axis=1)
+    faces = np.concatenate([faces, fan])
+    return Patch(vertices, faces, _shown(vertices, faces, len(lids)), rings[0], True)
+
+
+def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
+    """Return the (N, 2) border of the iris, drawn in where a lid lies over it, and the (N, 2) ways to it.
+
+    The ways stand halfway between even angles and those of the lids' edge, so that faces between them are not skewed.
+    """
+    out = seen - EYE_CENTRE[:2]
+    to_edge = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))
+    ways = 0.5 * (angle + to_edge)
+    reach = np.interp(ways, to_edge, np.linalg.norm(out, axis=1), period=2.0 * np.pi)
+    around = np.stack([np.cos(ways), np.sin(ways)], axis=1)
+    return EYE_CENTRE[:2] + np.minimum(IRIS_M, _CLIPPED * reach)[:, None] * around, around
+
+
+def _shown(vertices: Array, faces: Array, lids: int) -> Array:
+    """Return (Q,) what each face shows, by how far from the pupil's centre it is."""
+    away = np.linalg.norm(vertices[faces].mean(axis=1)[:, :2] - EYE_CENTRE[:2], axis=1)
+    on_ball = np.arange(len(faces)) >= 2 * _AROUND * lids
+    return np.select([~on_ball, away < PUPIL_M, away < IRIS_M], [NONE, PUPIL, IRIS], EYEBALL)
+
+
+def _lid_edge(angle: Array) -> Array:
+    """Return the (N, 2) edge of the lids, from the outer corner over the upper lid."""
+    share = 0.5 * (1.0 - np.cos(angle))[:, None]
+    sine = np.sin(angle)
+    height = np.where(sine > 0, _UPPER_M, -_LOWER_M) * np.abs(sine) ** np.where(sine > 0, 1.15, 1.3)
+    return _CORNERS[0] + share * (_CORNERS[1] - _CORNERS[0]) + height[:, None] * [0.0, 1.0]
+
+
+def _between_lids(vertices: Array) -> Array:
+    """Mark the vertices between the lids and close to their edge."""
+    middle, half_width = _CORNERS.mean(axis=0), 0.5 * abs(_CORNERS[0, 0] - _CORNERS[1, 0])
+    reach = np.array([half_width, 0.5 * (_UPPER_M + _LOWER_M)]) + _BRIDGED_M
+    return np.linalg.norm((vertices[:, :2] - middle) / reach, axis=1) < 1.0
+
+
+def _sphere_depth(xy: Array, radius: float) -> Array:
+    squared = radius**2 - np.sum((xy - EYE_CENTRE[:2]) ** 2, axis=1)
+    return EYE_CENTRE[2] + np.sqrt(np.maximum(squared, (0.25 * radius) ** 2))
+
+
+def _ball_depth(xy: Array) -> Array:
+    squared = np.sum((xy - EYE_CENTRE[:2]) ** 2, axis=1) / (1.1 * IRIS_M) ** 2
+    return _sphere_depth(xy, EYEBALL_M) + _CORNEA_M * np.maximum(1.0 - squared, 0.0)
+
+
+def _lid_depth(xy: Array, skin: Array) -> Array:
+    """Return the depth of lids: skin, where it lies before the ball, otherwise a lid's thickness on the ball."""
+    lid = _sphere_depth(xy, EYEBALL_M + _LID_M)
+    return np.maximum(skin, lid) + _SOFT_M * np.log1p(np.exp(-np.abs(skin - lid) / _SOFT_M))

@@ -1,0 +1,134 @@
+"""Fingers at rest: spread and nearly straight as they were fitted, they curl loosely, more towards the little one.
+
+Every finger turns at three knuckles, the tip's first, each by its angle times a share that rises smoothly along the
+finger. Between two fingers the skin takes the mean of what both would do, by how near they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from assets_procedural.arrays import Array
+from assets_procedural.layout import JOINT
+
+_UP = np.array([0.0, 1.0, 0.0])
+_WEB_M = 0.003
+"""How much further a finger may be before it hardly counts."""
+_PALM_M = 0.016, 0.030
+"""From the thumb's axis: skin nearer than the first turns wholly with it, beyond the second not at all."""
+
+
+@dataclass(frozen=True)
+class Digit:
+    """One finger of the left hand, from its first knuckle to the tip."""
+
+    knots: tuple[tuple[float, float, float], ...]
+    """Three knuckles and the tip, metres from the hand's joint."""
+    flexion_deg: tuple[float, float, float]
+    """Added at each knuckle, towards the palm."""
+    closing_deg: float
+    """Turn at the first knuckle about the back of the hand's normal; positive leads to the thumb's side."""
+    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)
+    """Half lengths over which each knuckle's turn sets in."""
+
+
+DIGITS = {
+    "thumb": Digit(
+        ((-0.045, -0.010, 0.024), (-0.021, -0.029, 0.050), (-0.008, -0.040, 0.068), (0.004, -0.049, 0.082)),
+        (6.0, 9.0, 12.0), -18.0, (0.022, 0.009, 0.007),
+    ),
+    "index": Digit(
+        ((0.010, -0.004, 0.021), (0.047, -0.0105, 0.0335), (0.070, -0.016, 0.040), (0.0935, -0.0235, 0.0445)),
+        (13.0, 15.0, 7.0), -8.0,
+    ),
+    "middle": Digit(
+        ((0.012, -0.003, 0.003), (0.052, -0.009, 0.006), (0.078, -0.015, 0.008), (0.105, -0.0245, 0.0075)),
+        (17.0, 19.0, 9.0), -2.0,
+    ),
+    "ring": Digit(
+        ((0.007, -0.003, -0.015), (0.046, -0.008, -0.0175), (0.070, -0.013, -0.020), (0.0945, -0.025, -0.0215)),
+        (20.0, 22.0, 10.0), 3.5,
+    ),
+    "little": Digit(
+        ((-0.003, -0.002, -0.031), (0.026, -0.006, -0.038), (0.042, -0.011, -0.0425), (0.061, -0.0225, -0.047)),
+        (22.0, 24.0, 11.0), 9.0,
+    ),
+}  # fmt: skip
+"""Measured on the fitted hand; the thumb first."""
+STRAIGHTENED = 1.14122
+"""Length of the hand with straight fingers over that with fingers at rest."""
+
+
+def finger_knots(joints: Array) -> Array:
+    """Return the (40, 3) knots of all digits of both hands, metres; the right hand's mirror the left's."""
+    left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
+    return np.concatenate([left, left * [-1.0, 1.0, 1.0]])
+
+
+def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -> Array:
+    """Return points, or derivatives of points, of a body with spread fingers after its fingers have curled.
+
+    With shares ``s`` that belong to a point, each knuckle at ``k`` takes ``p`` to ``k + R(s) (p - k)``, which is linear
+    in ``p`` and ``k`` together: what is true of points is true of their derivatives.
+
+    Args:
+        points: (V, 3, C) of the whole body: points, or their derivatives by C shape coefficients.
+        knots: (40, 3, C) the same of ``finger_knots``.
+        straight: (V, 3) metres, where the points of the fitted body are, in which shares are measured.
+        joints: (24, 3) metres, of the fitted body.
+    """
+    out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
+    for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
+        sign = np.array([flip, 1.0, 1.0])
+        chosen = straight[:, 0] * flip > wrist[0]
+        place, turned = straight[chosen] * sign - hand, sign[:, None]
+        out[chosen] = _curled(place, points[chosen] * turned, (half * turned).reshape(len(DIGITS), 4, 3, -1)) * turned
+    return out
+
+
+def _curled(place: Array, points: Array, knots: Array) -> Array:
+    """Return (N, 3, C) points of the left hand with every digit curled; ``place`` is metres from its joint."""
+    near = {name: _distance(place, np.array(digit.knots)) for name, digit in DIGITS.items()}
+    away = np.stack([near[name] for name in DIGITS if name != "thumb"])
+    share = np.exp(-(away - away.min(axis=0)) / _WEB_M)
+    share /= share.sum(axis=0)
+    of_thumb = (1.0 - _step(near["thumb"], *_PALM_M)) * (near["thumb"] < away.min(axis=0))
+    shares = np.concatenate([of_thumb[None], np.where(of_thumb > 0, 0.0, share)])
+    bent = [_bent(place, points, knots[k], digit) for k, digit in enumerate(DIGITS.values())]
+    return points + sum(s[:, None, None] * (to - points) for s, to in zip(shares, bent, strict=True))
+
+
+def _bent(place: Array, points: Array, knots: Array, digit: Digit) -> Array:
+    """Return the points as one digit would carry them."""
+    chain = np.array(digit.knots)
+    along = np.diff(chain, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    for k in (2, 1, 0):
+        before = along[max(k - 1, 0)] + along[k]
+        share = _step((place - chain[k]) @ before / np.linalg.norm(before), -digit.soft_m[k], digit.soft_m[k])
+        hinge = np.cross(along[k], _UP)
+        vector = -np.deg2rad(digit.flexion_deg[k]) * hinge / np.linalg.norm(hinge)
+        if k == 0:
+            vector = vector + np.deg2rad(-digit.closing_deg) * _UP
+        turn = Rotation.from_rotvec(share[:, None] * vector).as_matrix()
+        points = knots[k] + np.einsum("nab,nbc->nac", turn, points - knots[k])
+    return points
+
+
+def _distance(points: Array, knots: Array) -> Array:
+    """Return the (N,) distance to a chain of segments."""
+    found = []
+    for a, b in pairwise(knots):
+        t = ((points - a) @ (b - a) / ((b - a) @ (b - a))).clip(0.0, 1.0)
+        found.append(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
+    return np.min(found, axis=0)
+
+
+def _step(x: Array, low: float, high: float) -> Array:
+    """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)

@@ -1,0 +1,169 @@
+"""Replacing a piece of the half mesh by rings of one's own: a hole is cut, its rim is joined to the outermost ring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from assets_procedural.arrays import Array
+from assets_procedural.detail.features import NONE
+from solver_backend.exchange.errors import BodyInvalid
+
+_BESIDE_M, _BEHIND_M = 0.0045, 0.007
+Mask = Callable[[Array], Array]
+Depth = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class HalfBody:
+    """The half mesh x >= 0 with what its faces show."""
+
+    vertices: Array
+    """(V, 3) metres, floor at y = 0."""
+    faces: Array
+    """(T, 3)."""
+    feature: Array
+    """(T,) one of the numbers of ``features``."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Vertices and faces that fill a hole up to an outermost ring."""
+
+    vertices: Array
+    """(P, 3) metres."""
+    faces: Array
+    """(Q, 3) into ``vertices``, wound outwards as seen from the front."""
+    feature: Array
+    """(Q,)."""
+    ring: Array
+    """(R,) indices of the outermost vertices, counter-clockwise as seen from the front."""
+    closed: bool
+    """Whether the ring closes; otherwise it begins and ends on x = 0."""
+
+
+def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
+    """Return the half body with every vertex that ``hole`` marks taken out and the patch put in.
+
+    Raises:
+        BodyInvalid: the hole's rim is not one chain, or there is none.
+    """
+    keep = _outside(half.faces, ~hole(half.vertices)[half.faces].any(axis=1), len(half.vertices))
+    used = np.unique(half.faces[keep])
+    renamed = np.full(len(half.vertices), -1)
+    renamed[used] = np.arange(len(used))
+    rim = renamed[_rim(half.faces[keep], half.faces[~keep], patch.closed)]
+    vertices = np.concatenate([half.vertices[used], patch.vertices])
+    own = len(used)
+    band = zip_rings(vertices, rim, own + patch.ring, patch.closed)
+    faces = np.concatenate([renamed[half.faces[keep]], own + patch.faces, band])
+    feature = np.concatenate([half.feature[keep], patch.feature, np.full(len(band), NONE)])
+    return HalfBody(vertices, faces, feature)
+
+
+def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
+    """Return z over (x, y) of the skin that is seen from the front, bridged smoothly (thin plate) where left out.
+
+    Args:
+        half: the body.
+        near: (V,) marks vertices that the surface is to pass through.
+        left_out: (V,) marks vertices that it is not to pass through.
+    """
+    corners = half.vertices[half.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(half.vertices)
+    for k in range(3):
+        np.add.at(total, half.faces[:, k], normal)
+    facing = near & (total[:, 2] > 0.35 * np.linalg.norm(total, axis=1))
+    points = half.vertices[facing & ~left_out]
+    points = points[_uncovered(points, half.vertices[near])]
+    across = points[points[:, 0] < 0.02] * [-1.0, 1.0, 1.0]  # even over the midline
+    points = np.concatenate([points, across[across[:, 0] < 0]])
+    plate = RBFInterpolator(points[:, :2], points[:, 2], kernel="thin_plate_spline", smoothing=1e-9)
+    return lambda xy: plate(xy)
+
+
+def _uncovered(points: Array, others: Array) -> Array:
+    """Mark the points that no other lies before, so that pockets under the skin do not count as skin."""
+    beside = KDTree(others[:, :2]).query_ball_point(points[:, :2], _BESIDE_M)
+    return np.array([z > others[found, 2].max() - _BEHIND_M for z, found in zip(points[:, 2], beside, strict=True)])
+
+
+def rings_to_faces(rings: list[Array], closed: bool) -> Array:
+    """Return the (Q, 3) faces between equally long rings, the outermost first, wound outwards."""
+    faces = []
+    for outer, inner in pairwise(rings):
+        after = np.roll(np.arange(len(outer)), -1) if closed else np.arange(1, len(outer))
+        here = np.arange(len(after))
+        a, b, c, d = outer[here], outer[after], inner[after], inner[here]
+        even = (here % 2 == 0)[:, None]
+        faces.append(np.where(even, np.stack([a, b, c], 1), np.stack([a, b, d], 1)))
+        faces.append(np.where(even, np.stack([a, c, d], 1), np.stack([b, c, d], 1)))
+    return np.concatenate(faces)
+
+
+def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
+    """Return the (Q, 3) faces between the rim of a hole and a ring inside it, always closing the shorter way."""
+    if closed:
+        start = int(np.linalg.norm(vertices[rim] - vertices[ring[0]], axis=1).argmin())
+        rim = np.concatenate([np.roll(rim, -start), rim[start : start + 1]])
+        ring = np.concatenate([ring, ring[:1]])
+    faces, i, j = [], 0, 0
+    while i < len(rim) - 1 or j < len(ring) - 1:
+        ahead = _gap(vertices, rim, ring, i + 1, j)
+        inside = _gap(vertices, rim, ring, i, j + 1)
+        if ahead <= inside:
+            faces.append((rim[i], rim[i + 1], ring[j]))
+            i += 1
+        else:
+            faces.append((rim[i], ring[j + 1], ring[j]))
+            j += 1
+    return np.array(faces)
+
+
+def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
+    """Return the length of the edge that would join the two, on a grid of a micrometre; infinite beyond an end."""
+    if i >= len(rim) or j >= len(ring):
+        return np.inf
+    return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)
+
+
+def _outside(faces: Array, keep: Array, count: int) -> Array:
+    """Return (T,) the faces kept, without pockets under the skin that the hole cuts off.
+
+    Raises:
+        BodyInvalid: none is kept.
+    """
+    if not keep.any():
+        raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh anew.")
+    edges = np.array(sorted(_directed(faces[keep])))
+    _, label = connected_components(coo_matrix((np.ones(len(edges)), edges.T), shape=(count, count)), directed=False)
+    return keep & (label[faces[:, 0]] == np.bincount(label[faces[keep][:, 0]]).argmax())
+
+
+def _rim(kept: Array, removed: Array, closed: bool) -> Array:
+    """Return the vertices around the hole, counter-clockwise as seen from outside."""
+    inner, outer = _directed(removed), _directed(kept)
+    after = {a: b for a, b in inner if (b, a) in outer}
+    starts = sorted(set(after) - set(after.values()))
+    if len(starts) != (0 if closed else 1) or not after:
+        raise BodyInvalid(f"The rim of a hole has {len(starts)} loose ends.", hint="Fit the hole to the mesh anew.")
+    chain = [starts[0] if starts else min(after)]
+    while chain[-1] in after and (len(chain) == 1 or chain[-1] != chain[0]):
+        chain.append(after[chain[-1]])
+    chain = chain[:-1] if closed else chain
+    if len(chain) != len(after) + (0 if closed else 1):
+        raise BodyInvalid("The rim of a hole is more than one chain.", hint="Fit the hole to the mesh anew.")
+    return np.array(chain)
+
+
+def _directed(faces: Array) -> set[tuple[int, int]]:
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return {(int(a), int(b)) for a, b in pairs}
