@@ -171,7 +171,7 @@ def _retaken(
 
     source = capture.source
     capture.file = stored(result["capture"])
-    take_capture(scene, result)
+    take_capture(scene, result, file_of(source) if source else None)  # footage lies where the recording does
     capture = scene.mocap.capture
     capture.source = source
     capture.checked = capture.doubts = ""
