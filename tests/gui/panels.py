@@ -30,7 +30,7 @@ def steps(user: Any) -> Any:
     yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
     yield from pinned(user)
     assert len(bpy.data.collections) > _COLLECTIONS and "Cube" in bpy.data.objects
-    yield from every_page(user, "english")
+    yield from every_page(user, "english", _NARROW_PX, _DEFAULT_PX)
     yield from drawing_time(user)
     yield from in_german(user)
 
@@ -54,27 +54,29 @@ def pinned(user: Any) -> Any:
     assert top - y < _TOP_PX, (top, y)
     mocap().solve.iterations = 77
     mocap().solve.preset = "BEST"
-    yield from user.pages("preset_best_narrow")
+    yield from user.find("solve.estimate_sync")
+    yield from user.shot("values_of_best")
     settings = mocap().solve
     settings.preset, settings.method, settings.iterations, settings.robust_scale = "CUSTOM", "frame", 200, 0.1
     yield from user.press("mocap.solve()")
     yield 2.0
     _, y = yield from user.find("mocap.cancel()")
     assert top - y < _TOP_PX, (top, y)
-    yield from user.pages("running_narrow")
+    yield from user.shot("running")
     yield from user.press("mocap.cancel()")
     yield from user.until(lambda: not bpy.ops.mocap.cancel.poll(), "it is cancelled", 30)
     assert mocap().review.armature is None
-    yield from user.pages("cancelled_narrow")
+    yield from user.find("solve.preset")
+    yield from user.shot("cancelled")
     mocap().solve.preset = "FAST"
     yield from user.press("mocap.solve()")
     yield from user.solved("the capture is solved")
     assert mocap().review.take is not None
 
 
-def every_page(user: Any, language: str) -> Any:
-    """Look at all panels, narrow and at the default width."""
-    for width in (_NARROW_PX, _DEFAULT_PX):
+def every_page(user: Any, language: str, *widths: int) -> Any:
+    """Look at all panels at some widths."""
+    for width in widths:
         yield from user.narrow(width)
         yield from user.pages(f"{language}_{width}")
 
@@ -100,6 +102,6 @@ def in_german(user: Any) -> Any:
     ours = [item.name for item in mocap().solve.bl_rna.properties["preset"].enum_items]
     assert [translate(word, context) for word in ours] == ours
     user.note(f"'Fast' would be '{translate('Fast')}' without a context of our own")
-    yield from every_page(user, "german")
+    yield from every_page(user, "german", _DEFAULT_PX)
     view.language = "en_US"
     yield 0.5

@@ -72,14 +72,15 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Keep what was found for the panel."""
         capture = context.scene.mocap.capture
+        verdict = result["verdict"]
         words = [
-            result["verdict"],
+            f"{verdict[:1].upper()}{verdict[1:]}",
             f"By its scale the person is {result['stature_m']:.2f} m tall.",
             f"Up is {result['tilt_deg']:.1f}° from the person's, who tells it to {result['tilt_sigma_deg']:.1f}°.",
         ]
         capture.checked = "\n".join(plain(word) for word in words)
         capture.doubts = "\n".join(plain(word) for word in result["findings"])
-        self.report({"WARNING"} if result["findings"] else {"INFO"}, f"{words[0][:1].upper()}{words[0][1:]}")
+        self.report({"WARNING"} if result["findings"] else {"INFO"}, words[0])
         return {"FINISHED"}
 
 
@@ -171,7 +172,7 @@ def _retaken(
 
     source = capture.source
     capture.file = stored(result["capture"])
-    take_capture(scene, result)
+    take_capture(scene, result, file_of(source) if source else None)  # footage lies where the recording does
     capture = scene.mocap.capture
     capture.source = source
     capture.checked = capture.doubts = ""

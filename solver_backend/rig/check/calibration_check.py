@@ -181,7 +181,7 @@ def _camera_words(
         c = int(np.nanargmax(np.where(worse, by_camera / best, 0.0)))
         words.append(
             f"Cameras adjusted to the take explain what {cameras.names[c]} saw to {best[c]:.1f} px, the calibration to "
-            f"{by_camera[c]:.1f} px: something was moved after calibration. Refine: calibrate-cameras --from refine."
+            f"{by_camera[c]:.1f} px: something was moved after calibration. Refine it."
         )
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))

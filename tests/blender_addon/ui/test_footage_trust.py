@@ -87,6 +87,18 @@ def test_footage_beside_the_capture_that_was_chosen_is_shown(
     assert len(asked) == 1 and mocap.capture.cameras[0].has_footage
 
 
+def test_footage_beside_the_recording_stays_where_cameras_are_refined_or_restored(
+    mocap: Any, solved: SolvedCapture, tmp_path: Path
+) -> None:
+    path = foreign(tmp_path / "foreign", "beside.png", solved)
+    write_png(path.with_name("beside.png"), np.zeros((9, 16, 3), np.uint8))
+    assert bpy.ops.mocap.import_capture(filepath=str(path)) == {"FINISHED"}
+    mocap.capture.original = mocap.capture.file  # as after a refinement
+    assert bpy.ops.mocap.restore_cameras() == {"FINISHED"}
+    assert mocap.capture.cameras[0].has_footage
+    assert not any("was not looked for" in message.text for message in mocap.capture.messages)
+
+
 def test_motions_and_headless_bakes_ask_too(
     mocap: Any, solved: SolvedCapture, tmp_path: Path, asked: list[Path]
 ) -> None:
