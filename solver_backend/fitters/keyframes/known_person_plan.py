@@ -59,7 +59,6 @@ class KnownPersonPlan:
         near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M
         # Markers are exact: five frames or so between two keys tell what all of them do, and three are near enough.
         third, second = max(1, round(0.3 * window)), max(1, round(0.2 * window))
-        matrices = 2 if window // second == 5 else 3  # of five rows every second, of others at least three
         first = None if near else Schedule((2 * scale,), min(3, steps), third, 3e-2, hessian_frames=3)
-        last = Schedule((scale,), steps, second, 1e-2, hessian_frames=matrices)
+        last = Schedule((scale,), steps, second, 1e-2)
         return cls(window, first, last, stride, problem.frames_of(4, 1), measured.marker_sigma is not None)
