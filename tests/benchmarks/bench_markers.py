@@ -102,7 +102,11 @@ def _coverage() -> list[Metric]:
 
 
 def _speed() -> list[Metric]:
+    found = speed.measured().items()
     return [
-        Metric(name.replace(" ", "_").replace(",", ""), value, "frames/s", "higher", rel_tol=0.4)
-        for name, value in speed.measured().items()
+        *(
+            Metric(key.replace(" ", "_").replace(",", ""), value, "frames/s", "higher", rel_tol=0.4)
+            for key, value in found
+        ),
+        *(Metric(f"live_{steps}_steps_ms", speed.live_ms(steps), "ms", rel_tol=0.5) for steps in (1, 2)),
     ]

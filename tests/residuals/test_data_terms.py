@@ -60,7 +60,7 @@ def test_selected_frames_are_judged_alike(term):
     term, points = term
     frames = np.array([2, 0])
     whole, part = term.residuals(points), term.select(frames).residuals(points[frames])
-    np.testing.assert_array_equal(part.squared, whole.squared[:, frames])
+    np.testing.assert_allclose(part.squared, whole.squared[:, frames], rtol=1e-12)  # kernels add in orders of their own
     used = whole.measured
     some = term.select(frames).leverage(points[frames], used[:, frames])
     np.testing.assert_allclose(some, term.leverage(points, used)[:, frames], rtol=1e-9)

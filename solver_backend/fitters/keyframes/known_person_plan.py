@@ -60,7 +60,5 @@ class KnownPersonPlan:
         # Markers are exact: five frames or so between two keys tell what all of them do, and three are near enough.
         third, second = max(1, round(0.3 * window)), max(1, round(0.2 * window))
         first = None if near else Schedule((2 * scale,), min(3, steps), third, 3e-2, hessian_frames=3)
-        return cls(
-            window, first, Schedule((scale,), steps, second, 1e-2), stride, problem.frames_of(4, 1),
-            measured.marker_sigma is not None,
-        )  # fmt: skip
+        last = Schedule((scale,), steps, second, 1e-2)
+        return cls(window, first, last, stride, problem.frames_of(4, 1), measured.marker_sigma is not None)

@@ -1,4 +1,4 @@
-"""Frames solved a second: a known person by the bundle, and calibration and solve together."""
+"""Frames solved a second: a known person by the bundle, calibration and solve together, and live, frame by frame."""
 
 from __future__ import annotations
 
@@ -7,20 +7,44 @@ import time
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.labelling.frame_fit import FrameFit
+from solver_backend.labelling.outputs import MARKERS
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.synthetic.marker_demo import record_markers
+from solver_backend.synthetic.choreography import author_motion
+from solver_backend.synthetic.marker_demo import BETAS, record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import part
 
-SECONDS, FPS = 20.0, 120.0
+SECONDS, FPS, LIVE_S = 20.0, 120.0, 5.0
 
 
 def long_take() -> MarkerCloud:
     """Return a synthetic take at 120 Hz."""
     return record_markers(round(SECONDS * FPS), FPS, seed=2).cloud
+
+
+def live_ms(steps: int) -> float:
+    """Return the median milliseconds of a core that a frame of 53 markers takes, each from the frame before.
+
+    Args:
+        steps: of Gauss-Newton a frame: one follows at 120 Hz, two at 60.
+    """
+    body, places = load_body(), marker_landmarks(load_body(), MARKERS)
+    motion = author_motion(body, BETAS, round(LIVE_S * FPS), FPS)
+    poses = exp_so3(motion.global_orient), exp_so3(motion.body_pose), motion.transl
+    points = pose_landmarks(body, places, BETAS, *poses).points
+    fit, sigma, taken = FrameFit(body, betas=BETAS), np.full(len(MARKERS), 0.02), []
+    for frame in points:
+        start = time.process_time()
+        fit.step(frame, frame, sigma, 1 / FPS, steps)
+        taken.append(time.process_time() - start)
+    return 1000 * float(np.median(taken[len(taken) // 5 :]))
 
 
 def measured() -> dict[str, float]:

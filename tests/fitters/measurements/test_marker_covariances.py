@@ -72,7 +72,7 @@ def test_equal_round_covariances_change_nothing():
     alike = np.tile(0.004**2 * np.eye(3), (*points.shape[:2], 1, 1))
     given = [replace(cloud, residual=np.full(points.shape[:2], 0.004)), replace(cloud, covariance=alike)]
     one, other = (solve(Capture("take", markers=item), SolveSettings(), person=person).motion for item in given)
-    np.testing.assert_allclose(other.joints, one.joints, atol=1e-6)
+    np.testing.assert_allclose(other.joints, one.joints, atol=1e-5)  # solved in single precision
 
 
 def test_a_markers_own_spread_is_found_beside_the_trackers():

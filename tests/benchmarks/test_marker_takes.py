@@ -1,4 +1,4 @@
-"""What joints fixed in the frames of recorded markers tell of a skeleton: nothing is off where bones are rigid."""
+"""What the benchmark of markers is measured by: joints fixed in the frames of markers, and the better of two fillings."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.rotations import exp_so3
+from tests.benchmarks.marker_takes.held_out import better_by_gap
 from tests.benchmarks.marker_takes.rigid_bones import CLUSTERS, flexion_in_bones, motion_in_bones
 
 FRAMES = 60
@@ -38,3 +39,11 @@ def test_rigid_bones_are_met_exactly_and_a_wandering_knee_is_told() -> None:
     wandering = motion_in_bones(*moved)
     assert wandering["left_knee"] == pytest.approx(20 * 2 / np.pi, rel=0.1) and wandering["left_hip"] < 1e-6
     assert all(1.0 < rms < 6.0 for _, rms in flexion_in_bones(*moved).values())
+
+
+def test_the_better_filling_is_picked_gap_by_gap() -> None:
+    judged = np.zeros((8, 2), dtype=bool)
+    judged[1:4, 0] = judged[5:7, 0] = judged[2:, 1] = True
+    one, other = np.full((8, 2), 3.0), np.full((8, 2), 2.0)
+    one[5:7, 0] = 1.0
+    assert sorted(better_by_gap(one, other, judged).tolist()) == [1.0] * 2 + [2.0] * 9
