@@ -80,15 +80,18 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
     rows = np.stack([d.row for d in driven])
     length = np.linalg.norm(rows, axis=1)
     chosen: list[int] = []
-    left = row
+    basis, left = np.zeros((0, len(row))), row
     for _ in range(min(len(driven), int(np.sum(np.abs(row) > _LEAST_M)) - 1, _MOST_OTHERS)):
         likeness = np.abs(rows @ left) / length
         likeness[chosen] = -1.0
         chosen.append(int(likeness.argmax()))
-        factors = np.linalg.lstsq(rows[chosen].T, row, rcond=None)[0]
-        left = row - factors @ rows[chosen]
-        if np.abs(left).max() <= _SAME_M and np.abs(factors).max() <= _LARGEST_FACTOR:
-            return [(float(f), driven[k]) for f, k in zip(factors, chosen, strict=True)]
+        new = rows[chosen[-1]] - (rows[chosen[-1]] @ basis.T) @ basis
+        basis = np.concatenate([basis, new[None] / max(float(np.linalg.norm(new)), 1e-12)])
+        left = row - (row @ basis.T) @ basis
+        if np.abs(left).max() <= _SAME_M:
+            factors = np.linalg.lstsq(rows[chosen].T, row, rcond=None)[0]
+            fits = np.abs(factors).max() <= _LARGEST_FACTOR
+            return [(float(f), driven[k]) for f, k in zip(factors, chosen, strict=True)] if fits else []
     return []
 
 
