@@ -24,7 +24,7 @@ _PLACES: tuple[tuple[Degrees, str, tuple[float, float, float], float, tuple[tupl
     (_REST, "left_wrist", (0.0, 0.0, 0.0), 0.16, ((180, 30), (0, 30))),
     (_UP, "left_shoulder", (0.0, -0.08, 0.0), 0.60, ((0, 0), (-60, 0), (180, 0))),
     (_BENT, "left_elbow", (0.0, 0.0, 0.04), 0.34, ((40, 35), (0, 90))),
-    (_REST, "left_foot", (0.0, 0.0, -0.02), 0.22, ((0, 35), (-45, 25), (50, 25), (0, 89))),
+    (_REST, "left_foot", (0.0, 0.0, -0.02), 0.22, ((0, 35), (-45, 25), (50, 25))),
 )
 """Pose, joint, offset from it in the rest frame and height of the picture (metres), yaws and pitches (degrees)."""
 

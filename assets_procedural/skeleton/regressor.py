@@ -14,7 +14,8 @@ _NEIGHBOURS, _REACH_M, _TOLERANCE_M = 500, 0.06, 1e-5
 def fit_regressor(vertices: Array, vertex_dirs: Array, joints: Array, joint_dirs: Array, mirror: Array) -> Array:
     """Return the (24, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``; rows sum to 1.
 
-    Weights are non-negative where such a mean exists, otherwise the smallest signed weights near the joint.
+    Weights are non-negative where such a mean is exact to 0.01 mm, but for what the smallest signed weights near the
+    joint then add to meet joints and components exactly; elsewhere they are the smallest signed weights.
 
     Args:
         vertices: (V, 3) metres.
@@ -37,7 +38,8 @@ def fit_regressor(vertices: Array, vertex_dirs: Array, joints: Array, joint_dirs
         weights = _positive_mean(rows[:, near], target, distance[near])
         if weights is None:
             weights = _signed_mean(rows[:, near], target, distance[near])
-        regressor[j, near] = weights
+        left = target - rows[:, near] @ weights
+        regressor[j, near] = weights + _signed_mean(rows[:, near], left, distance[near])
         if MIRROR_JOINT[j] == j:
             regressor[j] = 0.5 * (regressor[j] + regressor[j][mirror])
     return regressor / regressor.sum(axis=1, keepdims=True)

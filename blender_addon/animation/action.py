@@ -47,7 +47,8 @@ def bake_action(
     if keys_per_second is None and tolerance_mm is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
         for path, joint, part in pose_columns():
-            write_curves(target, path, joint, times, channels[:, part], types)
+            kept = _needed(channels[:, part])
+            write_curves(target, path, joint, times[kept], channels[kept, part], types[kept])
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
     else:
         count = 1 + round((keys_per_second or 0.0) * motion.num_frames / motion.fps)
@@ -68,6 +69,11 @@ def bake_action(
     action["provenance"] = motion.provenance
     action.use_fake_user = True
     return action
+
+
+def _needed(values: np.ndarray) -> slice:
+    """Return which of (F, C) values are keyed: all, or where nothing ever changes (hands not solved) the first."""
+    return slice(0, 1 if np.ptp(values, axis=0).max() == 0.0 else None)
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:

@@ -9,12 +9,15 @@ from collections.abc import Sequence
 
 import bpy
 
+from ..conventions.node_inputs import node_input
 from .drivers import add_driver
 
 JOINT, VERTEX = "joint", "vertex"
 """Names of the table's attributes that say which joint and vertex a row belongs to."""
 ROW = "corrective row"
 """Name of the skin's attribute that holds a vertex's first row in the table."""
+IN_POSITION = 2, 2
+"""Row and column of ``R - I`` whose vectors are the table's positions, which a mesh has anyway."""
 NO_ROW, MIRRORED = -1, -2
 """Value of vertices that nothing moves; one whose mirror image has the row r has -2 - r."""
 
@@ -72,10 +75,8 @@ def build_corrective_nodes(
 
 def drive_input(modifier: bpy.types.NodesModifier, name: str, axis: int) -> bpy.types.Driver:
     """Return a new driver of one axis of a vector input of a nodes modifier."""
-    identifier = modifier.node_group.interface.items_tree[name].identifier
-    if hasattr(modifier, "properties"):  # Blender 5.2 and later
-        return add_driver(getattr(modifier.properties.inputs, identifier), "value", axis)
-    return add_driver(modifier, f'["{identifier}"]', axis)
+    owner, path = node_input(modifier, name)
+    return add_driver(owner, path, axis)
 
 
 def _chosen(tree: bpy.types.GeometryNodeTree, angles: Sequence[bpy.types.NodeSocket]) -> bpy.types.NodeSocket:
@@ -128,7 +129,10 @@ def _displacement(tree: bpy.types.GeometryNodeTree, rotation: bpy.types.NodeSock
         parts = tree.nodes.new("ShaderNodeSeparateXYZ")
         _link(tree, change.outputs[0], parts.inputs[0])
         for row in range(3):
-            direction = _attribute(tree, column_attribute(row, column), "FLOAT_VECTOR")
+            if (row, column) == IN_POSITION:
+                direction = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
+            else:
+                direction = _attribute(tree, column_attribute(row, column), "FLOAT_VECTOR")
             added = (direction, parts.outputs[row]) + (() if total is None else (total,))
             total = _vector_math(tree, "MULTIPLY_ADD", *added).outputs[0]
     return total

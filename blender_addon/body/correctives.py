@@ -21,6 +21,7 @@ from ..conventions.skeleton import JOINTS, MIRROR_JOINT
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile
 from .corrective_nodes import (
+    IN_POSITION,
     JOINT,
     MIRRORED,
     NO_ROW,
@@ -122,9 +123,8 @@ def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
 
 def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray) -> bool:
     """Say whether every row equals the one of the mirrored vertex and joint, mirrored, in the axes of the bones."""
-    here = dict(
-        zip(zip(table.vertex.tolist(), table.joint.tolist(), strict=True), range(len(table.vertex)), strict=True)
-    )
+    rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
+    here = {key: row for row, key in enumerate(rows)}
     image = zip(across[table.vertex].tolist(), np.array(MIRROR_JOINT)[table.joint].tolist(), strict=True)
     found = np.array([here.get(key, -1) for key in image])
     if (found < 0).any():
@@ -143,13 +143,15 @@ def _table_object(name: str, table: CorrectiveTable, turned: np.ndarray, joints:
     """Return the table as points that count ``joints``; they stay hidden wherever the body is appended to."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(table.joint))
+    data.vertices.foreach_set("co", turned[:, :, IN_POSITION[0], IN_POSITION[1]].astype(np.float32).ravel())
     order = np.searchsorted(joints, table.joint)
     data.attributes.new(JOINT, "INT", "POINT").data.foreach_set("value", order.astype(np.int32))
     data.attributes.new(VERTEX, "INT", "POINT").data.foreach_set("value", table.vertex.astype(np.int32))
     for row in range(3):
         for column in range(3):
-            attribute = data.attributes.new(column_attribute(row, column), "FLOAT_VECTOR", "POINT")
-            attribute.data.foreach_set("vector", turned[:, :, row, column].astype(np.float32).ravel())
+            if (row, column) != IN_POSITION:
+                attribute = data.attributes.new(column_attribute(row, column), "FLOAT_VECTOR", "POINT")
+                attribute.data.foreach_set("vector", turned[:, :, row, column].astype(np.float32).ravel())
     points = bpy.data.objects.new(name, data)
     points.hide_viewport = points.hide_render = points.hide_select = True
     return points

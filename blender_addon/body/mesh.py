@@ -10,6 +10,7 @@ from ..conventions.skeleton import JOINTS, NUM_BETAS
 from .armature import deform_bone
 from .body_file import BodyFile
 from .layout import around_pelvis
+from .quads import pair_triangles
 
 _LEAST_WEIGHT = 1e-4
 
@@ -26,11 +27,14 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     """
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
-    mesh.from_pydata(vertices.tolist(), [], body.faces.tolist())
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(body.faces), dtype=bool))
-    _add_materials(mesh, body)
+    material = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material
+    polygons, material = pair_triangles(body.v_template, body.faces, np.clip(material, 0, len(BODY_COLOURS) - 1))
+    mesh.from_pydata(vertices.tolist(), [], polygons)
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(polygons), dtype=bool))
+    _add_materials(mesh, material.astype(np.int32))
     _add_uv(mesh, body)
     mesh.update()
+    drop_defaults(mesh)
     obj = bpy.data.objects.new(name, mesh)
     for collection in armature.users_collection:
         collection.objects.link(obj)
@@ -47,9 +51,15 @@ def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
     return co.reshape(-1, 3)
 
 
-def _add_materials(mesh: bpy.types.Mesh, body: BodyFile) -> None:
-    index = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material.astype(np.int32)
-    index = np.clip(index, 0, len(BODY_COLOURS) - 1)
+def drop_defaults(mesh: bpy.types.Mesh) -> None:
+    """Take away attributes that say what is so without them: nothing sharp, nothing deselected."""
+    for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
+        attribute = mesh.attributes.get(name)
+        if attribute is not None:
+            mesh.attributes.remove(attribute)
+
+
+def _add_materials(mesh: bpy.types.Mesh, index: np.ndarray) -> None:
     for number, (name, colour) in enumerate(BODY_COLOURS[: int(index.max()) + 1]):
         mesh.materials.append(create_material(name, colour, glossy=number < LARGE_SURFACES))
     mesh.polygons.foreach_set("material_index", index)

@@ -7,6 +7,7 @@ location that is a combination of a few others that are driven already is driven
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -22,8 +23,9 @@ from .shape import all_sliders
 
 _LEAST_M, _SAME_M = 5e-7, 5e-7
 """Metres per beta: a smaller effect is none, and two that differ by less are the same."""
+_MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
-"""Of a combination: larger ones would magnify what Blender rounds."""
+"""Of combinations: larger factors would magnify what Blender rounds."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,11 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
     for name, way, related in moves:
         bone = armature.pose.bones[name]
         axes = np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64)
+        earlier = tuple(driven)  # a bone that moved by itself would be a cycle
         for axis, row in enumerate(axes.T @ way):
             if np.abs(row).max() <= _LEAST_M:
                 continue
-            others = [d for d in driven if d.bone != name]  # a bone that moved by itself would be a cycle
-            parts = _one_other(row, others) or _combination(row, [d for d in others if d.bone in related])
+            parts = _few_others(row, earlier) or _all_of(row, [d for d in earlier if d.bone in related])
             if parts:
                 _drive_by_bones(bone, axis, armature, parts)
             else:
@@ -68,32 +70,42 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
             driven.append(_Driven(name, axis, row))
 
 
-def _one_other(row: np.ndarray, driven: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return the driven location that moves as this one does but for a factor, nothing where there is none."""
+def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
+    """Return the few driven locations that together move as this one does, nothing where they are as many as its betas.
+
+    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993): the likest of what is left, one at a time.
+    """
     if not driven:
         return []
     rows = np.stack([d.row for d in driven])
-    factors = rows @ row / (rows**2).sum(axis=1)
-    off = np.abs(rows * factors[:, None] - row).max(axis=1)
-    best = int(off.argmin())
-    return [(float(factors[best]), driven[best])] if off[best] <= _SAME_M and _small(factors[best]) else []
+    length = np.linalg.norm(rows, axis=1)
+    chosen: list[int] = []
+    basis, left = np.zeros((0, len(row))), row
+    for _ in range(min(len(driven), int(np.sum(np.abs(row) > _LEAST_M)) - 1, _MOST_OTHERS)):
+        likeness = np.abs(rows @ left) / length
+        likeness[chosen] = -1.0
+        chosen.append(int(likeness.argmax()))
+        new = rows[chosen[-1]] - (rows[chosen[-1]] @ basis.T) @ basis
+        basis = np.concatenate([basis, new[None] / max(float(np.linalg.norm(new)), 1e-12)])
+        left = row - (row @ basis.T) @ basis
+        if np.abs(left).max() <= _SAME_M:
+            factors = np.linalg.lstsq(rows[chosen].T, row, rcond=None)[0]
+            fits = np.abs(factors).max() <= _LARGEST_FACTOR
+            return [(float(f), driven[k]) for f, k in zip(factors, chosen, strict=True)] if fits else []
+    return []
 
 
-def _combination(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return related locations that together move as this one does, nothing where they do not or would save nothing."""
+def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
+    """Return related locations that together move as this one does, nothing where they do not or save nothing."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])
     factors = np.linalg.lstsq(rows.T, row, rcond=1e-6)[0]
-    used = np.abs(factors)[:, None] * np.abs(rows) > _LEAST_M
-    parts = [(float(f), d) for f, d, use in zip(factors, related, used.any(axis=1), strict=True) if use]
+    used = (np.abs(factors)[:, None] * np.abs(rows) > _LEAST_M).any(axis=1)
+    parts = [(float(f), d) for f, d, use in zip(factors, related, used, strict=True) if use]
     found = sum((f * d.row for f, d in parts), np.zeros_like(row))
-    fits = np.abs(found - row).max() <= _SAME_M and _small(factors)
+    fits = np.abs(found - row).max() <= _SAME_M and np.abs(factors).max() <= _LARGEST_FACTOR
     return parts if fits and len(parts) < np.sum(np.abs(row) > _LEAST_M) else []
-
-
-def _small(factors: np.ndarray | float) -> bool:
-    return bool(np.abs(factors).max() <= _LARGEST_FACTOR)
 
 
 def _drive_by_bones(

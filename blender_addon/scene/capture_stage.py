@@ -15,7 +15,7 @@ from ..conventions.units import fit_units
 from .cameras import add_background, create_camera, look_through
 from .floor import create_floor
 from .marker_cloud import create_marker_cloud, grade_markers
-from .overlay import create_view_overlay
+from .overlay import Players, create_view_overlay
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,9 @@ def create_detections(
         grade_markers(cloud, motion)
         overlays.append(cloud)
     if capture.xy is not None and capture.xy.size:
+        players: Players = {}
         for camera, source, xy in zip(cameras, capture.cameras, capture.xy, strict=True):
-            overlays.append(create_view_overlay(camera, source, xy, capture.fps, timing, folder))
+            overlays.append(create_view_overlay(camera, source, xy, capture.fps, timing, folder, players))
     return tuple(overlays)
 
 

@@ -11,8 +11,9 @@ from .._exchange.capture_file import CameraFile
 from .._exchange.lens import normalised, undistort
 from ..conventions.coordinates import camera_rays
 from ..conventions.materials import DETECTION_COLOUR, Colour, create_material
+from ..conventions.node_inputs import set_input
 from ..conventions.timing import TakeTiming
-from .point_player import GRADE, MODIFIER, POINTS, SEEN, PlayerSettings, create_player
+from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings, create_player
 
 _PLANE_M = 0.5
 """Distance of a view's detections from its camera."""
@@ -30,6 +31,10 @@ class PointLook:
     """Linear RGBA; several where points are graded (see ``point_player.GRADE``)."""
 
 
+Players = dict[tuple[object, ...], bpy.types.NodeTree]
+"""Node groups that overlays made together may share, by what they play: each takes 60 kB of a file."""
+
+
 def create_point_overlay(
     name: str,
     points: np.ndarray,
@@ -37,6 +42,7 @@ def create_point_overlay(
     timing: TakeTiming,
     collection: bpy.types.Collection,
     look: PointLook,
+    players: Players | None = None,
 ) -> bpy.types.Object:
     """Create one object that plays points; it is shown in the viewport and left out of renders.
 
@@ -47,6 +53,7 @@ def create_point_overlay(
         timing: where the take lies in the scene.
         collection: where the object is linked.
         look: size and colours of a point.
+        players: of overlays made before, shared by what plays alike; a new one is put in.
     """
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
@@ -58,16 +65,27 @@ def create_point_overlay(
         mesh.attributes.new(GRADE, "FLOAT", "POINT")
     overlay = bpy.data.objects.new(name, mesh)
     collection.objects.link(overlay)
-    settings = PlayerSettings(
-        points=count, rows=rows, frame_start=timing.start, rows_per_frame=fps / timing.scene_fps,
-        radius_m=look.radius_m, materials=tuple(create_material(name, colour) for colour in look.colours),
-    )  # fmt: skip
     overlay["fps"], overlay[POINTS] = fps, count
-    overlay.modifiers.new(MODIFIER, "NODES").node_group = create_player(name, settings)
+    played = (count, rows, timing.start, fps / timing.scene_fps)
+    modifier = overlay.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = _player(name, played, look, players)
+    set_input(modifier, RADIUS, look.radius_m)
     overlay.hide_render = True
     overlay.show_in_front = True
     overlay.hide_select = True
     return overlay
+
+
+def _player(
+    name: str, played: tuple[int, int, float, float], look: PointLook, players: Players | None
+) -> bpy.types.NodeTree:
+    """Return nodes that play so many points and rows from a frame on at a rate: such as there are, or new ones."""
+    players = {} if players is None else players
+    key = (*played, look.colours)
+    if key not in players:
+        materials = tuple(create_material(name, colour) for colour in look.colours)
+        players[key] = create_player(name, PlayerSettings(*played, materials))
+    return players[key]
 
 
 def seen_share(overlay: bpy.types.Object) -> float:
@@ -85,6 +103,7 @@ def create_view_overlay(
     fps: float,
     timing: TakeTiming,
     collection: bpy.types.Collection,
+    players: Players | None = None,
 ) -> bpy.types.Object:
     """Create one view's detections as a child of its camera, half a metre in front of it.
 
@@ -97,10 +116,11 @@ def create_view_overlay(
         fps: frames per second of the detections.
         timing: where the take lies in the scene.
         collection: where the object is linked.
+        players: see ``create_point_overlay``.
     """
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     look = PointLook(radius_m, (DETECTION_COLOUR,))
-    overlay = create_point_overlay(f"{source.name} detections", points, fps, timing, collection, look)
+    overlay = create_point_overlay(f"{source.name} detections", points, fps, timing, collection, look, players)
     overlay.parent = camera
     return overlay

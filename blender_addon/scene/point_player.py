@@ -15,6 +15,8 @@ import bpy
 
 MODIFIER = "Points of this frame"
 """Name of the modifier."""
+RADIUS = "Radius"
+"""Name of the modifier's input that says how large the balls are, metres."""
 SEEN = "seen"
 """Name of the point attribute that is 0 where a point was not seen."""
 POINTS = "points"
@@ -35,8 +37,6 @@ class PlayerSettings:
     """Scene frame of the first row."""
     rows_per_frame: float
     """Rows that pass in one scene frame."""
-    radius_m: float
-    """Radius of a ball."""
     materials: tuple[bpy.types.Material, ...]
     """Materials of the balls; where there are several, the mesh says by ``GRADE`` which one a point takes."""
 
@@ -45,8 +45,10 @@ def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
     """Create the node group that plays a mesh of ``rows * points`` vertices."""
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    size = tree.interface.new_socket(RADIUS, in_out="INPUT", socket_type="NodeSocketFloat")
+    size.subtype, size.min_value = "DISTANCE", 0.0
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    stored = tree.nodes.new("NodeGroupInput").outputs[0]
+    stored, radius = tree.nodes.new("NodeGroupInput").outputs[:2]
     index = _vertex_index(tree, settings)
     cloud = tree.nodes.new("GeometryNodePoints")
     cloud.inputs["Count"].default_value = settings.points
@@ -61,7 +63,7 @@ def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
         tree.links.new(_sampled(tree, "FLOAT", stored, grade, index), _enabled(moved.inputs, "Value"))
     unseen = _math(tree, "LESS_THAN", _sampled(tree, "FLOAT", stored, seen, index), 0.5)
     kept = _linked(tree, "GeometryNodeDeleteGeometry", Geometry=moved.outputs[0], Selection=unseen)
-    balls = _balls(tree, kept.outputs[0], settings)
+    balls = _balls(tree, kept.outputs[0], radius, settings)
     tree.links.new(balls, tree.nodes.new("NodeGroupOutput").inputs[0])
     return tree
 
@@ -128,9 +130,8 @@ def _enabled(sockets: Any, name: str) -> Any:
     return next(s for s in sockets if s.name == name and s.enabled)
 
 
-def _balls(tree: bpy.types.NodeTree, points: Any, settings: PlayerSettings) -> Any:
-    ball = tree.nodes.new("GeometryNodeMeshIcoSphere")
-    ball.inputs["Radius"].default_value = settings.radius_m
+def _balls(tree: bpy.types.NodeTree, points: Any, radius: Any, settings: PlayerSettings) -> Any:
+    ball = _linked(tree, "GeometryNodeMeshIcoSphere", Radius=radius)
     ball.inputs["Subdivisions"].default_value = 2
     instances = _linked(tree, "GeometryNodeInstanceOnPoints", Points=points, Instance=ball.outputs[0])
     painted = _linked(tree, "GeometryNodeRealizeInstances", Geometry=instances.outputs[0])

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import bpy
 
+from ..conventions.node_inputs import get_input, set_input
 from .capture_stage import CaptureStage
 from .footage_timing import FOOTAGE_RATE
-from .point_player import MODIFIER, player_of
+from .point_player import MODIFIER, RADIUS, player_of
 
 
 def replace_stage(
@@ -52,6 +53,7 @@ def _kept(
         for key, value in new.items():
             old[key] = value
         old.modifiers[MODIFIER].node_group = player_of(new)
+        set_input(old.modifiers[MODIFIER], RADIUS, get_input(new.modifiers[MODIFIER], RADIUS))
         old.parent = old.parent or new.parent  # a camera that was deleted left its detections behind
     for child in new.children:
         child.parent = old

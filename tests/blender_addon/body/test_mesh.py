@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,12 @@ def test_mesh_carries_groups_materials_and_texture(take: BakedTake, files: Any) 
         for group in vertex.groups:
             weights[vertex.index, group.group] = group.weight
     np.testing.assert_allclose(weights, files.body.weights, atol=1e-6)
-    assert [p.material_index for p in mesh.data.polygons] == files.body.face_material.tolist()
+    triangles = zip(files.body.faces.tolist(), files.body.face_material.tolist(), strict=True)
+    corners = {frozenset(face): material for face, material in triangles}
+    for polygon in mesh.data.polygons:
+        halves = [half for half in combinations(polygon.vertices, 3) if frozenset(half) in corners]
+        assert len(halves) == len(polygon.vertices) - 2
+        assert {corners[frozenset(half)] for half in halves} == {polygon.material_index}
     assert len(mesh.data.materials) == 2
     corner = np.array([loop.vertex_index for loop in mesh.data.loops])
     uv = np.array([item.uv for item in mesh.data.uv_layers[0].data])

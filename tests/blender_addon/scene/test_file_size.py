@@ -13,8 +13,8 @@ from blender_addon.body.body_file import BodyFile, default_body_path
 from blender_addon.scene.bake import bake_take
 from tests.support.addon_stand_in import capture_arrays, motion_arrays
 
-_LIMIT_BYTES = 6.5e6
-"""Pose correctives as shape keys made it 25 MB."""
+_LIMIT_BYTES = 5.0e6
+"""Pose correctives as shape keys made it 25 MB, as a table of the whole body 6.3."""
 
 
 def test_two_seconds_of_the_whole_body_stay_small(body: BodyFile, tmp_path: Path) -> None:
