@@ -8,6 +8,8 @@ from pathlib import Path
 
 SENSORS, WAND = "Sensoren ü", "Stab"
 """Folders of two sensors before markers that rise, and of a wand that is waved before two."""
+KATA = "Kata ü.c3d"
+"""A recording of markers that is long enough to be stopped by hand."""
 LONG_DEMO = "demo_1000.npz"
 """Capture of the demo's person, 1,000 frames long."""
 _WAVED_S, _LONG = 20.0, 1000
@@ -19,6 +21,7 @@ def lay_out(out: Path, script: str) -> None:
     for source, name in (("pose2sim", "Aufnahme ü"), ("pose2sim_session", "Sitzung ü")):
         shutil.copytree(recordings / source, out / name)
     if script == "sensors.py":
+        shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "135_02.c3d", out / KATA)
         _sensors(out / SENSORS)
         _wand(out / WAND)
     elif script == "retarget_speed.py":

@@ -1,6 +1,6 @@
 """The panels *Live* and *Rig*: markers replayed, sensors shown, a wand waved and calibrated, takes imported.
 
-``python -m tests.gui --script sensors.py``: on the demo's markers, and on painted pictures of two sensors.
+``python -m tests.gui --script sensors.py``: on a real recording of markers, and on painted pictures of two sensors.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from tests.gui.recordings import SENSORS, WAND
+from tests.gui.recordings import KATA, SENSORS, WAND
 from tests.gui.scene import OUT, PACKAGE, empty, extension, mocap
 
 _LONGEST_S = 300
@@ -41,13 +41,12 @@ def ended(user: Any, what: str) -> Any:
 
 
 def live_panel(user: Any) -> Any:
-    """Replay the demo's markers, stop, import what was recorded."""
-    assets = Path(str(extension().__file__)).parent / "backend/solver_backend/assets"
-    mocap().live.source = str(assets / "demo_markers.c3d")
+    """Replay a recording of markers, stop, import what was recorded."""
+    mocap().live.source = str(OUT / KATA)
     user.viewport.tag_redraw()
     yield 0.3
     yield from user.press("mocap.live_start()")
-    yield from user.until(lambda: running().run and running().run.shown > 60, "sixty poses are shown", _LONGEST_S)
+    yield from user.until(lambda: running().run and running().run.shown > 20, "twenty poses are shown", _LONGEST_S)
     user.look_at((0.0, 0.0, 0.9), 3.5)
     yield 1.0
     yield from user.find("mocap.live_stop()")
@@ -69,14 +68,14 @@ def a_take(user: Any) -> Any:
     """Show sensors' points, record them, import the take."""
     mocap().rig.kind, mocap().rig.source = "FOLDER", str(OUT / SENSORS)
     yield from user.press("mocap.rig_start(part='TAKE')")
-    yield from user.until(lambda: running().run and running().run.shown > 5, "sensors are shown", _LONGEST_S)
+    yield from user.until(lambda: not running().busy or running().run.shown > 1, "sensors are shown", _LONGEST_S)
     yield from user.shot("rig_runs")
     yield from ended(user, "the recording is at its end")
     assert Path(bpy.path.abspath(mocap().rig.take)).name == "take_01", mocap().rig.take
     yield from user.find("take_01", 0.5)
     yield from user.shot("rig_recorded")
     captures = len(mocap().captures)
-    yield from user.press("take_01')")
+    yield from user.press("take_01")
     yield from user.until(lambda: len(mocap().captures) == captures + 1, "the take is a capture", 300)
     yield 0.5
     yield from user.shot("rig_imported")
@@ -85,7 +84,7 @@ def a_take(user: Any) -> Any:
 def a_wand(user: Any) -> Any:
     """Wave a wand: coverage while it is seen, a sentence where it is none, a calibration where it is one."""
     yield from user.press("mocap.rig_start(part='WAND')")
-    yield from user.until(lambda: running().run and running().run.latest, "coverage is told", _LONGEST_S)
+    yield from user.until(lambda: not running().busy or running().run.latest, "coverage is told", _LONGEST_S)
     yield from user.shot("wand_is_waved")
     assert running().run is None or running().run.latest.state == "waving"
     yield from ended(user, "the wand's recording is at its end")
