@@ -25,6 +25,7 @@ _DETECTOR_ITEMS = (
 _SYNC_ITEMS = (
     ("auto", "Whatever Tells", "By keypoints, else by sound, else as filmed"),
     ("keypoints", "Keypoints", "By how the person moves"),
+    ("clap", "Hand Clap", "By a clap of the hands that all cameras saw"),
     ("sound", "Sound", "By a clap, music or speech that all microphones heard"),
     ("flash", "Flash", "By light that all cameras saw rise and fall"),
     ("none", "In Step", "The cameras were started together"),

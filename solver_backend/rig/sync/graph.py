@@ -78,5 +78,5 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
     raise SyncUnknown(
         f"By {method} the clocks of the cameras cannot be told: nothing in {', '.join(alone)} agrees with another.",
         where=", ".join(names),
-        hint="Clap once in sight of all cameras and film again; or try another way: --sync keypoints, sound or flash.",
+        hint="Clap in sight of all cameras and film again; or try another way: --sync keypoints, clap, sound, flash.",
     )

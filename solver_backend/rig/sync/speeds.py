@@ -54,7 +54,7 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * RATE_HZ) + 1) / RATE_HZ
     points = at_times(track[:, columns], times_s, wanted)
     known = np.isfinite(points).all(-1)
-    size = _size(points)
+    size = person_size(points)
     reach = max(round(3 * SMOOTHING_S * RATE_HZ), 1)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTHING_S * RATE_HZ)) ** 2)
     # The derivative of normalised smoothing over what is known.
@@ -68,8 +68,8 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     return Signal(clipped - clipped.mean(axis=0), RATE_HZ, float(times_s[0]))
 
 
-def _size(points: np.ndarray) -> float:
-    """Return the median height of the person in px."""
+def person_size(points: np.ndarray) -> float:
+    """Return the median height of the person in px, of (N, K, 2) points."""
     low, high = (np.where(np.isfinite(points[..., 1]), points[..., 1], v) for v in (np.inf, -np.inf))
     span = high.max(axis=1) - low.min(axis=1)
     span = span[np.isfinite(span) & (span > 0)]

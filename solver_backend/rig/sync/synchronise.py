@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.rig.detect.video_detections import VideoDetections
+from solver_backend.rig.sync.clap import WRISTS, claps, clocks_by_claps
 from solver_backend.rig.sync.clocks import Clocks
 from solver_backend.rig.sync.errors import SyncUnknown
 from solver_backend.rig.sync.flash import brightness_signal
@@ -26,7 +27,7 @@ from solver_backend.rig.video.probe import probe
 from solver_backend.rig.video.sound import read_sound
 from solver_backend.types import Cameras
 
-WAYS = ("auto", "keypoints", "sound", "flash", "none")
+WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
 """How clocks may be told; ``auto`` is by keypoints, or by sound where those tell nothing."""
 REACH_S = 6.5
 """Largest offset that is looked for."""
@@ -62,6 +63,8 @@ def synchronise(
         clocks = by_sound(found)
     elif way == "flash":
         clocks = by_flash(found)
+    elif way == "clap":
+        clocks = by_claps(found)
     elif way == "keypoints":
         clocks = by_keypoints(found, cameras)
     else:
@@ -116,6 +119,21 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
         heard = read_sound(item.video)
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
     return _of_signals(found, signals, SOUND_PIECE_S, SOUND_FLOOR_S, "sound")
+
+
+def by_claps(found: Sequence[VideoDetections]) -> Clocks:
+    """Return the clocks by hand claps that all cameras saw the person do, calibrated or not.
+
+    Raises:
+        SyncUnknown: no clap is seen by all, or the detector finds no wrists.
+    """
+    if not set(WRISTS) <= set(found[0].joint_set.keypoints):
+        raise SyncUnknown("The detector finds no wrists, so no clap.", hint="Use sound: --sync sound.")
+    if any(item.num_frames < 2 for item in found):
+        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(i.video.stem for i in found))
+    tracks = [item.of_track(item.main_track())[0] for item in found]
+    signals = [claps(t, item.times_s - item.times_s[0], item.joint_set) for t, item in zip(tracks, found, strict=True)]
+    return clocks_by_claps(tuple(item.video.stem for item in found), signals, REACH_S)
 
 
 def by_flash(found: Sequence[VideoDetections]) -> Clocks:
