@@ -27,7 +27,7 @@ def map_blocks(function: Callable[[Item], Result], blocks: Sequence[Item], like:
         blocks: what to map.
         like: an array of the kind that the function works on.
     """
-    threads = min(MAX_THREADS, os.cpu_count() or 1)
+    threads = min(MAX_THREADS, usable_cores())
     if is_torch_array(like):
         with torch_threads(threads, like):
             return [function(block) for block in blocks]
@@ -35,6 +35,15 @@ def map_blocks(function: Callable[[Item], Result], blocks: Sequence[Item], like:
         return [function(block) for block in blocks]
     with ThreadPoolExecutor(min(threads, len(blocks))) as pool:
         return list(pool.map(function, blocks))
+
+
+def usable_cores() -> int:
+    """Return how many cores this process may use: a batch pins its solvers, and a container has a part of the machine.
+
+    More threads than that take turns, and their blocks push each other out of the cache.
+    """
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux alone tells
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def block_size(size: int, like: Any) -> int:

@@ -94,6 +94,9 @@ def _angles() -> list[Metric]:
         for angle, (offset, rms) in angles.items():
             sys.stdout.write(f"  {trial:<18} {angle:<6} offset {offset:+6.1f}°  RMS around it {rms:5.1f}°\n")
             metrics.append(Metric(f"{trial} {angle}".replace(" ", "_").replace("/", "_"), rms, "°", rel_tol=0.15))
+    for trial, angles in joint_angles.apart().items():
+        told = ", ".join(f"{angle} {rms:.1f}°" for angle, rms in angles.items())
+        sys.stdout.write(f"  {trial:<18} OpenSim's two results are apart by {told} RMS around the offset\n")
     return metrics
 
 

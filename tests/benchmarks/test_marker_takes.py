@@ -1,4 +1,4 @@
-"""What the benchmark of markers is measured by: joints fixed in the frames of markers, and the better of two fillings."""
+"""What the markers' benchmark measures by: joints fixed in frames of markers, and the better of two fillings."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 
 from solver_backend.geometry.rotations import exp_so3
 from tests.benchmarks.marker_takes.held_out import better_by_gap
+from tests.benchmarks.marker_takes.joint_angles import _between
 from tests.benchmarks.marker_takes.rigid_bones import CLUSTERS, flexion_in_bones, motion_in_bones
 
 FRAMES = 60
@@ -47,3 +48,12 @@ def test_the_better_filling_is_picked_gap_by_gap() -> None:
     one, other = np.full((8, 2), 3.0), np.full((8, 2), 2.0)
     one[5:7, 0] = 1.0
     assert sorted(better_by_gap(one, other, judged).tolist()) == [1.0] * 2 + [2.0] * 9
+
+
+def test_two_results_are_compared_at_the_times_they_share() -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    angle = 40 * np.sin(6 * time)
+    one = {"time": time, "knee_angle_l": angle, "knee_angle_r": angle, "elbow_flex_l": angle}
+    other = {"time": time[10:], **{name: values[10:] + 7.0 for name, values in one.items() if name != "time"}}
+    other["knee_angle_r"] = other["knee_angle_r"] + 2**0.5 * np.tile([1.0, -1.0], 45)
+    assert _between(one, other) == {"knee": pytest.approx(1.0), "elbow": pytest.approx(0.0, abs=1e-9)}

@@ -1,11 +1,13 @@
 """Blocks come back in their order, whatever thread worked on them."""
 
+import os
+import threading
 import time
 
 import numpy as np
 import pytest
 
-from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.parallel import map_blocks, usable_cores
 
 
 def test_results_keep_the_order_of_the_blocks():
@@ -19,3 +21,15 @@ def test_results_keep_the_order_of_the_blocks():
 def test_an_error_in_a_block_is_the_callers():
     with pytest.raises(ZeroDivisionError):
         map_blocks(lambda block: 1 / block, [1, 0], np.zeros(1))
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processes are pinned on Linux alone")
+def test_a_pinned_process_has_as_many_threads_as_cores():
+    before = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(before)})
+        assert usable_cores() == 1
+        assert set(map_blocks(lambda _: threading.get_ident(), range(4), np.zeros(1))) == {threading.get_ident()}
+    finally:
+        os.sched_setaffinity(0, before)
+    assert usable_cores() == len(before)

@@ -1,4 +1,7 @@
-"""Knee and elbow flexion of running, walking, squats and jumps beside OpenSim's angles from the same markers."""
+"""Knee and elbow flexion of running, walking, squats and jumps beside OpenSim's angles from the same markers.
+
+Of some trials there are two results of that tool, one scaled by a person: how far they are apart is how well it knows.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,8 @@ TRIALS: dict[str, tuple[str, str]] = {
     "squats": ("Subject4/MarkerData/squats1.trc", "Subject4/IK/squats1_ik.mot"),
     "drop jump": ("Subject4/MarkerData/DJ1.trc", "Subject4/IK/DJ1_ik.mot"),
 }
+MANUAL = "_manual_scaling_ik.mot"
+"""Where the second result stands."""
 BOUNDS_DEG = {"knee": 4.0, "elbow": 6.0}
 HINGES = {"knee": ("hip", "knee", "ankle", "knee_angle"), "elbow": ("shoulder", "elbow", "wrist", "elbow_flex")}
 
@@ -32,6 +37,28 @@ def differences() -> dict[str, dict[str, tuple[float, float]]]:
     """Return for each trial and angle, over both sides, the mean offset and the RMS around it, degrees."""
     root = folder() / "nimble"
     return {name: _trial(root / take, root / angles) for name, (take, angles) in TRIALS.items()}
+
+
+def apart() -> dict[str, dict[str, float]]:
+    """Return for each trial that OpenSim solved twice the RMS around the offset between its two results, degrees."""
+    root, found = folder() / "nimble", {}
+    for name, (_, angles) in TRIALS.items():
+        again = root / angles.replace("_ik.mot", MANUAL)
+        if again.is_file() and angles.endswith("_ik.mot"):
+            found[name] = _between(read_mot(root / angles), read_mot(again))
+    return found
+
+
+def _between(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> dict[str, float]:
+    """Return the RMS by angle, over both sides, at the times that two results share."""
+    times = [np.round(columns["time"], 4) for columns in (one, other)]
+    shared = [np.isin(mine, theirs) for mine, theirs in (times, times[::-1])]
+    found = {}
+    for angle, (*_, coordinate) in HINGES.items():
+        names = [f"{coordinate}_{side}" for side in "lr"]
+        offs = [one[name][shared[0]] - other[name][shared[1]] for name in names if name in one and name in other]
+        found[angle] = float(np.sqrt(np.mean([off.var() for off in offs])))
+    return found
 
 
 def _trial(take: Path, angles: Path) -> dict[str, tuple[float, float]]:

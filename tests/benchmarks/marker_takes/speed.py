@@ -21,7 +21,7 @@ from solver_backend.synthetic.marker_demo import BETAS, record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import part
 
-SECONDS, FPS, LIVE_S = 20.0, 120.0, 5.0
+SECONDS, FPS, LIVE_S = 60.0, 120.0, 5.0
 
 
 def long_take() -> MarkerCloud:
