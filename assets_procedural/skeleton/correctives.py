@@ -21,6 +21,10 @@ from solver_backend.types import SMPL_JOINTS
 
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
+_SLIGHT_M = 1.5e-4
+"""Correctives of a vertex by a joint that are smaller than this throughout are left out: every row takes 116 bytes."""
+_LEFT_OUT = ("hand",)
+"""Joints without correctives: all fingers bend as one, and no solve moves them."""
 _BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulders too much: take back this share
 _RAISED_FROM, _RAISED = 0.35, 0.9
 """Sines of the angles at which an arm begins to count as raised, and wholly does."""
@@ -138,7 +142,7 @@ def fit_correctives(
     rng, masks = np.random.default_rng(seed), joint_masks(weights)
     directions = np.zeros((len(vertices), 3, NUM_FEATURES))
     for name, j in JOINT.items():
-        if j == 0 or name.startswith("right"):
+        if j == 0 or name.startswith("right") or name.endswith(_LEFT_OUT):
             continue
         turns = Rotation.from_rotvec(sample_turns(name, count, rng)).as_matrix()
         features = (turns - np.eye(3)).reshape(count, 9)
@@ -153,6 +157,9 @@ def fit_correctives(
             directions[:, :, block] = other[:, :, block]
         elif j > 0 and not name.startswith("left"):
             directions[:, :, block] = 0.5 * (directions[:, :, block] + other[:, :, block])
+    blocks = directions.reshape(len(directions), 3, -1, 9)
+    slight = np.sqrt(np.square(blocks).sum(axis=1)).max(axis=2) < _SLIGHT_M
+    directions = np.where(slight[:, None, :, None], 0.0, blocks).reshape(directions.shape)
     return np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
 
 

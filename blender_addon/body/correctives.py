@@ -145,7 +145,7 @@ def _table_object(name: str, table: CorrectiveTable, turned: np.ndarray, joints:
     data.vertices.add(len(table.joint))
     data.vertices.foreach_set("co", turned[:, :, IN_POSITION[0], IN_POSITION[1]].astype(np.float32).ravel())
     order = np.searchsorted(joints, table.joint)
-    data.attributes.new(JOINT, "INT", "POINT").data.foreach_set("value", order.astype(np.int32))
+    data.attributes.new(JOINT, "INT8", "POINT").data.foreach_set("value", order.astype(np.int32))
     data.attributes.new(VERTEX, "INT", "POINT").data.foreach_set("value", table.vertex.astype(np.int32))
     for row in range(3):
         for column in range(3):

@@ -11,7 +11,8 @@ def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.ty
 
 
 def plain(curve: bpy.types.FCurve) -> bpy.types.Driver:
-    """Return a driver's own, its curve without modifiers: with neither keys nor modifiers a value stays as it is."""
+    """Return a driver's own, its curve without modifiers (before Blender 5) or keys: a value then stays as it is."""
     for modifier in tuple(curve.modifiers):
         curve.modifiers.remove(modifier)
+    curve.keyframe_points.clear()
     return curve.driver

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..conventions.materials import BODY_COLOURS, LARGE_SURFACES, create_material
+from ..conventions.materials import BODY_COLOURS, GLOSSY, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
 from .armature import deform_bone
 from .body_file import BodyFile
@@ -60,8 +60,8 @@ def drop_defaults(mesh: bpy.types.Mesh) -> None:
 
 
 def _add_materials(mesh: bpy.types.Mesh, index: np.ndarray) -> None:
-    for number, (name, colour) in enumerate(BODY_COLOURS[: int(index.max()) + 1]):
-        mesh.materials.append(create_material(name, colour, glossy=number < LARGE_SURFACES))
+    for name, colour in BODY_COLOURS[: int(index.max()) + 1]:
+        mesh.materials.append(create_material(name, colour, glossy=name in GLOSSY))
     mesh.polygons.foreach_set("material_index", index)
 
 

@@ -16,8 +16,8 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Pupil", (0.01, 0.01, 0.01, 1.0)),
 )
 """Names and colours of the body's ``face_material`` indices; larger indices take the last one."""
-LARGE_SURFACES = 2
-"""The first materials cover most of the body and are made to go on from."""
+GLOSSY = ("Skin",)
+"""Materials whose surface is a principled one; another is a tenth as large in a file."""
 
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
