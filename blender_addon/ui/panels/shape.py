@@ -6,7 +6,7 @@ import bpy
 
 from ...body.sliders import body_mesh, effect_of, sliders
 from ..translation import CONTEXT
-from .parts import MocapPanel
+from .parts import MocapPanel, fits
 
 
 class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
@@ -30,4 +30,8 @@ class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
         assert mesh is not None  # polled
         column = self.layout.column(align=True)
         for key in sliders(mesh):
-            column.prop(key, "value", text=effect_of(key), text_ctxt=CONTEXT, slider=True)
+            effect = effect_of(key)
+            if not fits(context, f"{effect} -0.000"):
+                column.label(text=effect, text_ctxt=CONTEXT)
+                effect = ""
+            column.prop(key, "value", text=effect, text_ctxt=CONTEXT, slider=True)
