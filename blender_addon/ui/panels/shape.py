@@ -5,8 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ...body.sliders import body_mesh, effect_of, sliders
+from ..settings_layout import is_slim
 from ..translation import CONTEXT
-from .parts import MocapPanel, fits
+from .parts import MocapPanel
 
 
 class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
@@ -31,7 +32,7 @@ class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         for key in sliders(mesh):
             effect = effect_of(key)
-            if not fits(context, f"{effect} -0.000"):
+            if is_slim(context):
                 column.label(text=effect, text_ctxt=CONTEXT)
                 effect = ""
             column.prop(key, "value", text=effect, text_ctxt=CONTEXT, slider=True)
