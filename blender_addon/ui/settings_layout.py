@@ -8,6 +8,8 @@ from .translation import CONTEXT
 
 _NARROW_PX = 280
 """Below this width there is no room for names and values side by side."""
+_SLIM_PX = 240
+"""Below this width there is no room for two numbers with their names side by side, nor for long names of sliders."""
 _LONG = ("ENUM", "STRING", "POINTER")
 """Types whose values are words; numbers and switches carry their names in their own field."""
 
@@ -15,6 +17,11 @@ _LONG = ("ENUM", "STRING", "POINTER")
 def is_narrow(context: bpy.types.Context) -> bool:
     """Return whether the sidebar has no room for what stands side by side."""
     return context.region.width < _NARROW_PX * (context.preferences.system.ui_scale or 1.0)
+
+
+def is_slim(context: bpy.types.Context) -> bool:
+    """Return whether the sidebar has no room for two numbers side by side."""
+    return context.region.width < _SLIM_PX * (context.preferences.system.ui_scale or 1.0)
 
 
 def settings_layout(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

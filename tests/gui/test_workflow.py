@@ -8,10 +8,7 @@ import pytest
 
 from tests.gui.__main__ import missing, run
 
-SUBJECTS = (
-    "workflow", "markers", "rig", "project", "characters", "cameras", "people", "clean_up", "panels", "sensors",
-    "studio",
-)  # fmt: skip
+SUBJECTS = ("workflow", "markers", "rig", "project", "characters", "cameras", "people", "clean_up", "panels")
 
 
 @pytest.mark.slow

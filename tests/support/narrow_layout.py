@@ -18,8 +18,8 @@ _TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 4.0, 22.0, 20.0
 _TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
 _SPLIT = 0.4
 """Share of a line that a property's name has where names and values are split."""
-_NUMBER, _MENU = 40.0, 28.0
-"""What a value needs beside its name; what a menu has around its text."""
+_NUMBER, _MENU = 48.0, 28.0
+"""What a value of three digits needs beside its name; what a menu has around its text."""
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ import bpy
 
 from ...body.controls.limbs import LIMBS, ROOT, has_limbs
 from ..operators.limbs import MOCAP_OT_switch_limbs
+from ..settings_layout import is_narrow
 from ..translation import CONTEXT
 from .parts import MocapPanel, wrapped
 
-_SLIDER = 0.75
-"""Share of a line that a limb's slider has; the button beside it has the rest."""
+_SLIDER, _NARROW_SLIDER = 0.75, 0.82
+"""Share of a line that a limb's slider has, also where the sidebar is narrow; the button beside it has the rest."""
 
 
 class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
@@ -31,8 +32,9 @@ class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
         layout = self.layout
         armature = context.scene.mocap.review.armature
         column = layout.column(align=True)
+        share = _NARROW_SLIDER if is_narrow(context) else _SLIDER
         for limb in LIMBS:
-            row = column.split(factor=_SLIDER, align=True)
+            row = column.split(factor=share, align=True)
             row.prop(armature.pose.bones[ROOT], f'["{limb.switch}"]', text=limb.label, text_ctxt=CONTEXT, slider=True)
             to = "FK" if armature.pose.bones[ROOT][limb.switch] > 0 else "IK"
             _draw_switch(row, to, limb.switch, to)

@@ -65,6 +65,11 @@ def wrapped(
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
 
 
+def fits(context: bpy.types.Context, text: str) -> bool:
+    """Return whether the sidebar has room for a text on one line."""
+    return len(_lines(context, text, with_icon=False)) == 1
+
+
 def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
     """Return a text in lines that the sidebar has room for, as wide as its letters are."""
     scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen

@@ -39,11 +39,15 @@ class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
     bl_label = "Bones"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a rig that was mapped."""
+        settings = context.scene.mocap.retarget
+        return super().poll(context) and settings.target is not None and bool(settings.map_text)
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table, to be corrected, and the map pose."""
         layout, settings = self.layout, context.scene.mocap.retarget
-        if settings.target is None or not settings.map_text:
-            return
         layout.label(text=settings.label, icon="PRESET", translate=False)
         column = layout.column(align=True)
         for row in settings.table:

@@ -16,6 +16,7 @@ from ..operators.solve import MOCAP_OT_resolve_range, MOCAP_OT_solve
 from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
 from ..properties import MocapCapture, MocapReview
+from ..settings_layout import is_slim
 from .parts import BodyPanel, TakePanel, wrapped
 
 
@@ -53,7 +54,7 @@ class VIEW3D_PT_mocap_resolve(TakePanel, bpy.types.Panel):
         """Draw the range, the pins and the button."""
         layout, review = self.layout, context.scene.mocap.review
         layout.enabled = not current.busy
-        row = layout.row(align=True)
+        row = layout.column(align=True) if is_slim(context) else layout.row(align=True)
         row.prop(review, "first")
         row.prop(review, "last")
         layout.operator(MOCAP_OT_pin_pose.bl_idname, icon="PINNED")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..operators.solver_operator import MOCAP_OT_cancel, current
-from .parts import MocapPanel, draw_solve
+from .parts import MocapPanel, draw_solve, fits, wrapped
 
 
 class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
@@ -28,7 +28,10 @@ class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
             draw_solve(self.layout, context)
             return
         column = self.layout.column(align=True)
-        column.progress(factor=run.share, text=run.headline, translate=False)
+        on_the_bar = fits(context, run.headline)
+        column.progress(factor=run.share, text=run.headline if on_the_bar else f"{run.share:.0%}", translate=False)
+        if not on_the_bar:
+            wrapped(column, context, run.headline)
         row = column.row(align=True)
         row.enabled = not run.process.cancelling
         row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...body.sliders import body_mesh, effect_of, sliders
+from ..settings_layout import is_slim
 from ..translation import CONTEXT
 from .parts import MocapPanel
 
@@ -30,4 +31,8 @@ class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
         assert mesh is not None  # polled
         column = self.layout.column(align=True)
         for key in sliders(mesh):
-            column.prop(key, "value", text=effect_of(key), text_ctxt=CONTEXT, slider=True)
+            effect = effect_of(key)
+            if is_slim(context):
+                column.label(text=effect, text_ctxt=CONTEXT)
+                effect = ""
+            column.prop(key, "value", text=effect, text_ctxt=CONTEXT, slider=True)

@@ -59,9 +59,11 @@ def test_a_solved_capture(mocap, solved_take) -> None:
 
 def test_a_run_under_way_and_a_failed_one(mocap, solved_take, monkeypatch) -> None:
     process = SimpleNamespace(cancelling=False)
-    run = SimpleNamespace(share=0.4, headline="Bundle, 3 s left", verb="solve", process=process)
-    monkeypatch.setattr(current, "run", run)
-    assert "\n".join(cut_off()) == "" and not taken_for_blenders()
+    for headline in ("Bundle, 3 s left", "Learning the body, 15 s left", "Telling people apart, 3 min left"):
+        run = SimpleNamespace(share=0.4, headline=headline, verb="solve", process=process)
+        monkeypatch.setattr(current, "run", run)
+        assert "\n".join(cut_off()) == "" and not taken_for_blenders()
+        assert headline in " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_run, _NARROW).drawn)
     monkeypatch.setattr(current, "run", None)
     error = {"code": "x", "message": "The camera cam_03 sees nobody in frames 4 to 93.", "hint": "Leave it out."}
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=error, result=None))

@@ -54,7 +54,7 @@ def test_the_run_under_way_is_on_top_with_its_cancel(mocap, monkeypatch) -> None
     monkeypatch.setattr(current, "run", under_way)
     layout = Layout()
     assert run.VIEW3D_PT_mocap_run.poll(bpy.context)
-    run.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), bpy.context)
+    run.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), NarrowContext(400))
     assert "progress:Global bundle, 3 s left" in layout.drawn and any(d.startswith("operator:") for d in layout.drawn)
 
 
