@@ -9,6 +9,7 @@ import pytest
 from blender_addon.animation.confidence_lane import read_lane
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.errors import TakeMissing
 from blender_addon.review.floor_height import sole_height
 from blender_addon.ui.scene_job import prepare_job
 
@@ -22,6 +23,17 @@ def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) 
     mocap.solve.smoothing, mocap.solve.foot_lock = 3.0, 4.0
     settings = prepare_job(bpy.context.scene, None)[0].settings
     assert settings["smoothing"] == pytest.approx(3.0) and settings["foot_lock"] == pytest.approx(4.0)
+
+
+def test_a_detectors_noise_goes_into_the_job_and_is_missed_by_name(solved_take, mocap, tmp_path) -> None:
+    assert "noise" not in prepare_job(bpy.context.scene, None)[0].settings
+    path = tmp_path / "noise.json"
+    path.write_text("{}", encoding="utf-8")
+    mocap.solve.noise = str(path)
+    assert prepare_job(bpy.context.scene, None)[0].settings["noise"] == str(path)
+    path.unlink()
+    with pytest.raises(TakeMissing, match="noise is gone"):
+        prepare_job(bpy.context.scene, None)
 
 
 @pytest.mark.parametrize("tolerance_mm", [5.0, 40.0])

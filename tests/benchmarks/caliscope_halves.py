@@ -1,0 +1,58 @@
+"""How far caliscope's board videos tell its cameras: ``python -m tests.benchmarks.caliscope_halves``.
+
+Moments are halved at random, and cameras of both halves compared after a similarity: as the board tells them, and with
+every corner a point of its own, as caliscope adjusts. A solution from all moments scatters by half of what halves do.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from solver_backend.io.calibration import read_calibration
+from solver_backend.rig.adjustment.lens import lens_of
+from solver_backend.rig.boards.board import board_named
+from solver_backend.rig.extrinsics.board_session import find_boards
+from solver_backend.rig.extrinsics.from_board import rig_from_board
+from solver_backend.rig.extrinsics.session_folders import board_footage
+from solver_backend.types import Cameras
+from tests.benchmarks.bench_calibration import CALISCOPE, apart, corners_alone
+from tests.support.recordings import recordings_folder
+
+SPLITS = 8
+
+
+def main() -> int:
+    """Print the root mean square difference of halves, and both kinds' distance to the kept array."""
+    folder = recordings_folder() / CALISCOPE
+    kept = read_calibration(folder / "camera_array.toml").cameras
+    board = board_named(str(folder / "charuco.toml"))
+    seen = [find_boards(path, board)[0] for path in board_footage(folder).rig.values()]
+    known = [lens_of(kept, c) for c in range(len(kept))]
+
+    def both(chosen: set[int]) -> tuple[Cameras, Cameras]:
+        some = [{f: view for f, view in views.items() if f in chosen} for views in seen]
+        rig = rig_from_board(kept.names, known, board, some)
+        return rig.adjusted.cameras, corners_alone(rig)
+
+    moments, rng = sorted(set().union(*seen)), np.random.default_rng(0)
+    for name, cameras in zip(("board", "corners alone"), both(set(moments)), strict=True):
+        _say(f"{name}: from the kept array", *apart(cameras, kept.R, kept.t, with_scale=True))
+    squares = np.zeros((2, 2, len(kept)))
+    for _ in range(SPLITS):
+        first = set(rng.permutation(moments)[: len(moments) // 2].tolist())
+        pairs = zip(both(first), both(set(moments) - first), strict=True)
+        squares += [np.square(apart(a, b.R, b.t, with_scale=True)) for a, b in pairs]
+    for name, of_kind in zip(("board", "corners alone"), np.sqrt(squares / SPLITS), strict=True):
+        _say(f"{name}: between halves", *of_kind)
+    return 0
+
+
+def _say(what: str, far_mm: np.ndarray, turned_deg: np.ndarray) -> None:
+    sys.stdout.write(f"{what}: {np.round(far_mm, 1)} mm, {np.round(turned_deg, 2)} deg\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,185 @@
+"""How well the clocks of ``bench_sync`` could be told: ``python -m tests.benchmarks.sync_bound [SEED...]``.
+
+The Cramér-Rao bound of delays and drifts, in frames at the worst moment of the take, beside the errors that the actual
+detections then leave to whoever reaches it. Known are the detector's noise (its spread in each view and keypoint, its
+memory, where keypoints are hidden, which detections are wrong) and how points move; unknown are the clocks, the poses
+of the cameras, biases by the direction of view and, by "free", where the points are, anew in every frame. "Known" is
+the same with the points told.
+
+Noise is white and first-order autoregressive, so a Kalman filter whitens it exactly, gaps included; the points are
+noise without memory of a metre along the cameras' Jacobians.
+
+Reference: Kay 1993, sec. 3.9 (the bound for Gaussian noise); Durbin and Koopman 2012, sec. 6.2 (regression by the
+filter).
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from unittest.mock import patch
+
+import numpy as np
+
+from solver_backend.cameras.projection import project, project_with_jacobian
+from solver_backend.rig.sync.signals import RATE_SIGMA
+from solver_backend.simulation import filming
+from solver_backend.simulation.filming import FilmSettings, Person, delayed, px_per_mm
+from solver_backend.simulation.keypoint_detector import DetectorModel, DetectorOutput
+from solver_backend.types import Cameras
+from tests.benchmarks import bench_sync
+
+BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])
+"""Variance of a bias by direction: constant, cosine and sine of the angle and of its double."""
+TURN_SIGMA, SHIFT_SIGMA_M, POINT_SIGMA_M = 0.02, 0.05, 1.0
+"""Of the cameras' poses and of points, before anything is seen."""
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A seed's detections and what is true of them; lengths in millimetres at the person, F moments that all see."""
+
+    error: np.ndarray
+    """(C, F, K, 2) NaN where missing or elsewhere."""
+    spread: np.ndarray
+    """(C, F, K) of the noise, in standard deviations of the detector's model."""
+    velocity: np.ndarray
+    """(C, F, K, 2) a second."""
+    by_point: np.ndarray
+    """(C, F, K, 2, 3) a metre."""
+    by_pose: np.ndarray
+    """(C, F, K, 2, 6) a radian and a metre of the camera's pose."""
+    facing: np.ndarray
+    """(C, F, 5) what biases by direction are made of."""
+    fps: float
+
+
+def filmed(seed: int) -> Filmed:
+    """Return what ``bench_sync`` films with this seed."""
+    kept: list[tuple[Person, Cameras, FilmSettings, DetectorOutput]] = []
+    hidden: list[np.ndarray] = []
+    film, out_of_sight = filming.film, filming._out_of_sight
+
+    def keeping(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
+        found = film(person, cameras, settings, rng)
+        kept.append((person, cameras, settings, found))
+        return found
+
+    def keeping_hidden(*told: object) -> np.ndarray:
+        hidden.append(out_of_sight(*told))  # type: ignore[arg-type]
+        return hidden[0]
+
+    with patch.object(bench_sync, "film", keeping), patch.object(filming, "_out_of_sight", keeping_hidden):
+        take = bench_sync.filmed_by_hand(seed)
+    [(person, cameras, settings, found)] = kept
+    posed = person.landmarks(settings.joint_set, settings.offsets)
+    assert settings.delays is not None
+    _, by_point, _ = project_with_jacobian(
+        cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model
+    )
+    seen = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
+    seen = np.stack([delayed(track, delay) for track, delay in zip(seen, settings.delays, strict=True)])
+    scale = px_per_mm(cameras, posed.points)[..., None]
+    error = np.where((found.swapped | found.outlier)[..., None], np.nan, (found.xy - seen) / scale)
+    model = settings.detector
+    worse = np.where(hidden[0], model.occluded_jitter, 1.0)
+    steady = error - np.nanmean(error, axis=1, keepdims=True)
+    uneven = np.sqrt(np.nanmean((steady / worse[..., None]) ** 2, axis=(1, 3), keepdims=True))[..., 0]
+    in_camera = np.einsum("cij,fkj->cfki", cameras.R, posed.points) + cameras.t[:, None, None]
+    by_shift = np.einsum("cfkij,clj->cfkil", by_point, cameras.R)
+    by_turn = np.cross(in_camera[..., None, :], by_shift)
+    way = cameras.centres[:, None] - posed.skeleton.joints[None, :, 0]
+    body_way = np.einsum("fij,cfi->cfj", person.orient, way)
+    angle = np.arctan2(body_way[..., 0], body_way[..., 2])
+    facing = np.stack([np.ones_like(angle), *(f(n * angle) for n in (1, 2) for f in (np.cos, np.sin))], axis=-1)
+    first = error.shape[1] - 1 - min(len(track) for track in take.filmed.tracks)
+    return Filmed(
+        error[:, first:], (worse * uneven / np.hypot(model.drift_mm, model.jitter_mm))[:, first:],
+        (np.gradient(seen, axis=1) / scale * settings.fps)[:, first:], (by_point / scale[..., None])[:, first:],
+        (np.concatenate([by_turn, by_shift], axis=-1) / scale[..., None])[:, first:], facing[:, first:], settings.fps,
+    )  # fmt: skip
+
+
+def information(take: Filmed, model: DetectorModel, *, free: bool) -> np.ndarray:
+    """Return (K, 1 + N, 1 + N) of errors and N unknowns: delays C, drifts C, poses 6 C, biases 10."""
+    views, frames, keypoints = take.error.shape[:3]
+    rows, place = 2 * views, np.linspace(-1.0, 1.0, frames)
+    memory = float(np.exp(-1.0 / (model.drift_s * take.fps)))
+    diagonal = np.arange(rows)
+    unknowns = 8 * views + 10
+    mean = np.zeros((keypoints, rows, 1 + unknowns))
+    variance = np.tile(model.drift_mm**2 * np.eye(rows), (keypoints, 1, 1))
+    total = np.zeros((keypoints, 1 + unknowns, 1 + unknowns))
+    for f in range(frames):
+        columns = np.zeros((keypoints, views, 2, 1 + unknowns))
+        columns[..., 0] = take.error[:, f].swapaxes(0, 1)
+        for c in range(views):
+            columns[:, c, :, 1 + c] = take.velocity[c, f]
+            columns[:, c, :, 1 + views + c] = take.velocity[c, f] * place[f]
+            columns[:, c, :, 1 + 2 * views + 6 * c : 7 + 2 * views + 6 * c] = take.by_pose[c, f]
+            for axis in range(2):
+                first = 1 + 8 * views + 5 * axis
+                columns[:, c, axis, first : first + 5] = take.facing[c, f]
+        spread = np.repeat(take.spread[:, f].T, 2, axis=1)
+        columns = columns.reshape(keypoints, rows, -1) / spread[..., None]
+        known = np.isfinite(columns[..., 0])
+        columns = np.where(known[..., None], columns, 0.0)
+        new = np.zeros((keypoints, rows, rows))
+        new[:, diagonal, diagonal] = np.where(known, model.jitter_mm**2, 1.0)
+        if free:
+            J = take.by_point[:, f].swapaxes(0, 1).reshape(keypoints, rows, 3) / spread[..., None]
+            J = np.where(known[..., None], POINT_SIGMA_M * J, 0.0)
+            new += J @ J.swapaxes(1, 2)
+        seen = np.zeros((keypoints, rows, rows))
+        seen[:, diagonal, diagonal] = known
+        gained = seen @ variance
+        surprise = columns - seen @ mean
+        solved = np.linalg.solve(gained @ seen + new, np.concatenate([surprise, gained], axis=-1))
+        total += surprise.swapaxes(1, 2) @ solved[..., : 1 + unknowns]
+        gain = solved[..., 1 + unknowns :].swapaxes(1, 2)
+        mean = memory * (mean + gain @ surprise)
+        variance = memory**2 * (variance - gain @ gained)
+        variance = 0.5 * (variance + variance.swapaxes(1, 2))
+        variance[:, diagonal, diagonal] += model.drift_mm**2 * (1.0 - memory**2)
+    return total
+
+
+def bound_frames(take: Filmed, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C - 1,) deviations of the cameras after the first and the errors of the best estimate, worst moment."""
+    views, size = len(take.error), 1 + 8 * len(take.error)
+    biases = total[:, size:, size:] + np.diag(np.tile(1.0 / BIAS_MM2, 2))
+    across = total[:, size:, :size]
+    reduced = (total[:, :size, :size] - across.swapaxes(1, 2) @ np.linalg.solve(biases, across)).sum(axis=0)
+    half_s = 0.5 * take.error.shape[1] / take.fps
+    poses = np.tile(np.repeat([TURN_SIGMA**-2, SHIFT_SIGMA_M**-2], 3), views)
+    normal = reduced[1:, 1:] + np.diag(np.concatenate([np.zeros(2 * views), poses]))
+    against = np.zeros((views - 1, 2, len(normal)))
+    for c in range(1, views):
+        against[c - 1, :, [c, views + c]] = np.eye(2)
+        against[c - 1, :, [0, views]] = -np.eye(2)
+        normal += np.outer(against[c - 1, 1], against[c - 1, 1]) / (RATE_SIGMA * half_s) ** 2
+    # The first camera's clock is everybody's: with free points nothing tells it from the others'.
+    normal += 1e-9 * np.trace(normal) / len(normal) * np.eye(len(normal))
+    covariance = np.linalg.inv(normal)
+    moments = np.stack([against[:, 0] + s * against[:, 1] for s in (-1.0, 0.0, 1.0)])
+    sigma = np.sqrt(np.einsum("mci,ij,mcj->mc", moments, covariance, moments)).max(axis=0)
+    off = np.abs(moments @ covariance @ reduced[1:, 0]).max(axis=0)
+    return take.fps * sigma, take.fps * off
+
+
+def main(argv: list[str]) -> int:
+    """Print the bounds of the given seeds, or of all."""
+    model = DetectorModel()
+    for seed in map(int, argv or range(bench_sync.SEEDS)):
+        take = filmed(seed)
+        told = []
+        for free in (True, False):
+            sigma, off = bound_frames(take, information(take, model, free=free))
+            told.append(f"{'free' if free else 'known'} {np.round(sigma, 3)}, left {np.round(off, 3)}")
+        sys.stdout.write(f"seed {seed}: points {'; points '.join(told)} frames\n")
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
