@@ -30,13 +30,15 @@ class WornMarkers:
     """(M, 3) metres: how far the markers are off their places."""
 
 
-def worn_markers(labels: Sequence[str], frames: int, *, fps: float = 60.0, step: int = 1) -> WornMarkers:
+def worn_markers(
+    labels: Sequence[str], frames: int, *, fps: float = 60.0, step: int = 1, stray_m: float = 0.008
+) -> WornMarkers:
     """Return markers that sit up to 2 cm off their places on a body of known shape, with 1 mm of noise."""
     truth, body, rng = demo_capture().truth, load_body(), np.random.default_rng(8)
     chosen = slice(0, frames * step, step)
     places = tuple(str(load_layouts().place_of(label)) for label in labels)
     landmarks = marker_landmarks(body, places)
-    subject = Subject(body, landmarks, truth["betas"], 0.008 * rng.normal(size=(len(labels), 3)))
+    subject = Subject(body, landmarks, truth["betas"], stray_m * rng.normal(size=(len(labels), 3)))
     local = exp_so3(truth["body_pose"][chosen, :63].reshape(-1, 21, 3))
     posed = PosedFrames(exp_so3(truth["global_orient"][chosen]), local, truth["transl"][chosen])
     points = pose(subject, posed).points + 0.001 * rng.normal(size=(frames, len(labels), 3))

@@ -30,6 +30,10 @@ FRAMES = 64
 STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
 """Frames' worth of evidence that a marker strays as far as all are first taken to."""
+POSE_FRAMES = 1.0
+"""What is known of poses counts, for all frames together, as much as for so many: what the prior finds unlikely in one
+pose of a person, by posture or by how their bones differ, it finds in all of them. Counted frame by frame it outweighs
+what is known of places, and moves markers by a centimetre so that poses become likelier."""
 SIGMA_RANGE_M = (0.003, 0.03)
 """Least and largest standard deviation of a marker."""
 SCORING_STEPS = 4
@@ -73,10 +77,11 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
     placement, state = placement_prior(subject, settings), CalibrationState.of(subject, states)
+    weight = min(1.0, POSE_FRAMES / len(frames))
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
 
         def linearise(s: CalibrationState, scale: float = scale) -> tuple[Array, Arrowhead]:
-            return calibration_equations(problem.prior, objective, placement, s, scale)
+            return calibration_equations(problem.prior, objective, placement, s, scale, weight)
 
         state = levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
     progress(STAGE, 3, 3)

@@ -1,6 +1,6 @@
 """The normal equations of a calibration: each frame's pose is a block, shape and places are shared.
 
-``E = Σ_f [ Σ_l ρ(|y_l(x_f, β, o) - m_fl| / σ) + E_pose(x_f) + ½ ρ_fᵀ R ρ_f ] + ½ |β|² + ½ Σ_l o_lᵀ P_l o_l``
+``E = Σ_f [ Σ_l ρ(|y_l(x_f, β, o) - m_fl| / σ) + w (E_pose(x_f) + ½ ρ_fᵀ R ρ_f) ] + ½ |β|² + ½ Σ_l o_lᵀ P_l o_l``
 
 Poses are eliminated frame by frame (Triggs et al. 2000, "Bundle adjustment: a modern synthesis"); shape
 and places were first found together with poses by Loper, Mahmood and Black 2014, "MoSh".
@@ -40,7 +40,7 @@ class PlacementPrior:
 
 def calibration_equations(
     prior: AutoencodingPrior, objective: FrameObjective, placement: PlacementPrior, state: CalibrationState,
-    scale: float,
+    scale: float, pose_weight: float = 1.0,
 ) -> tuple[Array, Arrowhead]:  # fmt: skip
     """Return the cost (1,) and the Gauss-Newton equations at a state.
 
@@ -50,6 +50,7 @@ def calibration_equations(
         placement: what is known of shape and places.
         state: where.
         scale: of Geman-McClure's penalty.
+        pose_weight: w, of what is known of poses.
     """
     xp = array_namespace(state.residual)
     frames, by_state = state.poses(prior), d_pose_d_key(prior, state.frames.z, state.residual)
@@ -69,11 +70,11 @@ def calibration_equations(
     by_joints_T = xp.matrix_transpose(by_joints)
     for term in objective.poses:
         judged = term(frames.local)
-        blocks = blocks + xp.matmul(by_joints_T, xp.matmul(term.hessian(judged.factors), by_joints))
-        g_blocks = g_blocks + xp.matmul(by_joints_T, judged.gradient[..., None])[..., 0]
-        cost = cost + xp.sum(judged.cost)
+        blocks = blocks + pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(judged.factors), by_joints))
+        g_blocks = g_blocks + pose_weight * xp.matmul(by_joints_T, judged.gradient[..., None])[..., 0]
+        cost = cost + pose_weight * xp.sum(judged.cost)
     off = xp.reshape(state.residual, (count, -1))
-    stiff = constant(prior.residual_sigma.reshape(-1) ** -2.0, off)
+    stiff = constant(pose_weight * prior.residual_sigma.reshape(-1) ** -2.0, off)
     blocks[:, KEY.residual, KEY.residual] += stiff * identity(off.shape[1], off)
     g_blocks[:, KEY.residual] += stiff * off
     known, system = _with_placement(placement, state, Arrowhead(blocks, coupling, shared, g_blocks, g_shared))

@@ -46,6 +46,16 @@ def test_shape_and_places_are_those_of_the_person(worn, person):
     assert (person.sigma_m < 0.006).all() and abs(np.median(person.skin_m) - MARKER_OFFSET_M) < 0.01
 
 
+def test_unlikely_poses_do_not_move_markers_off_their_places():
+    """Where every marker sits on its place, what is known of poses must not outweigh that."""
+    worn = worn_markers(marker_layout("MANIFOLD_53"), 16, step=10, stray_m=0.0)
+    found = calibrate_person([capture_of(worn.cloud)])
+    assert np.median(np.linalg.norm(found.offsets, axis=-1)) < 0.003
+    body = load_body()
+    off = np.linalg.norm(body.rest_joints(found.betas) - body.rest_joints(worn.betas), axis=-1)
+    assert off[:22].mean() < 0.0012
+
+
 def test_a_heel_marker_stays_at_the_heel(person):
     heels = [i for i, label in enumerate(LABELS) if label.endswith("HEE")]
     assert (np.linalg.norm(person.offsets[heels], axis=-1) < 0.04).all()

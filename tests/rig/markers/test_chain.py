@@ -18,7 +18,9 @@ from solver_backend.rig.formats.write import write_calibration
 from solver_backend.rig.markers.devices.record import Recording
 from solver_backend.rig.markers.devices.recorded import RecordedSensor
 from solver_backend.rig.markers.devices.source import open_folder
+from solver_backend.rig.markers.fusion.clusters import fuse
 from solver_backend.rig.markers.fusion.gather import Finding
+from solver_backend.rig.markers.streaming import chain as chain_module
 from solver_backend.rig.markers.streaming.chain import END_S, LiveMoment, MarkerChain
 from solver_backend.rig.markers.streaming.statistics import KEPT, ChainStatistics
 from solver_backend.rig.markers.streaming.worker import SensorTask
@@ -81,6 +83,27 @@ def test_sensors_that_wait_end_as_soon_as_they_are_told(recording: Path) -> None
         begin = time.monotonic()
     assert time.monotonic() - begin < END_S
     assert set(chain.ends) == set(CAMERAS.names)
+
+
+def test_a_chain_that_is_too_slow_leaves_moments_out_and_does_not_lag(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fusing a moment takes three times as long as there is: what waits is left out, or it would wait for seconds."""
+    folder = open_folder(recording)
+    monkeypatch.setattr(chain_module, "fuse", lambda *given: time.sleep(3.0 / folder.fps) or fuse(*given))
+    tasks = [SensorTask(replace(device, repeat=True), CAMERAS) for device in folder.devices]
+    waited = []
+    with MarkerChain(tasks, folder.fps) as chain:
+        for came in chain.moments():
+            if isinstance(came, LiveMoment):
+                waited.append(time.perf_counter() - came.arrived)
+            if len(waited) == 25:
+                break
+    statistics = chain.statistics
+    assert statistics.skipped + sum(statistics.lost.values()) > 0
+    # Each moment left out would have waited another 2 / fps: at the end as many as there are moments of the chain.
+    assert np.median(waited[-8:]) < 0.5 * 2.0 / folder.fps * len(waited)
+    assert statistics.moments == len(waited)
 
 
 def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:
