@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
+from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks, LazyBlocks
 
 
 def test_arrowhead_equals_dense():
@@ -109,3 +109,25 @@ def test_a_part_that_a_step_harms_holds_nobody_else_back(told):
     far = np.abs(result.state[0, :-1] - 1).max()
     assert far < 1e-6 if told else far > 1e-2
     assert result.cost.sum() < linearise(start)[0].sum()
+
+
+def test_equations_are_formed_once_where_a_step_is_asked_for_and_nowhere_else():
+    rng, formed = np.random.default_rng(5), []
+    rows = rng.normal(size=(2, 3, 6, 4))
+    both = [DenseBlocks(r.swapaxes(-1, -2) @ r, rng.normal(size=(3, 4))) for r in rows]
+
+    def lazily(number):
+        def form():
+            formed.append(number)
+            return both[number]
+
+        return LazyBlocks(form)
+
+    old, new, mask, damping = lazily(0), lazily(1), np.array([True, False, True]), np.full(3, 0.1)
+    np.testing.assert_array_equal(old.solve(damping), both[0].solve(damping))
+    mixed = old.merged(mask, new)
+    assert formed == [0]
+    expected = both[0].merged(mask, both[1]).solve(damping)
+    np.testing.assert_array_equal(mixed.solve(damping), expected)
+    np.testing.assert_array_equal(mixed.solve(damping), expected)
+    assert formed == [0, 1]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.baselines.rigid_filling import fill_rigidly
+from solver_backend.fitters.marker_calibration import gap_neighbours
 from solver_backend.fitters.marker_calibration.gap_filling import filled, lasting_frames
 from solver_backend.fitters.marker_calibration.gap_neighbours import joining_shares, told_by_neighbours
 from solver_backend.geometry.rotations import exp_so3
@@ -90,3 +91,19 @@ def test_what_neighbours_are_off_tells_what_a_hidden_marker_is_off():
     independent = rng.normal(size=off.shape) * 0.005
     independent[gap[0] : gap[1] + 1, 0] = np.nan
     assert np.linalg.norm(told_by_neighbours(independent, gap, 100.0), axis=-1).mean() < 0.004
+
+
+def test_a_long_take_tells_no_more_stretches_than_a_short_one(monkeypatch):
+    """A gap of ten frames in two minutes: what is learned is learned from 240 stretches, and nearly as well."""
+    rng, looked_at = np.random.default_rng(12), []
+    shared = np.cumsum(0.002 * rng.normal(size=(7200, 1, 3)), axis=0)
+    off = shared * np.array([1.0, 0.9, 1.1])[:, None] + 0.0003 * rng.normal(size=(7200, 3, 3))
+    truth, off[3000:3010, 0] = off[3000:3010, 0].copy(), np.nan
+    times = np.arange(1, 11)
+    ends = sum(joining_shares(t, 10, 100.0)[:, None] * off[f, 0] for t, f in ((times, 2999), (11 - times, 3010)))
+    rests = gap_neighbours._rests
+    monkeypatch.setattr(gap_neighbours, "_rests", lambda *a: looked_at.append(a[3]) or rests(*a))
+    told = told_by_neighbours(off, (3000, 3009), 100.0)
+    assert max(looked_at) <= gap_neighbours.MOST_STRETCHES
+    alone, with_others = (np.linalg.norm(ends + more - truth, axis=-1).mean() for more in (0.0, told))
+    assert with_others < 0.4 * alone

@@ -81,3 +81,22 @@ def test_what_was_not_measured_changes_nothing(person: Person) -> None:
     first, second = (weights(term, subject, frames, 9.0) for term in terms)
     np.testing.assert_array_equal(first, second)
     assert not first[:, 20:25].any()
+
+
+def test_every_second_frame_tells_what_all_of_them_do(person: Person) -> None:
+    """And nothing of what the others hold: they may be anywhere."""
+    points = person[2]
+    sigma = np.full((FRAMES, 53), SIGMA)
+    sigma[LAST, 7] = 2.0 * SIGMA
+    noisy = points + sigma[..., None] * np.random.default_rng(4).normal(size=points.shape)
+    looked_at = np.arange(FRAMES) % 2 == 0
+    spoilt = np.where(looked_at[:, None, None], noisy, 9.0)
+    found = []
+    for measured in (noisy, spoilt):
+        term = PositionTerm(measured, np.full(points.shape[:2], SIGMA**-2))
+        rescaled = with_window_variances(term, points[looked_at], FPS, 4.0, 0.0, looked_at)
+        assert isinstance(rescaled, PositionTerm)
+        found.append(term.weight / rescaled.weight)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert found[0].shape == (FRAMES, 53) and found[0][LAST, 7].mean() > 1.5 * found[0][FIRST, 7].mean()
+    assert np.delete(found[0], 7, axis=1).mean() == pytest.approx(1.0, abs=0.08)
