@@ -30,10 +30,11 @@ FRAMES = 64
 STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
 """Frames' worth of evidence that a marker strays as far as all are first taken to."""
-POSE_FRAMES = 1.0
-"""What is known of poses counts, for all frames together, as much as for so many: what the prior finds unlikely in one
-pose of a person, by posture or by how their bones differ, it finds in all of them. Counted frame by frame it outweighs
-what is known of places, and moves markers by a centimetre so that poses become likelier."""
+POSE_FRAMES = 24.0
+"""What is known of poses counts, for all frames together, as much as for so many at most: what the prior finds unlikely
+in one pose of a person, by posture or by how their bones differ, it finds in others. Of 64 frames counted one by one it
+moves markers that sit on their places by a centimetre; counted for one alone, real people's hidden markers are told
+worse (docs/sensors.md)."""
 SIGMA_RANGE_M = (0.003, 0.03)
 """Least and largest standard deviation of a marker."""
 SCORING_STEPS = 4
