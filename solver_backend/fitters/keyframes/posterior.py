@@ -30,9 +30,9 @@ CALIBRATION = 0.5
 set so that the ellipsoids of six benchmark takes hold what they should."""
 
 OF_MARKERS_M = {
-    "pelvis": 0.0033, "hip": 0.0043, "spine1": 0.0037, "knee": 0.0036, "spine2": 0.0041, "ankle": 0.0046,
-    "spine3": 0.0044, "foot": 0.0049, "neck": 0.0041, "collar": 0.0042, "head": 0.0049, "shoulder": 0.0050,
-    "elbow": 0.0127, "wrist": 0.0059, "hand": 0.0083,
+    "pelvis": 0.0030, "hip": 0.0039, "spine1": 0.0033, "knee": 0.0034, "spine2": 0.0035, "ankle": 0.0044,
+    "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
+    "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
 }  # fmt: skip
 """The same by joint where markers of a calibrated person are solved: four fifths of the error is the calibration's,
 alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds them, on takes that no table reports."""
