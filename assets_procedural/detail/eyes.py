@@ -10,7 +10,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.detail.features import EYEBALL, IRIS, NONE, PUPIL
-from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces, surface_around
+from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
 
 EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])
 """Of the left eyeball in the fitted mesh, metres, floor at y = 0."""
@@ -23,13 +23,12 @@ _CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])
 _UPPER_M, _LOWER_M = 0.0047, 0.0050
 _EDGE_M = 0.0005
 _AROUND = 28
-_HOLE_CENTRE, _HOLE_M = np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126])
+_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)
 _LID_RINGS = (0.76, 0.48, 0.22)
 """Rings of the lids, as shares of the way from the lids' edge to the rim of the hole."""
 _BALL_RINGS = (0.5,)
 _CLIPPED = 0.86
 """Share of the way to the lids' edge beyond which the iris has no ring of its own, where a lid lies over it."""
-_LEAST_Z = 0.07
 _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 
@@ -39,24 +38,16 @@ def put_in_eye(half: HalfBody) -> HalfBody:
     Raises:
         BodyInvalid: the slit is not where it is looked for.
     """
-    return replace(half, _hole, _eye(half))
-
-
-def _hole(vertices: Array) -> Array:
-    return (_apart(vertices) < 1.0) & (vertices[:, 2] > _LEAST_Z)
-
-
-def _apart(points: Array, wider_m: float = 0.0) -> Array:
-    return np.linalg.norm((points[:, :2] - _HOLE_CENTRE) / (_HOLE_M + wider_m), axis=1)
+    return replace(half, _HOLE.holds, _eye(half))
 
 
 def _eye(half: HalfBody) -> Patch:
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     edge, centre = _lid_edge(angle), EYE_CENTRE[:2]
     inwards = (centre - edge) / np.linalg.norm(centre - edge, axis=1, keepdims=True)
-    near = (_apart(half.vertices, _SEEN_M) < 1.0) & (half.vertices[:, 2] > _LEAST_Z)
+    near = _HOLE.holds(half.vertices, _SEEN_M)
     skin = surface_around(half, near, _between_lids(half.vertices))
-    rim = _HOLE_CENTRE + 0.97 * _HOLE_M * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rim = _HOLE.centre + 0.97 * _HOLE.radii * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     lids = [edge + share * (rim - edge) for share in _LID_RINGS] + [edge]
     seen = edge + _EDGE_M * inwards
     iris, around = _iris_ring(seen, angle)

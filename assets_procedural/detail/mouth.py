@@ -10,7 +10,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.detail.features import LIPS, NONE
-from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces, surface_around
+from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
 
 SEAM_Y, CORNER_M = 1.5217, 0.0220
 """Height of the seam and half the mouth's width in the fitted mesh, metres, floor at y = 0."""
@@ -25,8 +25,7 @@ _BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)
 _GROOVE_M, _GROOVE_WIDTH_M = 0.0019, 0.0011
 _BORDER_M = 0.0006
 """How far the lips' border stands out in the middle."""
-_HOLE_M = np.array([0.0305, 0.0128])
-_LEAST_Z = 0.10
+_HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)
 _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
@@ -36,20 +35,12 @@ def close_lips(half: HalfBody) -> HalfBody:
     Raises:
         BodyInvalid: the slit is not where it is looked for.
     """
-    return replace(half, _hole, _lips(half))
-
-
-def _hole(vertices: Array) -> Array:
-    return (_apart(vertices) < 1.0) & (vertices[:, 2] > _LEAST_Z)
-
-
-def _apart(points: Array, wider_m: float = 0.0) -> Array:
-    return np.linalg.norm((points[:, :2] - [0.0, SEAM_Y]) / (_HOLE_M + wider_m), axis=1)
+    return replace(half, _HOLE.holds, _lips(half))
 
 
 def _lips(half: HalfBody) -> Patch:
     vertices = half.vertices
-    near = (_apart(vertices, _SEEN_M) < 1.0) & (vertices[:, 2] > _LEAST_Z)
+    near = _HOLE.holds(vertices, _SEEN_M)
     slit = (np.abs(vertices[:, 1] - SEAM_Y) < _BRIDGED_M) & (vertices[:, 0] < CORNER_M + 0.003)
     skin = surface_around(half, near, slit)
     share = np.arange(_ALONG + 1) / _ALONG
@@ -96,7 +87,7 @@ def _lower(x: Array) -> Array:
 
 def _rim(count: int) -> Array:
     angle = 0.5 * np.pi - np.pi * np.arange(count) / (count - 1)
-    ring = [0.0, SEAM_Y] + 0.96 * _HOLE_M * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring = _HOLE.centre + 0.96 * _HOLE.radii * np.column_stack([np.cos(angle), np.sin(angle)])
     ring[[0, -1], 0] = 0.0
     return ring
 

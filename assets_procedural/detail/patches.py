@@ -49,6 +49,23 @@ class Patch:
     """Whether the ring closes; otherwise it begins and ends on x = 0."""
 
 
+@dataclass(frozen=True)
+class Oval:
+    """The vertices of an upright ellipse as seen from the front, those far behind left out."""
+
+    centre: Array
+    """(2,) x and y, metres."""
+    radii: Array
+    """(2,) metres."""
+    least_z: float
+    """What lies behind it is not meant, metres."""
+
+    def holds(self, vertices: Array, wider_m: float = 0.0) -> Array:
+        """Return (V,) whether it holds each of (V, 3) vertices, its radii made wider."""
+        apart = np.linalg.norm((vertices[:, :2] - self.centre) / (self.radii + wider_m), axis=1)
+        return (apart < 1.0) & (vertices[:, 2] > self.least_z)
+
+
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
     """Return the half body with every vertex that ``hole`` marks taken out and the patch put in.
 

@@ -81,7 +81,8 @@ class LiveRun:
                 self.log.append(plain(item, keep="\t"))
         if code is not None and newest is None and not self.finished:
             self.finished = True
-            if self.result is None and self.error is None:
+            stopped_first = self.process.cancelling and self.latest is None  # nothing was recorded that could be lost
+            if self.result is None and self.error is None and not stopped_first:
                 self.error = {
                     "event": "error", "code": "solver_died", "where": "", "hint": "The log holds what it said last.",
                     "message": f"The live solver ended without a word (exit code {code}).",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol
 
 from array_api_compat import array_namespace
@@ -25,23 +24,27 @@ class NormalEquations(Protocol):
 
 
 class LazyNormalEquations:
-    """Equations of one problem that are formed when a step is asked for: a state that is left again needs none."""
+    """Equations that are formed when a step is asked for: a state that is left again, and the last one, need none."""
 
     def __init__(self, form: Callable[[], NormalEquations]) -> None:
-        self._form = form
+        self._form: Callable[[], NormalEquations] | None = form
+        self._equations: NormalEquations | None = None
 
-    @cached_property
+    @property
     def formed(self) -> NormalEquations:
-        """The equations."""
-        return self._form()
+        """The equations; what they are formed from is let go of."""
+        if self._equations is None:
+            assert self._form is not None
+            self._equations, self._form = self._form(), None
+        return self._equations
 
     def solve(self, damping: Array) -> Array:
-        """Return the damped step."""
+        """Return the damped steps."""
         return self.formed.solve(damping)
 
     def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
-        """Return ``newer`` where the one problem is masked."""
-        return newer if bool(mask[0]) else self
+        """Return the equations with the masked problems taken from ``newer``."""
+        return LazyNormalEquations(lambda: self.formed.merged(mask, newer.formed))
 
 
 @dataclass(frozen=True)
@@ -66,30 +69,6 @@ class DenseBlocks:
         xp = array_namespace(self.H)
         H = xp.where(mask[:, None, None], newer.H, self.H)
         return DenseBlocks(H, xp.where(mask[:, None], newer.g, self.g))
-
-
-class LazyBlocks:
-    """Independent problems whose equations are formed when a step is asked for: after the last one nobody asks."""
-
-    def __init__(self, form: Callable[[], DenseBlocks]) -> None:
-        self._form: Callable[[], DenseBlocks] | None = form
-        self._blocks: DenseBlocks | None = None
-
-    @property
-    def formed(self) -> DenseBlocks:
-        """The equations; what they are formed from is let go of."""
-        if self._blocks is None:
-            assert self._form is not None
-            self._blocks, self._form = self._form(), None
-        return self._blocks
-
-    def solve(self, damping: Array) -> Array:
-        """Return the (B, n) damped steps."""
-        return self.formed.solve(damping)
-
-    def merged(self, mask: Array, newer: LazyBlocks) -> LazyBlocks:
-        """Return the equations with the masked problems taken from ``newer``."""
-        return LazyBlocks(lambda: self.formed.merged(mask, newer.formed))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks, LazyBlocks
+from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks, LazyNormalEquations
 
 
 def test_arrowhead_equals_dense():
@@ -121,7 +121,7 @@ def test_equations_are_formed_once_where_a_step_is_asked_for_and_nowhere_else():
             formed.append(number)
             return both[number]
 
-        return LazyBlocks(form)
+        return LazyNormalEquations(form)
 
     old, new, mask, damping = lazily(0), lazily(1), np.array([True, False, True]), np.full(3, 0.1)
     np.testing.assert_array_equal(old.solve(damping), both[0].solve(damping))

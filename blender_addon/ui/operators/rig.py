@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
         if rig.record:
             options += ["--record", str(next_path(folder, PARTS[part][2]))]
         run = start_rig([*rig.sensors(), *options], chosen_python(context), folder)
-        live.begin(run, scene, body=part == "TAKE", told=RecordedTo(scene.name, part))
+        live.begin(run, scene, body=part == "TAKE", told=partial(_keep_recording, scene.name, part))
         return {"FINISHED"}
 
 
@@ -117,17 +118,11 @@ class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class RecordedTo:
-    """Keeps where a run recorded as one of the rig's folders, once it has."""
-
-    def __init__(self, scene: str, part: str) -> None:
-        self.scene, self.part = scene, part
-
-    def __call__(self, recorded: str) -> None:
-        """Take it."""
-        scene = bpy.data.scenes.get(self.scene)
-        if scene is not None and recorded:
-            setattr(scene.mocap.rig, PARTS[self.part][2], recorded)
+def _keep_recording(scene: str, part: str, recorded: str) -> None:
+    """Keep where a run recorded as one of the rig's folders, once it has."""
+    found = bpy.data.scenes.get(scene)
+    if found is not None and recorded:
+        setattr(found.mocap.rig, PARTS[part][2], recorded)
 
 
 CLASSES = (MOCAP_OT_rig_find, MOCAP_OT_rig_start, MOCAP_OT_rig_calibrate)

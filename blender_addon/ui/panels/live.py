@@ -30,7 +30,6 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap.live
         if live.busy:
             draw_run(layout, context)
-            layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
             return
         column = layout.column(align=True)
         column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
@@ -46,7 +45,7 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
 
 
 def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the state of the run under way: what is seen, what of a wand's pictures is covered, what was said last."""
+    """Draw the run under way: what is seen, what of a wand's pictures is covered, what was said last, and Stop."""
     run = live.run
     assert run is not None  # drawn only while it runs
     pose = run.latest
@@ -61,3 +60,4 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             wrapped(layout, context, pose.why)
     if run.said:
         wrapped(layout, context, run.said, "INFO")
+    layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..operators.import_capture import MOCAP_OT_import_capture
-from ..operators.live import MOCAP_OT_live_stop, live
+from ..operators.live import live
 from ..operators.rig import MOCAP_OT_rig_calibrate, MOCAP_OT_rig_find, MOCAP_OT_rig_start
 from ..rig_properties import PARTS, MocapRig
 from ..translation import CONTEXT
@@ -28,7 +28,6 @@ class VIEW3D_PT_mocap_rig(MocapPanel, bpy.types.Panel):
         layout, rig = self.layout, context.scene.mocap.rig
         if live.busy:
             draw_run(layout, context)
-            layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
             return
         if not draw_progress(layout, _VERBS):
             draw_failure(layout, context, _VERBS)

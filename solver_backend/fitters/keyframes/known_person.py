@@ -71,7 +71,6 @@ def solve_known_person(
     found = regained(measured, model, layout, found, single, plan.second, between)
     progress(STAGE, 3, 3)
 
-    # Solved on a smooth curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
     keys, frames = found.keys, model.poses(control_points(found.keys, layout), layout, spline=True)
     points = points_of(subject, frames)
     inflation = noise_inflation(points, measured.term, scale, max(1, plan.window // 2))

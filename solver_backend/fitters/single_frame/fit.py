@@ -16,7 +16,7 @@ from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
-from solver_backend.solver.normal_equations import DenseBlocks, LazyBlocks
+from solver_backend.solver.normal_equations import DenseBlocks, LazyNormalEquations
 
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
@@ -37,9 +37,9 @@ def fit_frames(
     states, result = start, None
     for done, scale in enumerate(scales):
 
-        def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, LazyBlocks]:
+        def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
             equations = frame_equations(subject, posed(prior, s), objective, scale)
-            return equations.cost, LazyBlocks(
+            return equations.cost, LazyNormalEquations(
                 lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
             )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -16,6 +15,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import Cancelled, MocapError
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.parallel import usable_cores
 from solver_backend.rig.detect.choice import DetectorChoice
 from solver_backend.rig.detect.errors import DetectorOutputsUnknown
 from solver_backend.rig.detect.process import DetectorProcess
@@ -64,7 +64,7 @@ def detect_videos(
     wanted = [
         _Wanted(info, hashes[info.path], _kept_at(folder, info.path, hashes[info.path], choice)) for info in infos
     ]
-    workers = min(jobs or os.cpu_count() or 1, len(infos))
+    workers = min(jobs or usable_cores(), len(infos))
     with ThreadPoolExecutor(workers, thread_name_prefix="detector") as pool:
         futures = [pool.submit(run.of_video, item) for item in wanted]
         try:

@@ -61,6 +61,14 @@ def test_lines_that_are_no_poses_are_ignored(line, tmp_path):
     assert run.finished and "without a word" in run.failure
 
 
+def test_a_run_that_was_stopped_before_it_began_has_not_failed(tmp_path):
+    said = [sys.executable, "-S", "-c", "import sys; sys.stdin.read(); sys.exit(9)"]
+    run = LiveRun(SolverProcess(said, {}, tmp_path))
+    run.stop()
+    finished(run)
+    assert run.finished and run.failure == "" and run.recorded is None
+
+
 def test_a_line_without_a_pose_says_why():
     pose = read_pose_line('{"state": "frozen", "why": "the same again", "points": 41}')
     assert pose is not None and pose.rotvec is None and pose.why == "the same again" and math.isnan(pose.off_mm)
