@@ -72,23 +72,31 @@ def run(suite: str, out: Path, script: str = "workflow.py", seconds: float = 150
                 process.wait()
     record = json.loads((pictures / "record.json").read_text()) if (pictures / "record.json").exists() else {}
     record["console"] = [line for line in (out / "console.log").read_text().splitlines() if _is_error(line)]
-    record["left_behind"] = _left_behind(time.monotonic() + 10)
+    record["left_behind"] = _left_behind(process.pid, time.monotonic() + 10)
     return record
 
 
-def _left_behind(end: float) -> list[str]:
-    """Return the solvers that outlive Blender by ten seconds."""
+def _left_behind(session: int, end: float) -> list[str]:
+    """Return the solvers of Blender's session that outlive it by ten seconds."""
     while True:
-        commands = [_command(path) for path in Path("/proc").glob("[0-9]*/cmdline")]
-        found = [command for command in commands if "solver_backend" in command and f"{_INSIDE}/" in command]
+        processes = [path.parent for path in Path("/proc").glob("[0-9]*/cmdline")]
+        commands = [_command(path) for path in processes if _session(path) == session]
+        found = [command for command in commands if "solver_backend" in command]
         if not found or time.monotonic() > end:
             return found
         time.sleep(0.2)
 
 
-def _command(path: Path) -> str:
+def _session(process: Path) -> int:
     try:
-        return path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        return os.getsid(int(process.name))
+    except ProcessLookupError:
+        return 0  # it ended just now
+
+
+def _command(process: Path) -> str:
+    try:
+        return (process / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
     except OSError:
         return ""  # it ended just now
 
