@@ -90,10 +90,10 @@ def floor(user: Any) -> Any:
     body = mocap().review.armature
     height = extension("review.floor_height").sole_height
     keys = [tuple(key.co) for curve in curves() for key in curve.keyframe_points[:3]]
-    yield from user.type_into("review.floor_offset", "0.1", 0.4)
+    yield from user.type_into("review.floor_offset", "0.1")
     assert abs(body.delta_location.z - 0.1) < 1e-6, body.delta_location
     yield from user.shot("lifted")
-    yield from user.press("mocap.feet_to_floor()", 0.91)
+    yield from user.press("mocap.feet_to_floor()")
     assert abs(height(bpy.context.scene, body, mocap().review.take, 16)) < 1e-4
     assert keys == [tuple(key.co) for curve in curves() for key in curve.keyframe_points[:3]]
     yield from user.shot("on_the_floor")

@@ -16,6 +16,8 @@ _STEP_PX = 14
 _NEAR_PX = 20
 _SCROLL_WAITS = 12
 """Tenths of a second after which the wheel has moved nothing."""
+_MARGIN_PX = 12
+"""From the sidebar's edge to where no list or field takes the wheel for itself."""
 _LAG = 8
 """Moves of the mouse by which a slow screen may lag behind."""
 _TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14
@@ -181,7 +183,7 @@ class User(Hands):
     def _scroll(self, lines: int) -> Generator[float | None, None, bool]:
         """Turn the wheel, and return whether that moved the panels; a slow screen takes a while to follow."""
         region, before = self.region("UI"), self._offset()
-        x, y = region.x + region.width // 2, region.y + region.height // 2
+        x, y = region.x + _MARGIN_PX, region.y + region.height // 2
         for _ in range(abs(lines)):
             self.window.event_simulate(type="WHEELDOWNMOUSE" if lines > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
             yield None

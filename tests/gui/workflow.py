@@ -14,6 +14,7 @@ def steps(user: Any) -> Any:
     """Drop, look, solve, cancel, solve again, undo, redo, review, pin, export, solve a range again."""
     empty()
     yield from user.open_tab("MoCap")
+    yield from user.narrow(330)  # presets are buttons in a row
     yield from user.shot("empty")
 
     bpy.ops.preferences.addon_show(module="bl_ext.user_default.manifold_mocap")
