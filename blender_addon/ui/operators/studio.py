@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..._exchange.errors import FileMissing
+from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, file_of, stored
 from ..preferences import chosen_python
 from .base import MocapOperator
@@ -88,9 +89,9 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Keep what was said until a setting changes."""
         settings = context.scene.mocap.studio
-        shots = len(result["shots"])
         settings.planned = (
-            f"{shots} shot{'s' if shots != 1 else ''}, {result['frames']} frames, {result['pictures']} pictures: "
+            f"{counted(len(result['shots']), 'shot')}, {counted(result['frames'], 'frame')}, "
+            f"{counted(result['pictures'], 'picture')}: "
             f"about {_size(result['needed_mb'])}; {_size(result['free_mb'])} are free"
         )
         settings.planned_file, settings.planned_out = self._checked
@@ -121,7 +122,7 @@ class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Say where it is."""
-        self.report({"INFO"}, f"{len(result['shots'])} shots in {result['data_set']}")
+        self.report({"INFO"}, f"{counted(len(result['shots']), 'shot')} in {result['data_set']}")
         return {"FINISHED"}
 
 
