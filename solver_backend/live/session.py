@@ -115,7 +115,7 @@ class LiveSession:
         labels[~_sure(evidence, labels)] = GHOST
         named = np.flatnonzero(labels < GHOST)
         if len(named) < FEWEST:
-            return self._nothing(frame, f"only {len(named)} points look like a person's markers", "no_person")
+            return self._nothing(frame, f"too few points look like a person's markers: {len(named)}", "no_person")
         markers = np.full((len(MARKERS), 3), np.nan)
         markers[labels[named]] = points[named]
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)

@@ -29,6 +29,8 @@ class CurrentLive:
         self.figure: LiveFigure | None = None
         self.told: Callable[[str], None] | None = None
         """Called with the recording at the end."""
+        self.of_sensors = False
+        """Whether the run, or the last one, is of the Rig panel's sensors; else it is of the Live panel."""
         self.failure = ""
         self.recorded = ""
         """The take that the last run recorded, as the scene stores paths."""
@@ -43,6 +45,8 @@ class CurrentLive:
     ) -> None:
         """Show a run in a scene from now on, with a body or points alone; say where it recorded to at its end.
 
+        Sensors' runs alone are told of a recording: it is a folder of the rig's.
+
         Raises:
             MocapError, RuntimeError: what shows it cannot be made; the run is ended.
         """
@@ -56,7 +60,8 @@ class CurrentLive:
         except (MocapError, RuntimeError):
             run.process.kill()
             raise
-        self.run, self.figure, self.told, self.failure, self.recorded = run, figure, told, "", ""
+        self.run, self.figure, self.told, self.of_sensors = run, figure, told, told is not None
+        self.failure = self.recorded = ""
         if not bpy.app.timers.is_registered(self.tick):
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
@@ -139,7 +144,7 @@ class MOCAP_OT_live_stop(bpy.types.Operator):
     """Stops the live run."""
 
     bl_idname = "mocap.live_stop"
-    bl_label = "Stop Live"
+    bl_label = "Stop"
     bl_description = "End the live run; what it recorded is written first"
     bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
 

@@ -28,7 +28,7 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings and Start, or the state and Stop."""
         layout, settings = self.layout, context.scene.mocap.live
-        if live.busy:
+        if live.busy and not live.of_sensors:
             draw_run(layout, context)
             return
         column = layout.column(align=True)
@@ -36,7 +36,7 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
         column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")
         layout.prop(settings, "record")
         layout.operator(MOCAP_OT_live_start.bl_idname, icon="PLAY")
-        if live.failure:
+        if live.failure and not live.of_sensors:
             wrapped(layout, context, live.failure, "ERROR", alert=True)
         if live.recorded:
             row = layout.row()

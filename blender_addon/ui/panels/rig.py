@@ -26,12 +26,12 @@ class VIEW3D_PT_mocap_rig(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw sensors, calibration and take; while they run, how it goes."""
         layout, rig = self.layout, context.scene.mocap.rig
-        if live.busy:
+        if live.busy and live.of_sensors:
             draw_run(layout, context)
             return
         if not draw_progress(layout, _VERBS):
             draw_failure(layout, context, _VERBS)
-        if live.failure:
+        if live.failure and live.of_sensors:
             wrapped(layout, context, live.failure, "ERROR", alert=True)
         _draw_sensors(layout, rig)
         _draw_calibration(layout, context, rig)
@@ -51,7 +51,7 @@ def _draw_sensors(layout: bpy.types.UILayout, rig: MocapRig) -> None:
 
 def _draw_calibration(layout: bpy.types.UILayout, context: bpy.types.Context, rig: MocapRig) -> None:
     box = layout.box()
-    box.prop(rig, "calibration", text="", icon="ORIENTATION_GIMBAL", placeholder="Calibration")
+    box.prop(rig, "calibration", text="", icon="ORIENTATION_GIMBAL", placeholder="Rig Calibration")
     for part, icon in (("WAND", "CURVE_PATH"), ("GAMMA", "EMPTY_AXIS")):
         column = box.column(align=True)
         column.operator(MOCAP_OT_rig_start.bl_idname, text=PARTS[part][0], icon=icon).part = part

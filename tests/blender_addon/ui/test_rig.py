@@ -113,7 +113,10 @@ def test_what_is_not_there_is_named(rig, mocap, tmp_path):
     assert bpy.ops.mocap.rig_start(part="TAKE") == {"FINISHED"}
     until(lambda: not live.busy)
     assert "no recording of sensors" in live.failure and rig.take == ""
-    assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
+    drawn = draw_panel(getattr(bpy.types, PANEL), 200)
+    assert not drawn.cut and "no recording of sensors" in " ".join(drawn.drawn)
+    beside = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)  # another panel's failure is not its own
+    assert "recording of sensors" not in " ".join(beside.drawn)
 
 
 def test_cameras_without_a_name_or_a_kind_are_refused(rig):

@@ -109,5 +109,5 @@ def notes_of(moments: Moments, together: np.ndarray, names: tuple[str, ...], opt
     )  # fmt: skip
     return (
         f"By {what} at {moments.px.shape[1]} moments; {names[i]} and {names[j]} saw least together, {together[i, j]}.",
-        f"The world is {names[0]}'s own axes, Z along its sight, until a Γ tells up (--gamma).",
+        f"The world is {names[0]}'s own axes, Z along its sight, until a Γ tells up.",
     )
