@@ -92,6 +92,7 @@ def a_wand(user: Any) -> Any:
     yield from user.solved("what was waved is no wand")
     assert mocap().rig.calibration == ""
     yield from user.shot("no_wand")
+    yield from user.key("ESC")  # the message stays up until it is dismissed, in Blender 5
     mocap().rig.wand = str(OUT / WAND)
     yield from user.press("mocap.rig_calibrate()")
     yield 1.0
@@ -112,6 +113,7 @@ def cameras_that_are_not_there(user: Any) -> Any:
     yield from user.solved("cameras are looked for", 60)
     assert mocap().rig.oaks == ""
     yield from user.shot("no_cameras")
+    yield from user.key("ESC")
     yield from user.narrow(200)
     yield from user.find("mocap.rig_find()")
     yield from user.shot("narrow")

@@ -18,6 +18,8 @@ def steps(user: Any) -> Any:
     empty()
     yield from user.open_from_the_start(PACKAGE)
     yield from user.open_tab("MoCap")
+    yield from user.narrow(200)
+    yield from user.pages("narrow")
     yield from user.narrow(283)
     settings = mocap().studio
     settings.rig, settings.count = "RING", 4
@@ -25,8 +27,6 @@ def steps(user: Any) -> Any:
     yield 0.3
     yield from benchmark(user)
     yield from data_set(user)
-    yield from user.narrow(200)
-    yield from user.pages("narrow")
 
 
 def benchmark(user: Any) -> Any:

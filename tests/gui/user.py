@@ -6,6 +6,7 @@ Which button lies under the mouse is asked with Blender's own "Copy Python Comma
 from __future__ import annotations
 
 from collections.abc import Generator
+from itertools import product
 from pathlib import Path
 
 import bpy
@@ -48,25 +49,38 @@ class User(Hands):
         region = self.region("UI")
         x = int(region.x + across * (region.width - 24))
         seen: set[str] = set()
-        for scroll in (0, _TO_THE_TOP, *[_PAGE] * _PAGES):
-            moved = yield from self._scroll(scroll)
-            if scroll > 0 and not moved:
-                break
-            heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
-            passed: list[int] = []
-            for y in sorted(heights, key=lambda y: abs(y - self._last_y)) if scroll == 0 else heights:
-                yield from self.move(x, y)
-                passed.append(y)
-                found = self.under_mouse()
-                seen.add(found)
-                if words not in found:
-                    continue
-                for there in passed[: -_LAG - 1 : -1]:
-                    yield from self.move(x, there)
-                    if (yield from self._stays(words, x, there)):
-                        self._last_y = there
-                        return x, there
+        for slow in (False, True):
+            for scroll in (0, _TO_THE_TOP, *[_PAGE] * _PAGES):
+                moved = yield from self._scroll(scroll)
+                if scroll > 0 and not moved:
+                    break
+                there = yield from self._hover(words, x, nearest_first=scroll == 0, slow=slow, seen=seen)
+                if there is not None:
+                    self._last_y = there
+                    return x, there
         raise AssertionError(f"No button '{words}' in the sidebar; there are {sorted(seen)}")
+
+    def _hover(
+        self, words: str, x: int, *, nearest_first: bool, slow: bool, seen: set[str]
+    ) -> Generator[float | None, None, int | None]:
+        """Move the mouse down the page; return the height of the button with the words, None if there is none."""
+        region = self.region("UI")
+        heights = range(region.y + region.height - 6, region.y + 6, -_STEP_PX)
+        passed: list[int] = []
+        for y in sorted(heights, key=lambda y: abs(y - self._last_y)) if nearest_first else heights:
+            yield from self.move(x, y)
+            if slow:
+                yield 0.1
+            passed.append(y)
+            found = self.under_mouse()
+            seen.add(found)
+            if words not in found:
+                continue
+            for there in passed[: -_LAG - 1 : -1]:
+                yield from self.move(x, there)
+                if (yield from self._stays(words, x, there)):
+                    return there
+        return None
 
     def press(self, words: str, across: float = 0.5) -> Steps:
         """Find a button and click it."""
@@ -150,19 +164,20 @@ class User(Hands):
 
     def narrow(self, width: int) -> Steps:
         """Drag the sidebar's edge until it is so wide; what can be grabbed lies a little off it."""
-        for beside in (8, 0, 4, 12):
+        for beside, below in product((8, 0, 4, 12), (60, 160, 260)):
             region = self.region("UI")
-            x, y = region.x + beside, region.y + region.height - 60  # where panels are: the empty lets clicks through
+            x, y = region.x + beside, region.y + region.height - below  # a panel: the empty lets clicks through
             to = x + region.width - width
             yield from self.move(x - 30, y)
             yield from self.move(x, y)
-            yield 0.2
+            yield 0.4
             self.window.event_simulate(type="LEFTMOUSE", value="PRESS", x=x, y=y)
-            yield None
+            yield 0.2
             for step in range(1, 21):
                 yield from self.move(x + (to - x) * step // 20, y)
+            yield 0.4
             self.window.event_simulate(type="LEFTMOUSE", value="RELEASE", x=to, y=y)
-            yield 0.5
+            yield 0.8
             if abs(self.region("UI").width - width) <= _NEAR_PX:
                 break
         self.note(f"the sidebar is {self.region('UI').width} px wide")
