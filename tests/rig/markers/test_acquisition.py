@@ -132,13 +132,38 @@ def test_the_covariance_is_that_of_draws() -> None:
 
 def test_a_ring_on_two_surfaces_has_the_depth_of_most_of_it() -> None:
     rng = np.random.default_rng(0)
-    depth = np.concatenate([2.0 + 0.004 * rng.normal(size=26), rng.uniform(2.3, 2.6, 14)])
+    depth = np.concatenate([2.0 + 0.004 * rng.normal(size=26), rng.uniform(1.4, 1.7, 14)])
     ring = Ring(np.arange(40), np.zeros(40, int), depth)
     found = ring_depths(ring, 2)
     assert found.depth[0] == pytest.approx(2.0, abs=0.004)
     assert np.isnan(found.depth[1]) and found.count[1] == 0
-    even = Ring(np.arange(40), np.zeros(40, int), np.r_[np.full(20, 2.0), np.linspace(2.3, 2.6, 20)])
+    even = Ring(np.arange(40), np.zeros(40, int), np.r_[np.full(20, 2.0), np.linspace(1.4, 1.7, 20)])
     assert np.isnan(ring_depths(even, 1).depth[0]), "half and half agrees on nothing"
+
+
+@pytest.mark.parametrize(("behind", "known"), [(0, True), (3, True), (6, False), (14, False)])
+def test_a_ring_of_which_a_part_lies_behind_is_an_occluders(behind: int, known: bool) -> None:
+    depth = 2.0 + 0.004 * np.random.default_rng(0).normal(size=40)
+    depth[:behind] += 0.4
+    found = ring_depths(Ring(np.arange(40), np.zeros(40, int), depth), 1)
+    assert np.isfinite(found.depth[0]) == known
+    assert found.rough[0] == pytest.approx(2.0, abs=0.01), "how large its blob should be is told nevertheless"
+
+
+def test_a_marker_in_a_gap_between_fingers_is_a_ray() -> None:
+    points = spread_points(12)
+    frame = PAINTER.frame(1, points)
+    assert frame.depth is not None
+    whole = acquired(points)
+    infrared, depth = frame.infrared.copy(), frame.depth.copy()
+    x, y = np.round(whole.px[0]).astype(int)
+    for hand in (np.s_[y - 9 : y - 1, x - 9 : x + 10], np.s_[y + 2 : y + 10, x - 9 : x + 10]):
+        infrared[hand], depth[hand] = 900, round(1e3 * whole.depth[0]) - 150
+    seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=infrared, depth=depth))
+    of_gap = np.linalg.norm(seen.px - whole.px[0], axis=1).argmin()
+    assert len(seen) == 12 and np.isnan(seen.depth[of_gap]), "most of its ring is the hand's"
+    assert np.isfinite(np.delete(seen.depth, of_gap)).all()
+    assert seen.direction[of_gap] @ whole.direction[0] > 0.99999
 
 
 def test_lamps_of_the_empty_scene_are_no_markers() -> None:

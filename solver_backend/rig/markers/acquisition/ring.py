@@ -107,7 +107,8 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
     """Return the depth each of ``count`` rings agrees on: the mean within ``mad_limit`` spreads of its median.
 
     A ring of which a part lies on another surface (an arm before the marker, the room behind it) has no use for its
-    median; there the closest half of its depths counts.
+    median; there the closest half of its depths counts. A marker's light covers what lies behind it: a ring of which a
+    part lies behind the depth it agrees on is its occluder's, and the marker, somewhere behind, has no depth.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -130,7 +131,9 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
     kept = np.bincount(owner[good], minlength=count)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(owner[good], depth[good], minlength=count) / kept
+        behind = np.bincount(owner[depth > mean[owner] + settings.behind_m], minlength=count)
     known = (kept >= settings.least_ring) & (spread <= settings.most_spread_m)
+    known &= behind <= settings.most_behind * sizes
     return RingDepths(np.where(known, mean, np.nan), kept, spread, middle)
 
 
