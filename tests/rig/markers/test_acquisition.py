@@ -166,6 +166,23 @@ def test_a_marker_in_a_gap_between_fingers_is_a_ray() -> None:
     assert seen.direction[of_gap] @ whole.direction[0] > 0.99999
 
 
+def test_a_sliver_that_blinds_no_pixel_is_a_ray() -> None:
+    frame = PAINTER.frame(1, spread_points(12))
+    infrared = frame.infrared.copy()
+    infrared[40:43, 60:63] = 30000
+    seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=infrared))
+    of_sliver = np.linalg.norm(seen.px - [61, 41], axis=1).argmin()
+    assert len(seen) == 13 and seen.px[of_sliver] == pytest.approx([61, 41], abs=0.1)
+    assert np.isnan(seen.depth[of_sliver]), "its ring is of the wall that it lies on"
+    assert np.isfinite(np.delete(seen.depth, of_sliver)).all()
+
+
+def test_a_sensor_whose_markers_never_saturate_has_their_depths() -> None:
+    frame = PAINTER.frame(1, spread_points(12))
+    seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=frame.infrared // 2))
+    assert len(seen) == 12 and np.isfinite(seen.depth).all()
+
+
 def test_lamps_of_the_empty_scene_are_no_markers() -> None:
     lamp = PAINTER.frame(1, np.zeros((0, 3)))
     lit = lamp.infrared.copy()

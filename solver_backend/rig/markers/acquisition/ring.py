@@ -7,7 +7,7 @@ the median absolute deviation; so is it here, about the median.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -55,6 +55,10 @@ class RingDepths:
             found[name][:size] = np.where(parts[:size], found[name][:size], getattr(self, name))
         return RingDepths(**found)
 
+    def without(self, slivers: np.ndarray) -> RingDepths:
+        """Return these with no depth for the (N,) blobs whose rings are not theirs."""
+        return replace(self, depth=np.where(slivers, np.nan, self.depth))
+
 
 def ring_of(
     blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray,
@@ -101,6 +105,19 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
     dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
     order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
     return dy[order, None], dx[order, None]
+
+
+def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
+    """Return which (N,) blobs blind no pixel, where most do: slivers of markers, whose light makes no ring.
+
+    A sensor whose markers do not saturate has their depths in the blobs themselves.
+
+    Args:
+        blobs: N blobs.
+        saturated: (P,) whether a pixel of a blob is saturated.
+    """
+    blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
+    return ~blind & (2 * blind.sum() > blobs.count)
 
 
 def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
