@@ -10,10 +10,12 @@ from scipy import ndimage
 
 from solver_backend.cameras.projection import project
 from solver_backend.rig.markers.acquisition.acquire import SUNLIGHT, Acquisition
+from solver_backend.rig.markers.acquisition.blobs import Blobs, shapes_of
 from solver_backend.rig.markers.acquisition.components import connected, joined
 from solver_backend.rig.markers.acquisition.ring import Ring, ring_depths
 from solver_backend.rig.markers.acquisition.sensor_lens import SensorLens
 from solver_backend.rig.markers.acquisition.settings import AcquisitionSettings
+from solver_backend.rig.markers.acquisition.split import split_merged
 from solver_backend.rig.markers.acquisition.threshold import learned_mask, threshold_of
 from solver_backend.rig.markers.errors import PicturesDiffer, SensorUnknown
 from tests.support.sensor_pictures import Painter, sensors_around, spread_points
@@ -106,6 +108,20 @@ def test_two_markers_in_one_blob_are_two() -> None:
     sigma = np.sqrt(np.trace(seen.covariance, axis1=1, axis2=2))
     of_pair = np.linalg.norm(seen.points - middle, axis=1) < 0.03
     assert sigma[of_pair].mean() > sigma[~of_pair].mean(), "what was split is told to be less sure"
+
+
+@pytest.mark.parametrize("apart", [7.0, 8.0, 9.0])
+def test_three_markers_whose_lower_halves_are_hidden_are_three(apart: float) -> None:
+    # Their area is that of one and a half, and halves of such a row are no discs.
+    radius, middles = 4.0, 12.0 + apart * np.arange(3)
+    y, x = np.mgrid[:24, :48]
+    bright = (((x[..., None] - middles) ** 2 + (y[..., None] - 12.0) ** 2).min(-1) <= radius**2) & (y <= 12)
+    pixel = np.flatnonzero(bright)
+    blobs = Blobs(pixel, np.zeros(len(pixel), int), np.ones(len(pixel)), 1, 48)
+    none = Ring(np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+    found, _, parts = split_merged(blobs, shapes_of(blobs), none, np.array([radius]))
+    assert found.count == 3 and parts.all()
+    assert np.sort(shapes_of(found).centre[:, 0]) == pytest.approx(middles, abs=1.0)
 
 
 def test_lens_table_and_projection_are_each_others_inverse() -> None:
