@@ -10,10 +10,12 @@ from scipy import ndimage
 
 from solver_backend.cameras.projection import project
 from solver_backend.rig.markers.acquisition.acquire import SUNLIGHT, Acquisition
+from solver_backend.rig.markers.acquisition.blobs import Blobs, shapes_of
 from solver_backend.rig.markers.acquisition.components import connected, joined
 from solver_backend.rig.markers.acquisition.ring import Ring, ring_depths
 from solver_backend.rig.markers.acquisition.sensor_lens import SensorLens
 from solver_backend.rig.markers.acquisition.settings import AcquisitionSettings
+from solver_backend.rig.markers.acquisition.split import split_merged
 from solver_backend.rig.markers.acquisition.threshold import learned_mask, threshold_of
 from solver_backend.rig.markers.errors import PicturesDiffer, SensorUnknown
 from tests.support.sensor_pictures import Painter, sensors_around, spread_points
@@ -108,6 +110,20 @@ def test_two_markers_in_one_blob_are_two() -> None:
     assert sigma[of_pair].mean() > sigma[~of_pair].mean(), "what was split is told to be less sure"
 
 
+@pytest.mark.parametrize("apart", [7.0, 8.0, 9.0])
+def test_three_markers_whose_lower_halves_are_hidden_are_three(apart: float) -> None:
+    # Their area is that of one and a half, and halves of such a row are no discs.
+    radius, middles = 4.0, 12.0 + apart * np.arange(3)
+    y, x = np.mgrid[:24, :48]
+    bright = (((x[..., None] - middles) ** 2 + (y[..., None] - 12.0) ** 2).min(-1) <= radius**2) & (y <= 12)
+    pixel = np.flatnonzero(bright)
+    blobs = Blobs(pixel, np.zeros(len(pixel), int), np.ones(len(pixel)), 1, 48)
+    none = Ring(np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+    found, _, parts = split_merged(blobs, shapes_of(blobs), none, np.array([radius]))
+    assert found.count == 3 and parts.all()
+    assert np.sort(shapes_of(found).centre[:, 0]) == pytest.approx(middles, abs=1.0)
+
+
 def test_lens_table_and_projection_are_each_others_inverse() -> None:
     lens, points = SensorLens(CAMERAS, 2), spread_points(40)
     px = project(CAMERAS.K, CAMERAS.distortion, CAMERAS.R, CAMERAS.t, points)[2]
@@ -132,13 +148,55 @@ def test_the_covariance_is_that_of_draws() -> None:
 
 def test_a_ring_on_two_surfaces_has_the_depth_of_most_of_it() -> None:
     rng = np.random.default_rng(0)
-    depth = np.concatenate([2.0 + 0.004 * rng.normal(size=26), rng.uniform(2.3, 2.6, 14)])
+    depth = np.concatenate([2.0 + 0.004 * rng.normal(size=26), rng.uniform(1.4, 1.7, 14)])
     ring = Ring(np.arange(40), np.zeros(40, int), depth)
     found = ring_depths(ring, 2)
     assert found.depth[0] == pytest.approx(2.0, abs=0.004)
     assert np.isnan(found.depth[1]) and found.count[1] == 0
-    even = Ring(np.arange(40), np.zeros(40, int), np.r_[np.full(20, 2.0), np.linspace(2.3, 2.6, 20)])
+    even = Ring(np.arange(40), np.zeros(40, int), np.r_[np.full(20, 2.0), np.linspace(1.4, 1.7, 20)])
     assert np.isnan(ring_depths(even, 1).depth[0]), "half and half agrees on nothing"
+
+
+@pytest.mark.parametrize(("behind", "known"), [(0, True), (3, True), (6, False), (14, False)])
+def test_a_ring_of_which_a_part_lies_behind_is_an_occluders(behind: int, known: bool) -> None:
+    depth = 2.0 + 0.004 * np.random.default_rng(0).normal(size=40)
+    depth[:behind] += 0.4
+    found = ring_depths(Ring(np.arange(40), np.zeros(40, int), depth), 1)
+    assert np.isfinite(found.depth[0]) == known
+    assert found.rough[0] == pytest.approx(2.0, abs=0.01), "how large its blob should be is told nevertheless"
+
+
+def test_a_marker_in_a_gap_between_fingers_is_a_ray() -> None:
+    points = spread_points(12)
+    frame = PAINTER.frame(1, points)
+    assert frame.depth is not None
+    whole = acquired(points)
+    infrared, depth = frame.infrared.copy(), frame.depth.copy()
+    x, y = np.round(whole.px[0]).astype(int)
+    for hand in (np.s_[y - 9 : y - 1, x - 9 : x + 10], np.s_[y + 2 : y + 10, x - 9 : x + 10]):
+        infrared[hand], depth[hand] = 900, round(1e3 * whole.depth[0]) - 150
+    seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=infrared, depth=depth))
+    of_gap = np.linalg.norm(seen.px - whole.px[0], axis=1).argmin()
+    assert len(seen) == 12 and np.isnan(seen.depth[of_gap]), "most of its ring is the hand's"
+    assert np.isfinite(np.delete(seen.depth, of_gap)).all()
+    assert seen.direction[of_gap] @ whole.direction[0] > 0.99999
+
+
+def test_a_sliver_that_blinds_no_pixel_is_a_ray() -> None:
+    frame = PAINTER.frame(1, spread_points(12))
+    infrared = frame.infrared.copy()
+    infrared[40:43, 60:63] = 30000
+    seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=infrared))
+    of_sliver = np.linalg.norm(seen.px - [61, 41], axis=1).argmin()
+    assert len(seen) == 13 and seen.px[of_sliver] == pytest.approx([61, 41], abs=0.1)
+    assert np.isnan(seen.depth[of_sliver]), "its ring is of the wall that it lies on"
+    assert np.isfinite(np.delete(seen.depth, of_sliver)).all()
+
+
+def test_a_sensor_whose_markers_never_saturate_has_their_depths() -> None:
+    frame = PAINTER.frame(1, spread_points(12))
+    seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=frame.infrared // 2))
+    assert len(seen) == 12 and np.isfinite(seen.depth).all()
 
 
 def test_lamps_of_the_empty_scene_are_no_markers() -> None:

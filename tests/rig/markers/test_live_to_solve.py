@@ -15,8 +15,8 @@ from solver_backend.rig.markers.devices.source import open_folder
 from solver_backend.studio.data_set import SHOTS, make_data_set
 from solver_backend.studio.spec import spec_of
 
-FPS, FRAMES = 5, 24
-"""So slow that a busy machine keeps up."""
+FPS, FRAMES = 5, 18
+"""So slow that a busy machine keeps up; what follows in the choreography is too fast to be labelled at this rate."""
 
 
 @pytest.fixture(scope="module")

@@ -107,6 +107,29 @@ def test_a_picture_that_is_damaged_ends_its_sensor_only(tmp_path: Path) -> None:
     assert len(take.findings) == 1 and "000002.png" in take.findings[0]
 
 
+def test_a_sensor_in_the_sun_leaves_the_others_and_is_named(tmp_path: Path) -> None:
+    folder = recorded(tmp_path / "take", "png", 4)
+
+    def let_the_sun_onto(sensor: str, frame: int) -> None:
+        path = folder / sensor / "infrared" / f"{frame:06d}.png"
+        path.write_bytes(png_bytes(np.full_like(read_png(path), 65535)))
+
+    for frame in (1, 2):
+        let_the_sun_onto("sensor1", frame)
+    take = cloud_of(open_folder(folder))
+    assert take.frames == {"sensor0": 4, "sensor1": 4}
+    assert (np.isfinite(take.cloud.positions).all(-1).sum(1) == 8).all(), "the other goes on, and it comes back"
+    [said] = take.findings
+    assert "sensor1" in said and "bright" in said and "2 times" in said
+
+    for sensor in CAMERAS.names:
+        for frame in range(4):
+            let_the_sun_onto(sensor, frame)
+    with pytest.raises(NoMarkers) as caught:
+        cloud_of(open_folder(folder))
+    assert "bright" in caught.value.hint, "the hint is the sun, not the markers"
+
+
 def test_nobody_and_nothing_are_named(tmp_path: Path) -> None:
     with pytest.raises(NoMarkers, match="No sensor saw a marker"):
         cloud_of(open_folder(recorded(tmp_path / "bare", frames=2, markers=False)))

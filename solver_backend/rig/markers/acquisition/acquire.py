@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from solver_backend.rig.markers.acquisition.blobs import Blobs, Shapes, find_blobs, shapes_of
-from solver_backend.rig.markers.acquisition.ring import Ring, RingDepths, ring_depths, ring_of
+from solver_backend.rig.markers.acquisition.ring import Ring, RingDepths, ring_depths, ring_of, slivers_of
 from solver_backend.rig.markers.acquisition.sensor_lens import SensorLens
 from solver_backend.rig.markers.acquisition.settings import DEFAULT, AcquisitionSettings
 from solver_backend.rig.markers.acquisition.sightings import Sightings, no_sightings
@@ -110,11 +110,12 @@ class Acquisition:
         rings = ring_depths(ring, blobs.count, settings)
         self._learn_halo(shapes, rings.depth)
         blobs, ring, parts = split_merged(blobs, shapes, ring, self._blob_radius(rings.rough), settings)
-        if not parts.any():
-            return shapes, rings, parts
-        changed = parts[ring.owner]
-        of_parts = Ring(ring.pixel[changed], ring.owner[changed], ring.depth[changed])
-        return shapes_of(blobs), rings.with_parts(ring_depths(of_parts, blobs.count, settings), parts), parts
+        if parts.any():
+            changed = parts[ring.owner]
+            of_parts = Ring(ring.pixel[changed], ring.owner[changed], ring.depth[changed])
+            shapes = shapes_of(blobs)
+            rings = rings.with_parts(ring_depths(of_parts, blobs.count, settings), parts)
+        return shapes, rings.without(slivers_of(blobs, saturated)), parts
 
     def _learn_halo(self, shapes: Shapes, depth: np.ndarray) -> None:
         """Keep how much larger than their spheres round blobs are: it goes with exposure, blur and threshold."""

@@ -7,7 +7,7 @@ the median absolute deviation; so is it here, about the median.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -54,6 +54,10 @@ class RingDepths:
         for name in names:
             found[name][:size] = np.where(parts[:size], found[name][:size], getattr(self, name))
         return RingDepths(**found)
+
+    def without(self, slivers: np.ndarray) -> RingDepths:
+        """Return these with no depth for the (N,) blobs whose rings are not theirs."""
+        return replace(self, depth=np.where(slivers, np.nan, self.depth))
 
 
 def ring_of(
@@ -103,11 +107,25 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
     return dy[order, None], dx[order, None]
 
 
+def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
+    """Return which (N,) blobs blind no pixel, where most do: slivers of markers, whose light makes no ring.
+
+    A sensor whose markers do not saturate has their depths in the blobs themselves.
+
+    Args:
+        blobs: N blobs.
+        saturated: (P,) whether a pixel of a blob is saturated.
+    """
+    blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
+    return ~blind & (2 * blind.sum() > blobs.count)
+
+
 def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
     """Return the depth each of ``count`` rings agrees on: the mean within ``mad_limit`` spreads of its median.
 
     A ring of which a part lies on another surface (an arm before the marker, the room behind it) has no use for its
-    median; there the closest half of its depths counts.
+    median; there the closest half of its depths counts. A marker's light covers what lies behind it: a ring of which a
+    part lies behind the depth it agrees on is its occluder's, and the marker, somewhere behind, has no depth.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -130,7 +148,9 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
     kept = np.bincount(owner[good], minlength=count)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(owner[good], depth[good], minlength=count) / kept
+        behind = np.bincount(owner[depth > mean[owner] + settings.behind_m], minlength=count)
     known = (kept >= settings.least_ring) & (spread <= settings.most_spread_m)
+    known &= behind <= settings.most_behind * sizes
     return RingDepths(np.where(known, mean, np.nan), kept, spread, middle)
 
 

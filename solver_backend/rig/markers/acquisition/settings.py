@@ -52,6 +52,10 @@ class AcquisitionSettings:
     """A ring with a larger spread lies on two surfaces: of its depths the closest half counts, not their median."""
     most_spread_m: float = 0.020
     """A ring that spreads more even so has no depth; the marker is a ray."""
+    behind_m: float = 0.030
+    """Depths of the ring farther behind the rest are of another surface: three deviations of a pixel at 3 m."""
+    most_behind: float = 0.1
+    """With more of its ring behind it the depth is an occluder's; the marker is a ray."""
     surface_radii: float = 2.0 / 3.0
     """How far before a sphere's middle its light comes from, in radii: 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.rig.markers.acquisition.blobs import Blobs, Shapes
+from solver_backend.rig.markers.acquisition.blobs import Blobs, Shapes, shapes_of
 from solver_backend.rig.markers.acquisition.ring import Ring
 from solver_backend.rig.markers.acquisition.settings import DEFAULT, AcquisitionSettings
 
@@ -21,8 +21,8 @@ def split_merged(
 
     A disc of radius R has the variance ``R²/4`` along any axis; two whose middles are s apart have ``R²/4 + s²/4``
     along the line between them. So a blob is several where its longer variance exceeds ``merged`` times a disc's:
-    as many as its area holds, at first its pixels that are farthest apart (Gonzalez 1985), then moved by k-means
-    (Lloyd 1982).
+    as many as its area holds and, until every part is as round as a disc, up to ``most_in_blob``; at first its
+    pixels that are farthest apart (Gonzalez 1985), then moved by k-means (Lloyd 1982).
 
     Args:
         blobs: N blobs.
@@ -31,25 +31,17 @@ def split_merged(
         radius_px: (N,) radius that a single marker's blob has, NaN where its depth is unknown.
         settings: the constants.
     """
-    single = 0.25 * radius_px**2
+    limit = settings.merged * 0.25 * radius_px**2 + settings.merged_px2
     with np.errstate(invalid="ignore"):
-        merged = np.flatnonzero(shapes.long > settings.merged * single + settings.merged_px2)
+        merged = np.flatnonzero(shapes.long > limit)
     owner, ring_owner, count = blobs.owner.copy(), ring.owner.copy(), blobs.count
     parts = np.zeros(count + (settings.most_in_blob - 1) * len(merged), dtype=bool)
     for blob in merged.tolist():
         fits = round(float(shapes.area[blob] / (np.pi * radius_px[blob] ** 2)))
-        number = min(max(fits, 2), settings.most_in_blob)
         mine = np.flatnonzero(blobs.owner == blob)
-        xy = _xy(blobs.pixel[mine], blobs.width)
-        centres = _far_apart(xy, shapes.middle[blob], number)
-        nearest = np.zeros(len(mine), np.int64)
-        for step in range(_STEPS):
-            before, nearest = nearest, _nearest(xy, centres)
-            if step and np.array_equal(before, nearest):
-                break
-            size = np.bincount(nearest, minlength=number)[:, None]
-            sums = np.stack([np.bincount(nearest, xy[:, i], minlength=number) for i in (0, 1)], axis=1)
-            centres = np.where(size > 0, sums / np.maximum(size, 1), centres)
+        alone = Blobs(blobs.pixel[mine], np.zeros(len(mine), np.int64), blobs.weight[mine], 1, blobs.width)
+        centres, nearest = _round_parts(alone, shapes.middle[blob], fits, float(limit[blob]), settings)
+        number = len(centres)
         names = np.concatenate([[blob], np.arange(count, count + number - 1)])
         count += number - 1
         owner[mine] = names[nearest]
@@ -57,6 +49,34 @@ def split_merged(
         ring_owner[of_ring] = names[_nearest(_xy(ring.pixel[of_ring], blobs.width), centres)]
         parts[names] = True
     return replace(blobs, owner=owner, count=count), replace(ring, owner=ring_owner), parts[:count]
+
+
+def _round_parts(
+    blob: Blobs, middle: np.ndarray, fits: int, limit: float, settings: AcquisitionSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return middles and pixels' parts, as ``_parted``, of the fewest parts that vary by ``limit`` px² at most."""
+    xy = _xy(blob.pixel, blob.width)
+    number = min(max(fits, 2), settings.most_in_blob)
+    while True:
+        centres, nearest = _parted(xy, middle, number)
+        parts = replace(blob, owner=nearest, count=number)
+        if number == settings.most_in_blob or shapes_of(parts).long.max() <= limit:
+            return centres, nearest
+        number += 1
+
+
+def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (number, 2) middles of a blob's parts and (P,) which part each pixel is of."""
+    centres = _far_apart(xy, middle, number)
+    nearest = np.zeros(len(xy), np.int64)
+    for step in range(_STEPS):
+        before, nearest = nearest, _nearest(xy, centres)
+        if step and np.array_equal(before, nearest):
+            break
+        size = np.bincount(nearest, minlength=number)[:, None]
+        sums = np.stack([np.bincount(nearest, xy[:, i], minlength=number) for i in (0, 1)], axis=1)
+        centres = np.where(size > 0, sums / np.maximum(size, 1), centres)
+    return centres, nearest
 
 
 def _far_apart(xy: np.ndarray, middle: np.ndarray, number: int) -> np.ndarray:
