@@ -56,6 +56,11 @@ class BlockTridiagonal:
             steps = xp.concat([steps, inner.steps(steps, self.g[:, met:])], axis=1)
         return xp.reshape(steps, (1, -1))
 
+    def promised(self, step: Array) -> Array:
+        """Return by how much (1,) the step lowers the cost, ``-½ gᵀ step``."""
+        xp = array_namespace(self.g)
+        return -0.5 * xp.sum(xp.reshape(self.g, (1, -1)) * step, axis=1)
+
     def merged(self, mask: Array, newer: BlockTridiagonal) -> BlockTridiagonal:
         """Return ``newer`` where the one problem is masked."""
         return newer if bool(mask[0]) else self
@@ -248,5 +253,7 @@ def _by_block(damping: Array, g: Array) -> Array:
 def _damped(blocks: Array, damping: Array) -> Array:
     """Return (N, n, n) blocks with a share (N,) of their diagonals added to them."""
     xp = array_namespace(blocks)
-    eye, share = identity(blocks.shape[-1], blocks), xp.astype(damping, blocks.dtype)[:, None]
-    return blocks + (share * xp.linalg.diagonal(blocks) + 1e-9)[:, :, None] * eye
+    share, along = xp.astype(damping, blocks.dtype)[:, None], np.arange(blocks.shape[-1])
+    damped, along = blocks + 0.0, index(along, blocks)
+    damped[:, along, along] += share * damped[:, along, along] + 1e-9
+    return damped

@@ -13,7 +13,7 @@ from solver_backend.solver.normal_equations import NormalEquations
 
 State = TypeVar("State")
 
-LESS, MORE, MORE_OF_PART = 0.3, 6.0, 36.0
+LESS, MORE, MORE_OF_PART = 0.3, 6.0, 1e3
 """What damping is multiplied by after a step that was taken, and after one that was refused: of a whole problem, and of
 the parts that it made worse."""
 LEAST_DAMPING = 1e-7
@@ -31,6 +31,8 @@ class LMSettings:
     """Linearisations at most."""
     tolerance: float = 1e-4
     """A problem is solved when a step that lowers its cost lowers it by less than this share."""
+    promise: float = 0.0
+    """Share of the tolerance that a step must promise to be tried; 0 tries every step."""
     damping: float = 1e-3
     """First damping, relative to the diagonal of H (Marquardt 1963)."""
 
@@ -71,6 +73,8 @@ def levenberg_marquardt(
     A problem may tell the costs of its P parts in a row, each with a λ of its own: a part that a step made worse holds
     back itself and the next part, with which it shares unknowns, and nobody else. Steps are taken whole all the same.
 
+    A step whose equations promise less than counts ends it untried (the predicted reduction of Moré 1978, section 7).
+
     Args:
         state: where to start.
         linearise: state -> ((B,) costs of problems or (B, P) of their parts, normal equations).
@@ -83,8 +87,15 @@ def levenberg_marquardt(
     xp = array_namespace(cost)
     damping, total = xp.full_like(cost, settings.damping), _total(cost)
     settled = xp.zeros_like(total, dtype=xp.bool)
+    better = ~settled
     for iteration in range(1, settings.max_iterations + 1):
-        candidate = retract(state, system.solve(damping))
+        step = system.solve(damping)
+        # Damped after a refusal, a step promises little by being short.
+        if settings.promise and bool(
+            xp.all(settled | better & _promises_little(system, step, cost, damping, settings))
+        ):
+            return LMResult(state, cost, system, iteration - 1, True)
+        candidate = retract(state, step)
         new_cost, new_system = linearise(candidate)
         new_total = _total(new_cost)
         better = new_total < total
@@ -97,7 +108,7 @@ def levenberg_marquardt(
             cost = xp.where(_of_parts(better, cost), new_cost, cost)
         total = _total(cost)
         # A step that was refused says nothing of how near the minimum is, unless not even the shortest is taken.
-        most = damping if damping.ndim == 1 else xp.max(damping, axis=1)
+        most = _most(damping)
         enough = settings.tolerance * _share_awaited(most, damping)
         settled = settled | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
         if bool(xp.all(settled)):
@@ -119,6 +130,17 @@ def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
     accepted = xp.where(harmed, damping, xp.clip(damping * LESS, LEAST_DAMPING, None))
     refused = xp.where(harmed, damping * MORE_OF_PART, damping)
     return xp.where(better[:, None], accepted, refused)
+
+
+def _promises_little(system: NormalEquations, step: Array, cost: Array, damping: Array, settings: LMSettings) -> Array:
+    """Return (B,) whether a step will not lower the cost by the share that counts, as the equations have it."""
+    share = settings.promise * settings.tolerance * _share_awaited(_most(damping), damping)
+    return system.promised(step) < share * _total(cost)
+
+
+def _most(damping: Array) -> Array:
+    """Return the (B,) largest damping of problems' parts."""
+    return damping if damping.ndim == 1 else array_namespace(damping).max(damping, axis=1)
 
 
 def _share_awaited(most: Array, damping: Array) -> Array | float:

@@ -18,6 +18,10 @@ class NormalEquations(Protocol):
         """Return the damped step; ``damping`` holds one value a problem."""
         ...
 
+    def promised(self, step: Array) -> Array:
+        """Return by how much (B,) steps lower the costs, ``-½ gᵀ step``, where damping is small."""
+        ...
+
     def merged(self, mask: Array, newer: Any) -> NormalEquations:
         """Return the equations with the masked problems taken from ``newer``."""
         ...
@@ -42,6 +46,10 @@ class LazyNormalEquations:
         """Return the damped steps."""
         return self.formed.solve(damping)
 
+    def promised(self, step: Array) -> Array:
+        """Return by how much steps lower the costs."""
+        return self.formed.promised(step)
+
     def merged(self, mask: Array, newer: LazyNormalEquations) -> LazyNormalEquations:
         """Return the equations with the masked problems taken from ``newer``."""
         return LazyNormalEquations(lambda: self.formed.merged(mask, newer.formed))
@@ -63,6 +71,10 @@ class DenseBlocks:
         eye = identity(self.H.shape[-1], self.H)
         damped = self.H + (damping[:, None] * diagonal + 1e-9)[:, :, None] * eye
         return -solved(damped, self.g[:, :, None])[..., 0]
+
+    def promised(self, step: Array) -> Array:
+        """Return by how much (B,) the steps lower the costs."""
+        return -0.5 * array_namespace(step).sum(self.g * step, axis=1)
 
     def merged(self, mask: Array, newer: DenseBlocks) -> DenseBlocks:
         """Return the equations with the masked problems taken from ``newer``."""
@@ -101,6 +113,12 @@ class Arrowhead:
         step_shared = -solved(shared - reduced[:, :m], (self.g_shared - reduced[:, m])[:, None])[:, 0]
         step_blocks = -eliminated[..., m] - xp.matmul(eliminated[..., :m], step_shared[:, None])[..., 0]
         return xp.concat([step_shared, xp.reshape(step_blocks, (-1,))])[None]
+
+    def promised(self, step: Array) -> Array:
+        """Return by how much (1,) the step lowers the cost."""
+        xp = array_namespace(step)
+        gradient = xp.concat([self.g_shared, xp.reshape(self.g_blocks, (-1,))])
+        return -0.5 * xp.sum(gradient * step, axis=1)
 
     def merged(self, mask: Array, newer: Arrowhead) -> Arrowhead:
         """Return ``newer`` where the one problem is masked."""

@@ -74,6 +74,42 @@ def test_a_refused_step_is_no_convergence():
     assert refused(LMSettings(3, 1e-2)).cost[0] < 0.5
 
 
+def test_a_step_that_promises_too_little_is_not_tried_unless_the_last_was_refused():
+    """Newton takes a third off x⁴ in each step: promised are 2/3 of what is there, 65/81 come off."""
+    tried: list[float] = []
+
+    def linearise(p):
+        tried.append(float(p[0, 0]))
+        return 1.0 + p[:, 0] ** 4, DenseBlocks((12 * p[:, :1] ** 2)[..., None], 4 * p**3)
+
+    def solved(promise):
+        tried.clear()
+        return levenberg_marquardt(np.ones((1, 1)), linearise, lambda p, d: p + d, LMSettings(20, 0.01, promise, 1e-9))
+
+    each, all_tried = solved(0.0), len(tried)
+    untried, fewer = solved(1.0), len(tried)
+    assert untried.converged and each.converged and fewer == all_tried - 1
+    assert 0 < (untried.cost - each.cost)[0] < 0.01 and untried.state[0, 0] == tried[-1]
+
+    def too_flat(p):
+        return 0.5 * p[:, 0] ** 2, DenseBlocks(np.full((1, 1, 1), 0.4), p)
+
+    damped = levenberg_marquardt(np.ones((1, 1)), too_flat, lambda p, d: p + d, LMSettings(8, 1.2, 1.0))
+    assert damped.cost[0] < 0.5
+
+
+def test_promised_is_what_a_linear_problem_gains():
+    rng = np.random.default_rng(5)
+    J, r = rng.normal(size=(3, 9, 4)), rng.normal(size=(3, 9))
+    turned = J.swapaxes(1, 2)
+    system = DenseBlocks(turned @ J, (turned @ r[..., None])[..., 0])
+    step = system.solve(np.zeros(3))
+    gained = 0.5 * ((r**2).sum(1) - ((r + (J @ step[..., None])[..., 0]) ** 2).sum(1))
+    np.testing.assert_allclose(system.promised(step), gained, rtol=1e-6)
+    both = Arrowhead(system.H[:1], np.zeros((1, 4, 4)), system.H[1], system.g[:1], system.g[1])
+    np.testing.assert_allclose(both.promised(both.solve(np.zeros(1))), gained[0] + gained[1], rtol=1e-6)
+
+
 def test_problems_that_came_to_rest_do_not_wait_for_steps_that_rounding_refuses():
     """One problem is at its minimum from the second step on, where costs no longer fall; the other needs a few more."""
     scale = np.array([1.0, 0.2])

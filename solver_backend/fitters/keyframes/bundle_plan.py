@@ -22,5 +22,6 @@ class BundlePlan:
     def of(cls, problem: Problem, settings: SolveSettings) -> BundlePlan:
         """Return the plan of a problem."""
         scale, steps, second = settings.robust_scale, settings.iterations, problem.frames_of(2, 1)
-        first = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3)
-        return cls(first, (Schedule((2 * scale,), steps, second, 1e-2), Schedule((scale,), steps, tolerance=3e-3)))
+        first = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
+        between = Schedule((2 * scale,), steps, second, 1e-2, promise=1.0)
+        return cls(first, (between, Schedule((scale,), steps, tolerance=3e-3, promise=1.0)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
@@ -66,7 +66,7 @@ def solve_by_bundle(
     if dense is not layout:
         found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
         layout, window = dense, round(problem.num_frames / dense.num_windows)
-        single = cache(partial(initial_keys, problem, subject, layout))
+        single = keys_of_frames(problem, subject, layout)
 
     for number, schedule in enumerate(plan.passes, 2 - len(plan.passes)):
         poses, keys = model.poses(found.keys, layout), found.keys

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -43,13 +42,13 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> 
 
 
 def keys_of_frames(
-    problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes
-) -> Callable[[], Keyframes]:
-    """Return what makes keys from the points of single frames: the start, unless a rough motion told it."""
-    if problem.measurements.rough is None:
-        return lambda: start
+    problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
+) -> Callable[[slice], Keyframes]:
+    """Return what makes the keys of windows from the points of single frames; a start that is of them is used again."""
+    if problem.measurements.rough is None and start is not None:
+        return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
-    return cache(lambda: initial_keys(by_itself, subject, layout))
+    return lambda windows: initial_keys(by_itself, subject, layout.part(windows))
 
 
 def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

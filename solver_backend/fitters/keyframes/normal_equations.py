@@ -77,9 +77,14 @@ class KeyframeNormalEquations:
         if not fixed.any():
             return self
         free = constant(np.repeat(np.append(~fixed, True), self.dof).reshape(self.g.shape), self.diagonal)
-        diagonal = self.diagonal * (free[:, :, None] * free[:, None, :])
-        diagonal += FIXED * (1.0 - free)[:, :, None] * identity(free.shape[1], free)
-        upper = self.upper * (free[:-1, :, None] * free[1:, None, : self.upper.shape[-1]])
+        blocks = np.flatnonzero(np.append(fixed, False).reshape(-1, 2).any(axis=1))
+        diagonal, upper = self.diagonal + 0.0, self.upper + 0.0
+        for b in blocks.tolist():  # few: the ends of a chunk
+            diagonal[b] = diagonal[b] * (free[b, :, None] * free[b, None, :])
+            diagonal[b] += FIXED * (1.0 - free[b])[:, None] * identity(free.shape[1], free)
+            beside = slice(max(b - 1, 0), b + 1)
+            met = free[1:][beside][:, None, : upper.shape[-1]]
+            upper[beside] = upper[beside] * (free[:-1][beside][:, :, None] * met)
         return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.dof)
 
     def block_tridiagonal(self) -> BlockTridiagonal:

@@ -44,6 +44,8 @@ class Schedule:
     """A scale is done when the cost changes by less than this share."""
     hessian_frames: int = HESSIAN_FRAMES
     """Frames of a window whose Hessians are formed."""
+    promise: float = 0.0
+    """Share of the tolerance that a step must promise to be tried; 0 tries every step."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ def solve_keys(
             cost, form = model.equations(rows, state, scale, schedule.hessian_frames)
             return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
 
-        settings = LMSettings(schedule.iterations, schedule.tolerance)
+        settings = LMSettings(schedule.iterations, schedule.tolerance, schedule.promise)
         result = levenberg_marquardt(keys, linearise, retract, settings)
         keys = result.state
         solution = KeySolution(keys, float(xp.sum(result.cost)), Convergence.of(result))

@@ -15,15 +15,18 @@ from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import points_of
-from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.runs import true_runs
 
 BESIDE = 3
 """Windows on both sides that are solved along; the outermost keys of them stay."""
 
+Start = Callable[[slice], Keyframes]
+"""Makes the keys of a range of windows from the points of single frames."""
+
 
 def restarted(
-    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Callable[[], Keyframes],
+    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Start,
     frames: np.ndarray | None = None,
 ) -> Keyframes | None:  # fmt: skip
     """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
@@ -33,16 +36,15 @@ def restarted(
         layout: windows of the keys.
         points: (F, L, 3) landmarks of a solution.
         keys: its keys.
-        start: makes keys fitted to the points of single frames.
+        start: where lost windows start.
         frames: numbers of the F frames; all of the layout if None.
     """
     lost = _lost_windows(measurements, layout, points, frames)
-    return _anew(lost, keys, start()) if lost.any() else None
+    return _anew(lost, keys, start) if lost.any() else None
 
 
 def regained(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution,
-    start: Callable[[], Keyframes],
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution, start: Start,
     schedule: Schedule, frames: np.ndarray | None = None,
 ) -> KeySolution:  # fmt: skip
     """Return a solution whose lost limbs were solved again, where that lowers the cost; the rest of the take stays.
@@ -54,7 +56,7 @@ def regained(
         model: what the keys are judged by.
         layout: windows of the keys.
         found: the solution.
-        start: makes keys fitted to the points of single frames.
+        start: where lost windows start.
         schedule: of the solution's last pass.
         frames: numbers of those that are looked at; all of the layout if None.
     """
@@ -67,7 +69,9 @@ def regained(
         part, some = layout.part(slice(first, last + 1)), slice(2 * first, 2 * last + 3)
         judged, number = model.part(some), np.arange(part.num_keys)
         fixed = (number < 3) & (first > 0) | (number >= part.num_keys - 3) & (last < layout.num_windows - 1)
-        again = _anew(lost[first : last + 1], keys.select(some), start().select(some))
+        here = np.zeros_like(lost)
+        here[first : last + 1] = lost[first : last + 1]
+        again = _anew(here, keys, start).select(some)
         solved = solve_keys(judged, part, again, schedule, fixed)
         before = judged.equations(part.rows(schedule.stride), keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):
@@ -86,8 +90,8 @@ def _lost_windows(
     return lost
 
 
-def _anew(lost: np.ndarray, keys: Keyframes, start: Keyframes) -> Keyframes:
+def _anew(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
     """Return the keys with those of the lost windows taken from ``start``."""
-    anew = np.zeros(2 * len(lost) + 1, dtype=bool)
-    anew[(2 * np.flatnonzero(lost)[:, None] + np.arange(3)).reshape(-1)] = True
-    return hemisphere_aligned(start.where(constant(anew, keys.z) > 0, keys))
+    for first, last in true_runs(lost):
+        keys = keys.replaced(slice(2 * first, 2 * last + 3), start(slice(first, last + 1)))
+    return hemisphere_aligned(keys)

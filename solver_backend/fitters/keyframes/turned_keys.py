@@ -71,7 +71,9 @@ def solve_turned(
             cost, form = judged.equations(state, scale)
             return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
 
-        result = levenberg_marquardt(keys, linearise, retract, LMSettings(schedule.iterations, schedule.tolerance))
+        result = levenberg_marquardt(
+            keys, linearise, retract, LMSettings(schedule.iterations, schedule.tolerance, schedule.promise)
+        )
         keys = result.state
         solution = KeySolution(keys, float(xp.sum(result.cost)), Convergence.of(result))
     assert solution is not None

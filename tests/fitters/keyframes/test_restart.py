@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +23,13 @@ def _measured(scene: StickScene) -> Measurements:
     )
 
 
+def _of_windows(keys: Keyframes) -> Callable[[slice], Keyframes]:
+    return lambda windows: keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
+
+
 def _restarted(scene: StickScene, measured: Measurements, model: BundleModel, keys: Keyframes) -> Keyframes | None:
     points = pose(model.subject, model.poses(keys, scene.layout)).points
-    return restarted(measured, scene.layout, points, keys, lambda: scene.start)
+    return restarted(measured, scene.layout, points, keys, _of_windows(scene.start))
 
 
 def test_a_limb_that_residual_rotations_threw_away_is_started_anew():
@@ -45,11 +50,11 @@ def test_a_lost_limb_is_solved_again_alone_and_only_for_a_lower_cost():
     scene = StickScene()
     model, measured, schedule = scene.model(ROTATIONS), _measured(scene), Schedule((3.0,), 20)
     solution = solve_keys(model, scene.layout, scene.truth, schedule)
-    assert regained(measured, model, scene.layout, solution, lambda: scene.start, schedule).cost == solution.cost
+    assert regained(measured, model, scene.layout, solution, _of_windows(scene.start), schedule).cost == solution.cost
     thrown = solution.keys.residual.copy()
     thrown[3, [15, 17]] += 1.5
     lost = replace(solution, keys=replace(solution.keys, residual=thrown))
-    found = regained(measured, model, scene.layout, lost, lambda: scene.start, schedule).keys
+    found = regained(measured, model, scene.layout, lost, _of_windows(scene.start), schedule).keys
     assert _restarted(scene, measured, model, found) is None
     np.testing.assert_allclose(found.transl, solution.keys.transl, atol=0.01)
 
