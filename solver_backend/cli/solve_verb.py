@@ -20,6 +20,7 @@ from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import READING, Job, Resolve
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a capture, write the motion and, if asked for, the report; or do so for several, see ``_several``."""
     jobs = _jobs(args)
+    keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
         with _stretches(args.scheduler) as each:
             return _several(jobs, progress, each)

