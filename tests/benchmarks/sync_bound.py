@@ -1,10 +1,11 @@
 """How well the clocks of ``bench_sync`` could be told: ``python -m tests.benchmarks.sync_bound [SEED...]``.
 
-The Cramér-Rao bound of delays and drifts, in frames at the worst moment of the take, beside the errors that the actual
-detections then leave to whoever reaches it. Known are the detector's noise (its spread in each view and keypoint, its
-memory, where keypoints are hidden, which detections are wrong) and how points move; unknown are the clocks, the poses
-of the cameras, biases by the direction of view and, by "free", where the points are, anew in every frame. "Known" is
-the same with the points told.
+The Cramér-Rao bound of delays and drifts, in frames at the worst moment of the take, the errors that the actual
+detections then leave to whoever reaches it, and how likely such an estimate has all cameras within ``BOUND_FRAMES``
+when detections are drawn anew. Known are the detector's noise (its spread in each view and keypoint, its memory, where
+keypoints are hidden, which detections are wrong) and how points move; unknown are the clocks, the poses of the cameras,
+biases by the direction of view and where the points are, anew in every frame. Rows tell one of these as well. The
+prior of the rates pulls towards none, as an estimate's does, not towards the truth.
 
 Noise is white and first-order autoregressive, so a Kalman filter whitens it exactly, gaps included; the points are
 noise without memory of a metre along the cameras' Jacobians.
@@ -33,6 +34,8 @@ BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])
 """Variance of a bias by direction: constant, cosine and sine of the angle and of its double."""
 TURN_SIGMA, SHIFT_SIGMA_M, POINT_SIGMA_M = 0.02, 0.05, 1.0
 """Of the cameras' poses and of points, before anything is seen."""
+KNOWN, DRAWS = 1e6, 100_000
+"""Factor on the precision of what is told, and how often errors are drawn for the chance."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Filmed:
     """(C, F, K, 2, 6) a radian and a metre of the camera's pose."""
     facing: np.ndarray
     """(C, F, 5) what biases by direction are made of."""
+    rate: np.ndarray
+    """(C,) true rates."""
     fps: float
 
 
@@ -96,7 +101,8 @@ def filmed(seed: int) -> Filmed:
     return Filmed(
         error[:, first:], (worse * uneven / np.hypot(model.drift_mm, model.jitter_mm))[:, first:],
         (np.gradient(seen, axis=1) / scale * settings.fps)[:, first:], (by_point / scale[..., None])[:, first:],
-        (np.concatenate([by_turn, by_shift], axis=-1) / scale[..., None])[:, first:], facing[:, first:], settings.fps,
+        (np.concatenate([by_turn, by_shift], axis=-1) / scale[..., None])[:, first:], facing[:, first:], take.rate,
+        settings.fps,
     )  # fmt: skip
 
 
@@ -144,40 +150,58 @@ def information(take: Filmed, model: DetectorModel, *, free: bool) -> np.ndarray
     return total
 
 
-def bound_frames(take: Filmed, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C - 1,) deviations of the cameras after the first and the errors of the best estimate, worst moment."""
+def bound_frames(take: Filmed, total: np.ndarray, told: str = "") -> tuple[np.ndarray, np.ndarray, float]:
+    """Return (C - 1,) deviations of the cameras after the first, the best estimate's errors, the chance of the bound.
+
+    With the information ``I`` of the detections, the prior's ``P`` and true drifts x the error is
+    ``(I + P)⁻¹ (g - P x)``, of which g has the covariance I. ``told``: "biases", "cameras", "rates" or nothing.
+    """
     views, size = len(take.error), 1 + 8 * len(take.error)
-    biases = total[:, size:, size:] + np.diag(np.tile(1.0 / BIAS_MM2, 2))
+    known = {what: KNOWN if what == told else 1.0 for what in ("biases", "cameras", "rates")}
+    biases = total[:, size:, size:] + known["biases"] * np.diag(np.tile(1.0 / BIAS_MM2, 2))
     across = total[:, size:, :size]
     reduced = (total[:, :size, :size] - across.swapaxes(1, 2) @ np.linalg.solve(biases, across)).sum(axis=0)
     half_s = 0.5 * take.error.shape[1] / take.fps
-    poses = np.tile(np.repeat([TURN_SIGMA**-2, SHIFT_SIGMA_M**-2], 3), views)
+    poses = known["cameras"] * np.tile(np.repeat([TURN_SIGMA**-2, SHIFT_SIGMA_M**-2], 3), views)
     normal = reduced[1:, 1:] + np.diag(np.concatenate([np.zeros(2 * views), poses]))
-    against = np.zeros((views - 1, 2, len(normal)))
+    against, pull = np.zeros((views - 1, 2, len(normal))), np.zeros(len(normal))
     for c in range(1, views):
         against[c - 1, :, [c, views + c]] = np.eye(2)
         against[c - 1, :, [0, views]] = -np.eye(2)
-        normal += np.outer(against[c - 1, 1], against[c - 1, 1]) / (RATE_SIGMA * half_s) ** 2
+        precision = known["rates"] / (RATE_SIGMA * half_s) ** 2
+        normal += precision * np.outer(against[c - 1, 1], against[c - 1, 1])
+        # A clock that runs fast shows what is ever earlier, a drift of -rate; the prior of none pulls it by +rate.
+        pull += (0.0 if told == "rates" else precision * take.rate[c] * half_s) * against[c - 1, 1]
     # The first camera's clock is everybody's: with free points nothing tells it from the others'.
     normal += 1e-9 * np.trace(normal) / len(normal) * np.eye(len(normal))
     covariance = np.linalg.inv(normal)
-    moments = np.stack([against[:, 0] + s * against[:, 1] for s in (-1.0, 0.0, 1.0)])
+    moments = take.fps * np.stack([against[:, 0] + s * against[:, 1] for s in (-1.0, 0.0, 1.0)])
     sigma = np.sqrt(np.einsum("mci,ij,mcj->mc", moments, covariance, moments)).max(axis=0)
-    off = np.abs(moments @ covariance @ reduced[1:, 0]).max(axis=0)
-    return take.fps * sigma, take.fps * off
+    off = np.abs(moments @ covariance @ (reduced[1:, 0] + pull)).max(axis=0)
+    by_clocks = (moments @ covariance).reshape(-1, len(normal))
+    drawn = np.random.default_rng(0).multivariate_normal(
+        by_clocks @ pull, by_clocks @ reduced[1:, 1:] @ by_clocks.T, DRAWS, check_valid="ignore", method="eigh"
+    )
+    return sigma, off, float((np.abs(drawn) <= bench_sync.BOUND_FRAMES).all(axis=1).mean())
 
 
 def main(argv: list[str]) -> int:
-    """Print the bounds of the given seeds, or of all."""
+    """Print the bounds of the given seeds, or of all, and the chance that all these are within the bound."""
     model = DetectorModel()
+    chances: dict[str, float] = {}
     for seed in map(int, argv or range(bench_sync.SEEDS)):
         take = filmed(seed)
-        told = []
-        for free in (True, False):
-            sigma, off = bound_frames(take, information(take, model, free=free))
-            told.append(f"{'free' if free else 'known'} {np.round(sigma, 3)}, left {np.round(off, 3)}")
-        sys.stdout.write(f"seed {seed}: points {'; points '.join(told)} frames\n")
+        free, given = (information(take, model, free=free) for free in (True, False))
+        rows = {"nothing": (free, ""), "biases": (free, "biases"), "cameras": (free, "cameras")}
+        rows |= {"rates": (free, "rates"), "points": (given, "")}
+        for what, (total, told) in rows.items():
+            sigma, off, chance = bound_frames(take, total, told)
+            chances[what] = chances.get(what, 1.0) * chance
+            sys.stdout.write(
+                f"seed {seed}: told {what}: {np.round(sigma, 3)}, left {np.round(off, 3)} frames, chance {chance:.3f}\n"
+            )
         sys.stdout.flush()
+    sys.stdout.write("all: " + ", ".join(f"told {what} {chance:.2f}" for what, chance in chances.items()) + "\n")
     return 0
 
 
