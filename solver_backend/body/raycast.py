@@ -9,6 +9,9 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.exchange.errors import BodyInvalid
 
+SAME_M = 1e-9
+"""Triangles that a ray leaves so near to each other are met at their common edge or corner."""
+
 
 @dataclass(frozen=True)
 class SurfacePoint:
@@ -57,7 +60,9 @@ def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost
     normals = np.cross(edge1, edge2)
     leaving = hit & (normals @ direction > 0)
     reach = np.where(leaving if leaving.any() else hit, t, np.nan)
-    face = int(np.nanargmax(reach) if outermost else np.nanargmin(reach))
+    # A ray at the body's middle meets an edge: of the triangles there the first, whatever rounding makes of them.
+    there = np.abs(reach - (np.nanmax(reach) if outermost else np.nanmin(reach))) <= SAME_M
+    face = int(np.argmax(there))
     barycentric = np.array([1 - u[face] - v[face], u[face], v[face]]).clip(0)
     normal = normals[face] / np.linalg.norm(normals[face])
     return SurfacePoint(body.faces[face], barycentric / barycentric.sum(), normal)
