@@ -73,7 +73,8 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
         epsilon: (N,) how rare each pose is: ``CodeStatistics.mahalanobis`` or ``reconstruction_error``.
         scale: φ, in the same unit.
     """
-    return np.exp(np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT)))
+    bounded = np.minimum(np.asarray(epsilon) / scale, np.log(EXPONENTIAL_LIMIT))
+    return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors exp(log(3)) is above 3
 
 
 def tail_anchors(codes: np.ndarray, relevance: np.ndarray, threshold: float) -> np.ndarray:
