@@ -17,7 +17,7 @@ from solver_backend.rig.sync.convolution import convolved
 from solver_backend.rig.sync.errors import SyncUnknown
 from solver_backend.rig.sync.resample import at_times, common_times
 from solver_backend.rig.sync.signals import RATE_SIGMA
-from solver_backend.types import LIMBS, Cameras, JointSet
+from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 
 LAG_SIGMA_SHARE = 0.005
 """How far detections scatter where whole lags are compared, as a share of the picture's width."""
@@ -109,7 +109,7 @@ def _disagreement_px(filmed: FilmedTracks, clocks: Clocks) -> float:
     shortest = min(float(when[-1] - when[0]) for when in filmed.times_s)
     if len(wanted) < max(LEAST_FRAMES, filmed.fps * min(LEAST_COMMON_S, LEAST_COMMON_SHARE * shortest)):
         return float("inf")
-    xy = _keypoints_at(filmed, clocks, wanted, limbs_alone=True)
+    xy = _limbs_at(filmed, clocks, wanted, feet=False)
     xy = xy[:, _lively(xy, 2 * LAG_FRAMES)]
     located = triangulate(filmed.cameras, xy, np.isfinite(xy[..., 0]).astype(float))
     px = project(
@@ -127,13 +127,13 @@ def _whole_grid(filmed: FilmedTracks, clocks: Clocks) -> np.ndarray:
     ends = [clocks.from_video(c, when[[0, -1]]) for c, when in enumerate(filmed.times_s)]
     low, high = min(e[0] for e in ends), max(e[1] for e in ends)
     wanted = low + np.arange(int((high - low) * filmed.fps) + 1) / filmed.fps
-    return _keypoints_at(filmed, clocks, wanted, limbs_alone=True)
+    return _limbs_at(filmed, clocks, wanted, feet=False)
 
 
-def _keypoints_at(filmed: FilmedTracks, clocks: Clocks, wanted: np.ndarray, *, limbs_alone: bool) -> np.ndarray:
-    """Return (C, F, K, 2) smoothed tracks at moments of all: every keypoint tells the time, limbs tell it roughly."""
-    compared = LIMBS["arms"] + LIMBS["legs"]
-    columns = [k for k, name in enumerate(filmed.joint_set.keypoints) if not limbs_alone or name.endswith(compared)]
+def _limbs_at(filmed: FilmedTracks, clocks: Clocks, wanted: np.ndarray, *, feet: bool) -> np.ndarray:
+    names = filmed.joint_set.keypoints
+    compared = LIMBS["arms"] + LIMBS["legs"] + (FEET if feet else ())
+    columns = [k for k, name in enumerate(names) if name.endswith(compared)]
     views = [
         at_times(track[:, columns], when, clocks.in_video(c, wanted))
         for c, (track, when) in enumerate(zip(filmed.tracks, filmed.times_s, strict=True))
@@ -166,7 +166,7 @@ def _refined(filmed: FilmedTracks, clocks: Clocks, usual: float) -> Clocks:
     moved = clocks.offset_s + clocks.rate * (middle_s - clocks.middle_s)
     clocks, sigma_s = replace(clocks, offset_s=moved, middle_s=middle_s), np.zeros((2, len(cameras)))
     for number in range(ROUNDS):
-        xy = _keypoints_at(filmed, clocks, wanted, limbs_alone=False)
+        xy = _limbs_at(filmed, clocks, wanted, feet=True)
         if number in REFINED_ROUNDS:
             cameras = refined_cameras(cameras, xy, np.isfinite(xy[..., 0]).astype(float), rounds=4)
         step = _step(cameras, xy, usual)

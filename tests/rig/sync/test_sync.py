@@ -22,7 +22,7 @@ from solver_backend.rig.sync.synchronise import by_flash, by_sound, in_step, syn
 from solver_backend.rig.video.errors import VideoWithoutSound
 from solver_backend.rig.video.sound import Sound
 from solver_backend.simulation.filming import around
-from solver_backend.types import LIMBS, JointSet
+from solver_backend.types import JointSet
 from tests.support.videos import write_timed_video
 
 FPS = 60.0
@@ -70,18 +70,6 @@ def test_calibrated_cameras_tell_offset_and_drift_below_a_tenth_of_a_frame() -> 
     told = clocks_by_geometry(take, None, 4.5)
     assert np.abs(errors_frames(told, true, 12.0)).max() < 0.05
     assert (np.sqrt(told.covariance[1:, 0, 0]) < 0.05 / FPS).all() and (told.covariance[0] == 0).all()
-
-
-@pytest.mark.slow
-def test_head_and_trunk_tell_the_time_where_limbs_are_seen_badly() -> None:
-    take, true = filmed([0.0, 0.634, -0.4, 0.207], [0.0, 50e-6, -50e-6, 20e-6], seconds=12.0)
-    rng = np.random.default_rng(4)
-    limbs = [k for k, name in enumerate(take.joint_set.keypoints) if name.endswith(LIMBS["arms"] + LIMBS["legs"])]
-    tracks = [track.copy() for track in take.tracks]
-    for track in tracks:
-        track[:, limbs] += 15.0 * rng.normal(size=(len(track), len(limbs), 2))
-    told = clocks_by_geometry(replace(take, tracks=tracks), None, 1.5)
-    assert np.abs(errors_frames(told, true, 12.0)).max() < 0.03
 
 
 def test_speeds_tell_the_clocks_without_calibration() -> None:
