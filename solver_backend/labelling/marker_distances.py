@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import WeightsInvalid
-from solver_backend.labelling.outputs import GHOST, MARKERS, OTHER_PLACES
+from solver_backend.labelling.outputs import GHOST, MARKERS, OTHER_PLACES, other_side
 from solver_backend.labelling.tracklets import Tracklets
 from solver_backend.priors.weights import ASSETS, read_weights
 
@@ -22,12 +22,18 @@ FREEDOM = 4.0
 """Degrees of freedom of Student's distribution: one partner that is named wrongly must not decide."""
 LONG_S = 3.0
 """Time seen together from which the change of a distance tells as much as it ever does."""
+ALIKE = 0.5
+"""Part of the pairs that are placed on one side of a person as on the other."""
+ALIKE_M, ALIKE_CHANGE = 0.012, 0.5
+"""How far the distances of such pairs are apart: so much, and this part of what they change."""
 READINGS = 8.0
 """Most partners that count as independent: where one marker sits moves all of its distances."""
 FEWEST_PARTNERS = 6
 _SHARE = 0.35
 _BLOCK = 256
 _SCALE_FROM_M = 0.3
+_COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
+_SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,8 @@ def distance_evidence(
     """Return (C, 54) log likelihoods of each chain's labels by its distances to the chains that are trusted.
 
     ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, s the person's size over the table's, the sum
-    tempered to ``READINGS`` partners. None of them: places of other layouts, or anywhere on the body.
+    tempered to ``READINGS`` partners. Where both counterparts on the body's other side are named, half of the first
+    density is that about *their* distance in this take. None of them: places of other layouts, or anywhere on the body.
 
     Args:
         found: distances.
@@ -125,7 +132,13 @@ def distance_evidence(
     # A short look may fall on any moment of what the pair does.
     moment = np.exp(2.0 * table.change[:, theirs])[None] * (1.0 - long[..., None].swapaxes(1, 2))
     variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (C, P, partners)
-    log = _student(np.nan_to_num(mean)[:, None] - table.mean[:, theirs][None], variance)
+    measured = np.nan_to_num(mean)[:, None]
+    log = _student(measured - table.mean[:, theirs][None], variance)
+    told = _of_the_other_side(found, partners, theirs)[:, theirs] / size
+    near = ALIKE_M**2 + (ALIKE_CHANGE * np.exp(table.change[:GHOST, theirs])) ** 2 + moment[:, :GHOST]
+    alike = _student(measured - np.nan_to_num(told)[None], np.minimum(variance[:, :GHOST], near))
+    mixed = np.logaddexp(np.log(1.0 - ALIKE) + log[:, :GHOST], np.log(ALIKE) + alike)
+    log[:, :GHOST] = np.where(np.isfinite(told)[None], mixed, log[:, :GHOST])
     off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
     log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
     # Whoever takes a partner's label gives it the own one: their distance stays that of the same two markers.
@@ -139,6 +152,19 @@ def distance_evidence(
     anywhere = tempered[:, 0] * (_log_mean_exp(log, axis=1).sum(-1))
     none = np.logaddexp(anywhere, _log_mean_exp(by_place[:, GHOST:], axis=1))
     return np.concatenate([by_place[:, :GHOST], none[:, None]], axis=1)
+
+
+def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Return (53, 53) metres: the distance of each pair's counterparts on the other side, NaN where it is not known.
+
+    Both markers are of one side: else a chain that is on the wrong side would be its own counterpart.
+    """
+    pairs = np.ix_(partners, partners)
+    mean, seconds = found.mean[pairs], found.seconds[pairs]
+    is_label = np.eye(GHOST)[theirs]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        measured = is_label.T @ (np.nan_to_num(mean) * seconds) @ is_label / (is_label.T @ seconds @ is_label)
+    return np.where(_SIDE[:, None] * _SIDE == 1, measured[np.ix_(_COUNTERPART, _COUNTERPART)], np.nan)
 
 
 def _size(found: np.ndarray, expected: np.ndarray) -> float:

@@ -92,6 +92,31 @@ def test_two_that_exchange_their_labels_keep_their_distance(moving, table):
     assert then > now
 
 
+def test_the_other_side_tells_how_a_person_is_marked(moving, table):
+    points = moving.copy()
+    for side in "LR":  # a bar at each wrist, whose ends stand out, and one of them beyond the hand's marker
+        a, b, hand = (MARKERS.index(side + name) for name in ("WRA", "WRB", "FIN"))
+        across = points[:, b] - points[:, a]
+        across *= 0.03 / np.linalg.norm(across, axis=-1, keepdims=True)
+        points[:, b] += across + 1.2 * (points[:, hand] - points[:, b])
+        points[:, a] -= across
+    tracks = tracklets_of(points, FPS)
+    truth = np.arange(len(MARKERS))[tracks.column]
+    labels, left, right = truth.copy(), ("LWRB", "LFIN"), ("RWRB", "RFIN")
+    labels[[int(np.flatnonzero(truth == MARKERS.index(name))[0]) for name in left]] = [
+        MARKERS.index(name) for name in reversed(left)
+    ]
+    found = distances_of(points, np.arange(0, 150, 2), tracks, FPS)
+
+    def gain(trusted: np.ndarray) -> float:
+        evidence = distance_evidence(found, labels, trusted, table)
+        rows = np.arange(len(labels))
+        return evidence[rows, truth].sum() - evidence[rows, labels].sum()
+
+    assert gain(np.ones(len(labels), bool)) > 1.0
+    assert gain(~np.isin(truth, [MARKERS.index(name) for name in right])) < 0.0
+
+
 def test_too_few_partners_say_nothing(moving, table):
     tracks = tracklets_of(moving, FPS)
     found = distances_of(moving, np.arange(0, 150, 10), tracks, FPS)
