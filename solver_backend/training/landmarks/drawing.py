@@ -48,11 +48,13 @@ def frame_of(points: torch.Tensor, seen: torch.Tensor) -> Frame:
 def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
     """Return the xy and yz views of normalised (B, N, 3) points: (B, 2, size, size), rows along y.
 
-    A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 to 1, the nearest one where several meet.
+    The second view looks along +x, so that z runs to its right: one network reads both, and left and right could not be
+    told apart if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 to 1, the
+    nearest one where several meet.
     """
     z, x = points[..., 2], points[..., 0]
     xy = _splatted(points[..., 0], points[..., 1], 0.55 + 0.45 * z.clamp(-1, 1), seen, size)
-    yz = _splatted(points[..., 2], points[..., 1], 0.55 + 0.45 * x.clamp(-1, 1), seen, size)
+    yz = _splatted(points[..., 2], points[..., 1], 0.55 - 0.45 * x.clamp(-1, 1), seen, size)
     return torch.stack((xy, yz), 1)
 
 

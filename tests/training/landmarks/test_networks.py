@@ -47,10 +47,17 @@ def test_a_marker_is_drawn_where_it_is_and_as_near_as_it_is():
     row, column = round(0.375 * 80), round(0.75 * 80)
     assert maps[0, 0, row, column] == pytest.approx(0.55 + 0.45 * 0.8)  # the nearer of the two
     assert (maps[0, 0] > 0).sum() == 9 and (maps[0, 1] > 0).sum() == 18
-    assert maps[0, 1, row, round(0.9 * 80)] == pytest.approx(0.55 + 0.45 * 0.5)
+    assert maps[0, 1, row, round(0.9 * 80)] == pytest.approx(0.55 - 0.45 * 0.5)  # it looks along +x
     back = front_and_back(points, torch.ones(1, 2, dtype=torch.bool), 81)[0, 1]
     assert back[row, column] == pytest.approx(0.55 + 0.45 * 0.8)
     assert (depth_maps(points, torch.zeros(1, 2, dtype=torch.bool), 81) == 0).all()
+
+
+def test_no_view_is_a_mirror_image_of_another():
+    points, seen = 0.8 * (2.0 * torch.rand(1, 20, 3) - 1.0), torch.ones(1, 20, dtype=torch.bool)
+    x, y, z = points.unbind(-1)
+    turned = torch.stack((z, y, -x), -1)  # a quarter turn about y, a rotation
+    assert torch.equal(depth_maps(turned, seen, 64)[:, 0], depth_maps(points, seen, 64)[:, 1])
 
 
 def test_gravity_lies_along_y(clouds):
