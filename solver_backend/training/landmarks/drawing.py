@@ -13,6 +13,7 @@ SIZE = 160
 MARGIN = 1.25
 """The map's half width is so many times the cloud's largest reach from its centre: hidden hands fall inside too."""
 _RADIUS = 1
+_THINNEST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,7 @@ def y_up(points: torch.Tensor) -> torch.Tensor:
 
 def frame_of(points: torch.Tensor, seen: torch.Tensor) -> Frame:
     """Return the frame of Y-up clouds: the middle of their box, and their reach with a margin."""
-    low = torch.where(seen[..., None], points, torch.inf).amin(1, keepdim=True)
-    high = torch.where(seen[..., None], points, -torch.inf).amax(1, keepdim=True)
+    low, high = _box(points, seen)
     return Frame(0.5 * (low + high), MARGIN * 0.5 * (high - low).amax(-1, keepdim=True).clamp(min=0.2))
 
 
@@ -49,21 +49,33 @@ def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> to
     """Return the xy and yz views of normalised (B, N, 3) points: (B, 2, size, size), rows along y.
 
     The second view looks along +x, so that z runs to its right: one network reads both, and left and right could not be
-    told apart if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 to 1, the
-    nearest one where several meet.
+    told apart if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 for the
+    cloud's farthest to 1, the nearest one where several meet.
     """
-    z, x = points[..., 2], points[..., 0]
-    xy = _splatted(points[..., 0], points[..., 1], 0.55 + 0.45 * z.clamp(-1, 1), seen, size)
-    yz = _splatted(points[..., 2], points[..., 1], 0.55 - 0.45 * x.clamp(-1, 1), seen, size)
+    near = _nearness(points, seen)
+    xy = _splatted(points[..., 0], points[..., 1], 0.1 + 0.9 * near[..., 2], seen, size)
+    yz = _splatted(points[..., 2], points[..., 1], 1.0 - 0.9 * near[..., 0], seen, size)
     return torch.stack((xy, yz), 1)
 
 
 def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
     """Return the xy view from the front and from the back (B, 2, size, size), as Democap's network sees clouds."""
-    z = 0.45 * points[..., 2].clamp(-1, 1)
-    front = _splatted(points[..., 0], points[..., 1], 0.55 + z, seen, size)
-    back = _splatted(points[..., 0], points[..., 1], 0.55 - z, seen, size)
+    z = 0.9 * _nearness(points, seen)[..., 2]
+    front = _splatted(points[..., 0], points[..., 1], 0.1 + z, seen, size)
+    back = _splatted(points[..., 0], points[..., 1], 1.0 - z, seen, size)
     return torch.stack((front, back), 1)
+
+
+def _nearness(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+    """Return (B, N, 3) in 0..1: where points lie between the first and the last of their cloud along each axis."""
+    low, high = _box(points, seen)
+    return ((points - low) / (high - low).clamp(min=_THINNEST)).clamp(0.0, 1.0)
+
+
+def _box(points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the (B, 1, 3) least and greatest coordinates of the points that are seen."""
+    low = torch.where(seen[..., None], points, torch.inf).amin(1, keepdim=True)
+    return low, torch.where(seen[..., None], points, -torch.inf).amax(1, keepdim=True)
 
 
 def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch.Tensor, size: int) -> torch.Tensor:

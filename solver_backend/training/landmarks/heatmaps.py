@@ -11,7 +11,7 @@ SIGMA_PX = 2.0
 REACH_SIGMAS = 4.5
 """Beyond so many spreads a Gaussian holds nothing."""
 WELSCH_NU = 0.05
-JS_SHARE, WELSCH_SHARE = 1.0, 1.0
+HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 
 def gaussian_heatmaps(u: torch.Tensor, v: torch.Tensor, size: int) -> torch.Tensor:
@@ -40,9 +40,9 @@ def fused(heatmaps: torch.Tensor) -> torch.Tensor:
     return torch.stack((across[:, 0], 0.5 * (down[:, 0] + down[:, 1]), across[:, 1]), -1)
 
 
-def normalised(logits: torch.Tensor) -> torch.Tensor:
-    """Return (..., H, W) maps that sum to 1 of the prediction layer's."""
-    return logits.float().flatten(-2).softmax(-1).view(logits.shape)
+def log_normalised(logits: torch.Tensor) -> torch.Tensor:
+    """Return logarithms of (..., H, W) maps that sum to 1 of the prediction layer's."""
+    return logits.float().flatten(-2).log_softmax(-1).view(logits.shape)
 
 
 def jensen_shannon(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
@@ -58,7 +58,25 @@ def divergence_from_gaussians(u: torch.Tensor, v: torch.Tensor, heatmaps: torch.
     The same as ``jensen_shannon(gaussian_heatmaps(u, v, S), heatmaps)`` but for what Gaussians hold beyond
     ``REACH_SIGMAS``: where one map is 0, the other one's mass counts ``log(2) / 2``.
     """
-    size = heatmaps.shape[-1]
+    a, index = _near(u, v, heatmaps.shape[-1])
+    b = heatmaps.flatten(-2).gather(-1, index)
+    log_middle = (0.5 * (a + b) + 1e-12).log()
+    near = a * ((a + 1e-12).log() - log_middle) + b * ((b + 1e-12).log() - log_middle)
+    return 0.5 * (near.sum(-1) + math.log(2.0) * (2.0 - a.sum(-1) - b.sum(-1)))
+
+
+def relative_entropy(u: torch.Tensor, v: torch.Tensor, log_heatmaps: torch.Tensor) -> torch.Tensor:
+    """Return ``KL(G || H) = sum G (log G - log H)``, G Gaussians about (...) coordinates, of (..., S, S) ``log H``.
+
+    Its gradient by a logit is ``H - G``, that of Jensen and Shannon's ``H (log(H / M) - JS) / 2``: nothing wherever a
+    map is surely wrong.
+    """
+    a, index = _near(u, v, log_heatmaps.shape[-1])
+    return (a * ((a + 1e-12).log() - log_heatmaps.flatten(-2).gather(-1, index))).sum(-1)
+
+
+def _near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return Gaussians about (...) coordinates where they hold anything, and which pixels those are, (..., n)."""
     side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
     around = torch.arange(side, device=u.device)
     columns, rows = (
@@ -67,11 +85,7 @@ def divergence_from_gaussians(u: torch.Tensor, v: torch.Tensor, heatmaps: torch.
     )  # fmt: skip
     down, across = _profile(v, size).gather(-1, rows), _profile(u, size).gather(-1, columns)
     a = (down[..., :, None] * across[..., None, :]).flatten(-2)
-    index = (size * rows[..., :, None] + columns[..., None, :]).flatten(-2)
-    b = heatmaps.flatten(-2).gather(-1, index)
-    log_middle = (0.5 * (a + b) + 1e-12).log()
-    near = a * ((a + 1e-12).log() - log_middle) + b * ((b + 1e-12).log() - log_middle)
-    return 0.5 * (near.sum(-1) + math.log(2.0) * (2.0 - a.sum(-1) - b.sum(-1)))
+    return a, (size * rows[..., :, None] + columns[..., None, :]).flatten(-2)
 
 
 def welsch(truth: torch.Tensor, estimate: torch.Tensor, nu: float = WELSCH_NU) -> torch.Tensor:

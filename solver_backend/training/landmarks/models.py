@@ -12,12 +12,13 @@ from solver_backend.labelling.outputs import JOINTS, MARKERS, PUBLISHED_JOINTS
 from solver_backend.training.landmarks.cloud_stream import Clouds
 from solver_backend.training.landmarks.drawing import SIZE, depth_maps, drawn, front_and_back
 from solver_backend.training.landmarks.heatmaps import (
-    JS_SHARE,
+    HEAT_SHARE,
     WELSCH_SHARE,
     divergence_from_gaussians,
     expectations,
     fused,
-    normalised,
+    log_normalised,
+    relative_entropy,
     welsch,
 )
 from solver_backend.training.landmarks.point_loss import point_loss
@@ -25,6 +26,8 @@ from solver_backend.training.landmarks.point_net import PointNet, PointNetWidths
 from solver_backend.training.landmarks.unet import UNet
 
 Loss = Literal["welsch", "bmse"]
+Divergence = Literal["kullback-leibler", "jensen-shannon"]
+"""Of heatmaps; the paper's is the second, which has no gradient where a map is surely wrong."""
 ALL_LANDMARKS = tuple(range(len(MARKERS) + len(JOINTS)))
 PUBLISHED = (*range(len(MARKERS)), *(len(MARKERS) + JOINTS.index(name) for name in PUBLISHED_JOINTS))
 """Columns of the 53 markers and 18 joints."""
@@ -74,35 +77,40 @@ class Published(LandmarkModel):
     """Two views through one UNet, one after the other in the batch; heatmaps fused by the shared y (thesis 4.2.3)."""
 
     def __init__(
-        self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE
-    ) -> None:
+        self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE,
+        divergence: Divergence = "kullback-leibler",
+    ) -> None:  # fmt: skip
         super().__init__()
-        self.columns, self.kind, self.size = columns, loss, size
+        self.columns, self.kind, self.size, self.divergence = columns, loss, size, divergence
         self.unet = UNet(1, len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
-    def heatmaps(self, maps: torch.Tensor) -> torch.Tensor:
-        """Return (B, 2, L, H, W) maps that sum to 1 of (B, 2, H, W) views."""
+    def log_heatmaps(self, maps: torch.Tensor) -> torch.Tensor:
+        """Return logarithms of (B, 2, L, H, W) maps that sum to 1 of (B, 2, H, W) views."""
         logits = self.unet(maps.flatten(0, 1)[:, None])
-        return normalised(logits).unflatten(0, (-1, 2))
+        return log_normalised(logits).unflatten(0, (-1, 2))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Jensen-Shannon of the heatmaps and Welsch, or balanced MSE, of the positions (4.14, 4.15)."""
+        """Divergence of the heatmaps and Welsch, or balanced MSE, of the positions (4.14, 4.15)."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
-        heat = self.heatmaps(depth_maps(points, seen, self.size))
+        log_heat = self.log_heatmaps(depth_maps(points, seen, self.size))
+        heat = log_heat.exp()
         views = torch.stack((truth[..., 0], truth[..., 2]), 1), torch.stack((truth[..., 1],) * 2, 1)
-        apart = divergence_from_gaussians(*views, heat).mean((1, 2))
+        if self.divergence == "jensen-shannon":
+            apart = divergence_from_gaussians(*views, heat).mean((1, 2))
+        else:
+            apart = relative_entropy(*views, log_heat).mean((1, 2))
         weight = clouds.weight / clouds.weight.mean()
         found = fused(heat)
         if self.kind == "bmse":
-            return JS_SHARE * apart.mean() + balanced_mse(found, truth, BMSE_SIGMA)
-        return (weight * (JS_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1))).mean()
+            return HEAT_SHARE * apart.mean() + balanced_mse(found, truth, BMSE_SIGMA)
+        return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1))).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return the fused centres of mass."""
         points, seen, frame, _ = drawn(clouds)
-        return _z_up(frame.metres(fused(self.heatmaps(depth_maps(points, seen, self.size)))))
+        return _z_up(frame.metres(fused(self.log_heatmaps(depth_maps(points, seen, self.size)).exp())))
 
 
 class DemocapLike(LandmarkModel):
@@ -116,20 +124,21 @@ class DemocapLike(LandmarkModel):
 
     def _read(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         logits, depth = self.unet(maps).chunk(2, 1)
-        heat = normalised(logits)
+        log_heat = log_normalised(logits)
+        heat = log_heat.exp()
         z = (heat * depth.float().tanh()).sum((-2, -1))
-        return heat, torch.stack((*expectations(heat), 1.25 * z), -1)
+        return log_heat, torch.stack((*expectations(heat), 1.25 * z), -1)
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Jensen-Shannon of the heatmaps, Welsch of the positions."""
+        """Divergence of the heatmaps, Welsch of the positions."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
-        heat, found = self._read(front_and_back(points, seen, self.size))
-        apart = divergence_from_gaussians(truth[..., 0], truth[..., 1], heat).mean(1)
+        log_heat, found = self._read(front_and_back(points, seen, self.size))
+        apart = relative_entropy(truth[..., 0], truth[..., 1], log_heat).mean(1)
         # Far from the truth Welsch's gradient fades, and no heatmap tells of depth: absolute distance leads there.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
         weight = clouds.weight / clouds.weight.mean()
-        return (weight * (JS_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1) + depth)).mean()
+        return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1) + depth)).mean()
 
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return centres of mass with the depth expected there."""

@@ -20,6 +20,7 @@ from solver_backend.training.landmarks.evaluation import SETS, judge, judged_clo
 from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks
 from solver_backend.training.landmarks.models import (
     DemocapLike,
+    Divergence,
     FromCoordinates,
     LandmarkModel,
     Loss,
@@ -53,6 +54,7 @@ class Row:
     width: int
     balance: Balance = UNBALANCED
     loss: Loss = "welsch"
+    divergence: Divergence = "kullback-leibler"
     variety: Variety = FIXED
     resolution: int = SIZE
     """Pixels of the side of a drawn map."""
@@ -65,7 +67,7 @@ class Row:
             return DemocapLike(self.width, size=self.resolution)
         if self.network == "coordinates":
             return FromCoordinates(self.width)
-        return Published(self.width, loss=self.loss, size=self.resolution)
+        return Published(self.width, loss=self.loss, size=self.resolution, divergence=self.divergence)
 
 
 def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[str, Row]:
@@ -78,6 +80,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
         raise JobInvalid(f"Maps are a multiple of {HALVED} pixels wide, not {resolution}.", hint="--resolution 160.")
     base = Row("published", width, resolution=resolution)
     rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
+    rows["base js"] = replace(base, divergence="jensen-shannon")
     rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
         "random", "lerp", "slerp", "squad", "bezier", "bspline",
     )}  # fmt: skip
