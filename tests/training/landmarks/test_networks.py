@@ -19,6 +19,7 @@ from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
     fused,
     gaussian_heatmaps,
     jensen_shannon,
+    relative_entropy,
     welsch,
 )
 from solver_backend.training.landmarks.models import (  # noqa: E402
@@ -42,22 +43,26 @@ def clouds():
 
 
 def test_a_marker_is_drawn_where_it_is_and_as_near_as_it_is():
-    points = torch.tensor([[[0.5, -0.25, 0.8], [0.5, -0.25, -0.8]]])
-    maps = depth_maps(points, torch.ones(1, 2, dtype=torch.bool), 81)
-    row, column = round(0.375 * 80), round(0.75 * 80)
-    assert maps[0, 0, row, column] == pytest.approx(0.55 + 0.45 * 0.8)  # the nearer of the two
-    assert (maps[0, 0] > 0).sum() == 9 and (maps[0, 1] > 0).sum() == 18
-    assert maps[0, 1, row, round(0.9 * 80)] == pytest.approx(0.55 - 0.45 * 0.5)  # it looks along +x
-    back = front_and_back(points, torch.ones(1, 2, dtype=torch.bool), 81)[0, 1]
-    assert back[row, column] == pytest.approx(0.55 + 0.45 * 0.8)
-    assert (depth_maps(points, torch.zeros(1, 2, dtype=torch.bool), 81) == 0).all()
+    points = torch.tensor([[[0.5, -0.25, 0.8], [0.5, -0.25, -0.8], [-0.5, 0.25, 0.0]]])
+    seen = torch.ones(1, 3, dtype=torch.bool)
+    maps = depth_maps(points, seen, 81)
+    (row, column), (high, left) = (round(0.375 * 80), round(0.75 * 80)), (round(0.625 * 80), round(0.25 * 80))
+    assert maps[0, 0, row, column] == pytest.approx(1.0)  # the nearer of the two
+    assert maps[0, 0, high, left] == pytest.approx(0.55)  # halfway
+    assert (maps[0, 0] > 0).sum() == 18 and (maps[0, 1] > 0).sum() == 27
+    # The other view looks along +x.
+    assert maps[0, 1, row, round(0.9 * 80)] == pytest.approx(0.1) and maps[0, 1, high, 40] == pytest.approx(1.0)
+    back = front_and_back(points, seen, 81)[0, 1]
+    assert back[row, column] == pytest.approx(1.0) and back[high, left] == pytest.approx(0.55)
+    assert (depth_maps(points, torch.zeros(1, 3, dtype=torch.bool), 81) == 0).all()
 
 
 def test_no_view_is_a_mirror_image_of_another():
-    points, seen = 0.8 * (2.0 * torch.rand(1, 20, 3) - 1.0), torch.ones(1, 20, dtype=torch.bool)
+    draw = torch.Generator().manual_seed(0)
+    points, seen = 0.8 * (2.0 * torch.rand(1, 20, 3, generator=draw) - 1.0), torch.ones(1, 20, dtype=torch.bool)
     x, y, z = points.unbind(-1)
     turned = torch.stack((z, y, -x), -1)  # a quarter turn about y, a rotation
-    assert torch.equal(depth_maps(turned, seen, 64)[:, 0], depth_maps(points, seen, 64)[:, 1])
+    assert torch.allclose(depth_maps(turned, seen, 64)[:, 0], depth_maps(points, seen, 64)[:, 1], atol=1e-6)
 
 
 def test_gravity_lies_along_y(clouds):
@@ -91,6 +96,25 @@ def test_the_divergence_from_gaussians_is_that_of_the_whole_maps(size):
     maps[::2] = 0.5 * maps[::2] + 0.5 * gaussian_heatmaps(where[::2, 0] + 0.02, where[::2, 1], size)
     whole = jensen_shannon(gaussian_heatmaps(where[:, 0], where[:, 1], size), maps)
     assert torch.allclose(divergence_from_gaussians(where[:, 0], where[:, 1], maps), whole, atol=2e-4)
+
+
+def test_relative_entropy_is_that_of_gaussians_to_the_maps():
+    draw = torch.Generator().manual_seed(3)
+    where = 1.6 * torch.rand(10, 2, generator=draw) - 0.8
+    log_maps = torch.randn(10, 48 * 48, generator=draw).log_softmax(-1).view(10, 48, 48)
+    gaussians = gaussian_heatmaps(where[:, 0], where[:, 1], 48)
+    whole = (gaussians * ((gaussians + 1e-12).log() - log_maps)).sum((-2, -1))
+    assert torch.allclose(relative_entropy(where[:, 0], where[:, 1], log_maps), whole, atol=2e-3)
+
+
+def test_a_map_that_is_surely_wrong_learns_by_relative_entropy_and_not_by_jensen_and_shannon():
+    truth, wrong = (torch.tensor([0.5]), torch.tensor([0.0])), (torch.tensor([-0.5]), torch.tensor([0.0]))
+    slopes = []
+    for cost in (lambda x: relative_entropy(*truth, x), lambda x: divergence_from_gaussians(*truth, x.exp())):
+        logits = (gaussian_heatmaps(*wrong, 48) + 1e-9).log().requires_grad_()
+        cost(logits.flatten(1).log_softmax(-1).view(1, 48, 48)).sum().backward()
+        slopes.append(float(logits.grad.abs().max()))
+    assert slopes[0] > 0.01 and slopes[1] < 1e-3 * slopes[0]
 
 
 def test_welsch_is_4_15():
