@@ -195,6 +195,10 @@ def _add_train(verbs: Any, common: _Parser) -> None:
     train.add_argument("--workers", type=int, help="processes that draw batches ahead of the network")
     train.add_argument("--hidden", type=int, default=512, help="width of SPoser's decoder layers")
     train.add_argument(
-        "--from", dest="start", type=Path, metavar="WEIGHTS", help="weights to start from: sposer, lifter"
+        "--from",
+        dest="start",
+        type=Path,
+        metavar="WEIGHTS",
+        help="weights to start from: sposer, lifter; landmarks: a checkpoint",
     )
     train.add_argument("--part", choices=("encoder",), help="train this part of SPoser alone, for --from's decoder")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
+from solver_backend.exchange.errors import FileDamaged, FileMissing, TrainingMismatch
 from solver_backend.exchange.outputs import atomic_output
 from solver_backend.training.landmarks.cloud_stream import Clouds
 from solver_backend.training.landmarks.models import LandmarkModel
@@ -51,16 +51,28 @@ Judge = Callable[[LandmarkModel, float, int], None]
 
 
 def train_landmarks(
-    model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path, judge: Judge
-) -> LandmarkModel:
+    model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path, judge: Judge,
+    start: Path | None = None,
+) -> LandmarkModel:  # fmt: skip
     """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
 
+    Args:
+        model: untrained.
+        draw: makes a batch of clouds.
+        settings: how long and how fast.
+        folder: of the checkpoint.
+        judge: looks at the averaged model now and then.
+        start: checkpoint of another row or seed to go on from, where ``folder`` has none.
+
     Raises:
-        TrainingMismatch, FileDamaged: the checkpoint there is another training's, or cannot be read.
+        TrainingMismatch, FileMissing, FileDamaged: the checkpoint is another training's, not there, or cannot be read.
     """
     folder.mkdir(parents=True, exist_ok=True)
     run = _Run(model, draw, settings, folder)
-    run.resume()
+    if run.checkpoint.is_file():
+        run.resume(run.checkpoint)
+    elif start:
+        run.resume(start, other_seed=True)
     run.advance()
     run.started = run.now()
     saved, judged = time.monotonic(), math.floor(settings.judged * run.share)
@@ -179,28 +191,30 @@ class _Run:
         with atomic_output(self.checkpoint, overwrite=True) as temporary:
             torch.save(state, temporary)
 
-    def resume(self) -> None:
-        """Take over the last checkpoint, if there is one; more steps or seconds may be asked for than before."""
-        if not self.checkpoint.is_file():
-            return
+    def resume(self, checkpoint: Path, *, other_seed: bool = False) -> None:
+        """Take over a checkpoint; more steps or seconds may be asked for than before."""
+        if not checkpoint.is_file():
+            raise FileMissing("There is no such checkpoint.", where=str(checkpoint))
         try:
-            state = torch.load(self.checkpoint, map_location=self.settings.device, weights_only=True)
-            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged"}
+            state = torch.load(checkpoint, map_location=self.settings.device, weights_only=True)
+            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged"} | (
+                {"seed"} if other_seed else set()
+            )
             mine = {k: v for k, v in asdict(self.settings).items() if k not in free}
             theirs = asdict(LandmarkTraining()) | state["settings"]
             changed = [key for key, value in mine.items() if theirs[key] != value]
         except Exception as error:
-            raise FileDamaged("The checkpoint cannot be read.", where=self.checkpoint.name) from error
+            raise FileDamaged("The checkpoint cannot be read.", where=checkpoint.name) from error
         if changed:
             raise TrainingMismatch(
-                f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
+                f"The checkpoint was made with other {', '.join(changed)}.", where=checkpoint.name,
                 hint="Go on with the same settings, or train into another folder.",
             )  # fmt: skip
         try:
             self.model.load_state_dict(state["model"])
         except RuntimeError as error:
             raise TrainingMismatch(
-                "The checkpoint holds another network.", where=self.checkpoint.name, hint="Train into another folder."
+                "The checkpoint holds another network.", where=checkpoint.name, hint="Train into another folder."
             ) from error
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])

@@ -101,10 +101,13 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     return rows
 
 
-def train_row(row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path) -> dict[str, Any]:
+def train_row(
+    row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path, start: Path | None = None
+) -> dict[str, Any]:
     """Train a row, judge it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
 
-    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, which no figure is of.
+    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, which no figure is of. With
+    ``start``, another row's checkpoint, it goes on from there: what then differs is the row's.
     """
     out.mkdir(parents=True, exist_ok=True)
     device = settings.device
@@ -132,7 +135,7 @@ def train_row(row: Row, table: PoseTable, body: Body, settings: LandmarkTraining
         }  # fmt: skip
         write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
 
-    train_landmarks(model, draw, settings, out, look)
+    train_landmarks(model, draw, settings, out, look, start)
     return min(history, key=lambda h: h["fixed selection"]["rmse3"])
 
 

@@ -34,7 +34,7 @@ PUBLISHED_WIDTH = 32
 
 def train_landmark_rows(
     data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
-    work: Path | None = None, progress: Progress = silent,
+    work: Path | None = None, start: Path | None = None, progress: Progress = silent,
 ) -> Finished:  # fmt: skip
     """Train one row of the tables, or go on from its checkpoint; ours is published as ``landmarks.npz`` with its card.
 
@@ -46,11 +46,12 @@ def train_landmark_rows(
         width: of the network; its own if 0 (ours 96, the published 32).
         resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
         work: folder of the checkpoint; ``out`` and the row's name if None.
+        start: checkpoint of another row or seed to go on from, where ``work`` has none.
         progress: called as recordings are read.
 
     Raises:
         JobInvalid: there is no such row, no such device, or no UNet for maps of that size.
-        FileMissing: no recordings.
+        FileMissing: no recordings, or no such checkpoint.
         TrainingMismatch, FileDamaged: the checkpoint is another's, or cannot be read.
     """
     check_device(settings.device)
@@ -66,7 +67,7 @@ def train_landmark_rows(
     out.mkdir(parents=True, exist_ok=True)
     table = table_of(data, out, progress)
     work = work or out / f"{NAME}_{row.replace(' ', '_')}_run"
-    best = train_row(rows[row], table, load_body(), settings, work)
+    best = train_row(rows[row], table, load_body(), settings, work, start)
     figures = {f"{where} {key}": v for where in best if isinstance(best[where], dict) for key, v in best[where].items()}
     if row == "ours":
         with np.load(work / "weights.npz") as arrays:

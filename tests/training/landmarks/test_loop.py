@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from solver_backend.body.body import load_body  # noqa: E402
-from solver_backend.exchange.errors import JobInvalid, TrainingMismatch  # noqa: E402
+from solver_backend.exchange.errors import FileMissing, JobInvalid, TrainingMismatch  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.training.data.sources.clips import Clip  # noqa: E402
 from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
@@ -56,6 +56,27 @@ def test_a_training_goes_on_from_its_checkpoint(tmp_path, draw):
         train_landmarks(Ours(PointNetWidths(16, 1, 2)), draw, settings(6, seed=1), tmp_path, lambda *_: None)
     with pytest.raises(TrainingMismatch, match="another network"):
         train_landmarks(Ours(PointNetWidths(32, 1, 2)), draw, settings(6), tmp_path, lambda *_: None)
+
+
+def test_rows_go_on_from_one_checkpoint(tmp_path, draw):
+    def network() -> Ours:
+        torch.manual_seed(0)
+        return Ours(PointNetWidths(16, 1, 2))
+
+    first, seen = tmp_path / "first", []
+    train_landmarks(network(), draw, settings(3), first, lambda *_: None)
+    checkpoint = first / "checkpoint.pt"
+    kept = checkpoint.read_bytes()
+    other = network()
+    train_landmarks(other, draw, settings(4, seed=1), tmp_path / "b", lambda m, s, n: seen.append(n), checkpoint)
+    assert seen == [4] and checkpoint.read_bytes() == kept
+    started = torch.load(checkpoint, weights_only=True)["model"]
+    assert all(torch.allclose(started[k], v, atol=1e-3) for k, v in other.state_dict().items())  # one small step away
+    # What the folder has comes first.
+    train_landmarks(network(), draw, settings(6, seed=1), tmp_path / "b", lambda m, s, n: seen.append(n), checkpoint)
+    assert seen == [4, 6]
+    with pytest.raises(FileMissing, match="no such checkpoint"):
+        train_landmarks(network(), draw, settings(4), tmp_path / "c", lambda *_: None, tmp_path / "none.pt")
 
 
 def test_seconds_may_be_the_processors(tmp_path, draw, monkeypatch):
