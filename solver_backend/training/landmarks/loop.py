@@ -194,12 +194,13 @@ class _Run:
     def resume(self, checkpoint: Path, *, other_seed: bool = False) -> None:
         """Take over a checkpoint; more steps or seconds may be asked for than before."""
         if not checkpoint.is_file():
-            raise FileMissing("There is no such checkpoint.", where=str(checkpoint))
+            raise FileMissing(
+                "There is no such checkpoint.", where=str(checkpoint),
+                hint="Give the checkpoint.pt in the folder of an earlier training.",
+            )  # fmt: skip
         try:
             state = torch.load(checkpoint, map_location=self.settings.device, weights_only=True)
-            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged"} | (
-                {"seed"} if other_seed else set()
-            )
+            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged", *(["seed"] * other_seed)}
             mine = {k: v for k, v in asdict(self.settings).items() if k not in free}
             theirs = asdict(LandmarkTraining()) | state["settings"]
             changed = [key for key, value in mine.items() if theirs[key] != value]

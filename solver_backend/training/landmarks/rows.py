@@ -87,8 +87,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     rows |= {kind: replace(base, balance=Balance(relevance=kind)) for kind in ("e(R)", "σ(R)", "e(D)", "σ(D)")}
     rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
     democap, coordinates = replace(base, network="democap"), Row("coordinates", 256)
-    rows |= {"democap": democap, "democap ortho": replace(democap, balance=ORTHO)}
-    rows |= {"coordinates": coordinates, "coordinates ortho": replace(coordinates, balance=ORTHO)}
+    rows |= {"democap": democap, "democap ortho": replace(democap, balance=ORTHO), "coordinates": coordinates}
     ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
     rows |= {
         "ours": ours, "ours unbalanced": replace(ours, balance=Balance()),
@@ -96,7 +95,6 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
         "ours no ghosts": replace(ours, variety=replace(Variety(), ghosts=False)),
         "ours no noise": replace(ours, variety=replace(Variety(), noise=False)),
         "ours 53 fixed": replace(ours, variety=FIXED),
-        "ours 53 fixed unbalanced": replace(ours, variety=FIXED, balance=UNBALANCED),
     }  # fmt: skip
     return rows
 
