@@ -42,6 +42,16 @@ def test_demo_capture_is_solved_to_its_promise(capture):
     assert np.abs(floor).max() < 0.06
 
 
+def test_a_world_whose_origin_is_far_away_is_solved_as_well(capture):
+    short = cut(capture, 100, 140)
+    assert short.cameras is not None
+    moved = np.array([20_000.0, -10_000.0, 0.0])
+    cameras = replace(short.cameras, t=short.cameras.t - short.cameras.R @ moved)
+    here, there = solve(short, QUICK).motion, solve(replace(short, cameras=cameras), QUICK).motion
+    off_m = np.linalg.norm(np.asarray(there.joints) - moved - np.asarray(here.joints), axis=-1)
+    assert off_m.max() < 5e-4
+
+
 @pytest.mark.parametrize("backend", ["numpy", "torch"])
 def test_the_same_input_gives_the_same_bytes(capture, backend):
     pytest.importorskip(backend)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+from array_api_compat import array_namespace
+
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
@@ -20,7 +22,7 @@ from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.subject import Subject, points_of, pose
+from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -30,6 +32,9 @@ from solver_backend.fitters.subject_calibration.keypoint_variance import with_le
 from solver_backend.fitters.subject_calibration.landmark_variance import with_window_variances
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.geometry.arrays import index, to_numpy
+
+SINGLE_TO_M = 100.0
+"""Nearer to the origin than this keys are solved in single precision, which tells places to 8 µm there."""
 
 
 def solve_by_bundle(
@@ -59,7 +64,10 @@ def solve_by_bundle(
     def solved(
         model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, number: int
     ) -> KeySolution:
-        return solve_long(model, layout, keys, schedule, partial(progress, "Global bundle", number, 3), each=each)
+        near = float(array_namespace(keys.transl).max(abs(keys.transl))) < SINGLE_TO_M
+        model, alive = model.single() if near else model, partial(progress, "Global bundle", number, 3)
+        found = solve_long(model, layout, keys.astype(model.subject.betas.dtype), schedule, alive, each=each)
+        return replace(found, keys=found.keys.astype(keys.z.dtype))
 
     found = solved(model, layout, start, plan.first, 0)
     dense = dense_layout(model, layout, found.keys, window, problem.fps)
@@ -70,7 +78,7 @@ def solve_by_bundle(
 
     for number, schedule in enumerate(plan.passes, 2 - len(plan.passes)):
         poses, keys = model.poses(found.keys, layout), found.keys
-        standing = pose(model.subject, poses).points
+        standing = points_of(model.subject, poses)
         anew = restarted(problem.measurements, layout, standing, keys, single)
         if anew is not None:
             keys, poses = anew, model.poses(anew, layout)
@@ -83,7 +91,7 @@ def solve_by_bundle(
         by_window = settings.learn_noise and problem.measurements.marker_labels is not None
         feet = settings.contacts and number > 0
         if (anew is not None or model.subject is not before) and (by_window or feet):
-            standing = pose(model.subject, poses).points
+            standing = points_of(model.subject, poses)
         data = with_learned_noise(problem, model.subject, sample, settings)
         if by_window:
             dof = KEY.dof(residuals=settings.residual_rotations) * layout.num_keys / problem.num_frames

@@ -8,7 +8,7 @@ from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.model.subject import points_of
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.types import Motion
 
@@ -35,7 +35,7 @@ def dense_layout(
         fps: frames per second.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
-    points = to_numpy(pose(model.subject, frames).points)
+    points = to_numpy(points_of(model.subject, frames))
     acceleration = float(np.linalg.norm(np.diff(points, 2, axis=0), axis=-1).mean()) * fps**2
     closer = closer_window(window, acceleration, CALM_M_S2, CLOSEST)
     return layout if closer >= window else KeyframeLayout.even(len(points), closer)

@@ -93,13 +93,13 @@ class MotionPrior:
         weight: Array | float, first: int,
     ) -> None:  # fmt: skip
         """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²`` with the coefficients c of a stencil."""
-        xp = array_namespace(value)
+        xp, single = array_namespace(value), equations.diagonal.dtype
         rest, weights = _differences(value, stencil, weight)
-        count = rest.shape[0]
-        parts = [(i, c * tangents[i : count + i]) for i, c in enumerate(stencil)]
+        count, rounded = rest.shape[0], xp.astype(tangents, single)  # matrices only steer the steps
+        parts = [(i, c * rounded[i : count + i]) for i, c in enumerate(stencil)]
         for i, left in parts:
-            left_T = xp.permute_dims(left, (0, 2, 1)) * weights[:, None, None]
-            gradient = xp.matmul(left_T, rest[..., None])[..., 0]
+            left_T = xp.permute_dims(left, (0, 2, 1)) * xp.astype(weights, single)[:, None, None]
+            gradient = _times(tangents[i : count + i], (stencil[i] * weights)[:, None] * rest)
             for j, right in parts:
                 if j >= i:
                     self._scatter(equations, i, j, xp.matmul(left_T, right), first)
@@ -127,6 +127,12 @@ class MotionPrior:
                     equations.diagonal[block, column : column + size, row : row + size] += chosen_T
             else:
                 equations.upper[rows // 2, row : row + size, column : column + size] += chosen
+
+
+def _times(tangents: Array, by_value: Array) -> Array:
+    """Return (n, d): derivatives by the tangents (n, v, d) of values from those by the values (n, v)."""
+    xp = array_namespace(tangents)
+    return xp.matmul(xp.permute_dims(tangents, (0, 2, 1)), by_value[..., None])[..., 0]
 
 
 def _differences(value: Array, stencil: tuple[int, ...], weight: Array | float) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from solver_backend.fitters.model.spherical_mean import SphericalMean
 from solver_backend.fitters.model.tangent import PoseTangent, d_pose_d_state
 from solver_backend.geometry.arrays import Array, constant, zeros
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
+from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.rotations import matrix_from_quat, quat_left_tangent
 from solver_backend.priors.base import PosePrior
 
@@ -215,7 +216,7 @@ def key_poses(
         return KeyframeCurve.spline(keys.fives(window[part]), shares, residuals=residuals)
 
     parts = [slice(i, i + BLOCK_POSES) for i in range(0, len(time), BLOCK_POSES)]
-    return PosedFrames.concatenate([curve(part).poses(prior) for part in parts])
+    return PosedFrames.concatenate(map_blocks(lambda part: curve(part).poses(prior), parts, keys.z))
 
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:

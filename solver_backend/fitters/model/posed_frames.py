@@ -13,7 +13,7 @@ from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array
 from solver_backend.geometry.rotations import exp_so3
 
-BLOCK_POSES = 2000
+BLOCK_POSES = 500
 """Frames posed at a time."""
 
 

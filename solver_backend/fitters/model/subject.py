@@ -15,6 +15,7 @@ from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, astype, constant, empty, index
+from solver_backend.geometry.parallel import map_blocks
 from solver_backend.residuals.pose_term import PoseTerm
 
 
@@ -65,14 +66,14 @@ def pose(
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
     """Return the subject's landmarks (F, L, 3) in these poses, some frames at a time."""
-    starts = range(0, frames.transl.shape[0], BLOCK_POSES)
-    parts = [pose(subject, frames.select(slice(start, start + BLOCK_POSES))).points for start in starts]
+    blocks = [slice(start, start + BLOCK_POSES) for start in range(0, frames.transl.shape[0], BLOCK_POSES)]
+    parts = map_blocks(lambda block: pose(subject, frames.select(block)).points, blocks, frames.transl)
     return array_namespace(frames.transl).concat(parts)
 
 
 def frame_equations(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float,
-    hessian_frames: np.ndarray | None = None,
+    hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:  # fmt: skip
     """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the 69 tangents of a pose.
 
@@ -81,7 +82,8 @@ def frame_equations(
         frames: F poses.
         objective: what they are judged by.
         scale: of Geman-McClure's penalty.
-        hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all.
+        hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all,
+            in the poses' own.
     """
     posed = pose(subject, frames, jacobian=True, by_shape=False)
     xp = array_namespace(posed.points)
@@ -99,7 +101,7 @@ def frame_equations(
     gradient = xp.concat([by_rotations, xp.sum(data.gradient, axis=1)], axis=-1)
     parts = [J, data.information, *(term.factors for term in poses)]
     if hessian_frames is not None:
-        chosen = index(hessian_frames, J)
+        chosen = hessian_frames if isinstance(hessian_frames, slice) else index(hessian_frames, J)
         parts = [astype(part[chosen], xp.float32) for part in parts]
     return FrameEquations(cost, gradient, lambda: _hessian(objective.poses, *parts))
 

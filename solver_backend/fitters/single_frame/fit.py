@@ -38,7 +38,7 @@ def fit_frames(
     for done, scale in enumerate(scales):
 
         def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
-            equations = frame_equations(subject, posed(prior, s), objective, scale)
+            equations = frame_equations(subject, posed(prior, s), objective, scale, slice(None))
             return equations.cost, LazyNormalEquations(
                 lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
             )
@@ -80,7 +80,7 @@ def _where(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
 def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlocks:
     """Return the normal equations of the states, ``Cᵀ H C`` and ``Cᵀ g``; a floor keeps unseen parts still."""
     xp = array_namespace(hessian)
-    C, C_T = d_pose_d_state, xp.permute_dims(d_pose_d_state, (0, 2, 1))
-    reduced = xp.matmul(C_T, xp.matmul(hessian, C))
-    eye = identity(reduced.shape[-1], reduced)
+    C = xp.astype(d_pose_d_state, hessian.dtype)
+    reduced = xp.astype(xp.matmul(xp.matrix_transpose(C), xp.matmul(hessian, C)), gradient.dtype)
+    eye, C_T = identity(reduced.shape[-1], reduced), xp.matrix_transpose(d_pose_d_state)
     return DenseBlocks(reduced + 1e-2 * eye, xp.matmul(C_T, gradient[..., None])[..., 0])

@@ -27,7 +27,7 @@ FARTHEST_M, IMPOSSIBLE_M, COINCIDENT_M = 100.0, 1e5, 0.01
 FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), (0.01, 30_000.0)
 _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 """Picture sizes beyond the edge, and the share of the detections that makes it worth a sentence."""
-_SAMPLED_FRAMES = 40
+_SAMPLED_FRAMES = 20
 
 Find = Callable[[Capture], Iterator[str]]
 
