@@ -18,7 +18,7 @@ GHOST_M = 0.12
 GUESS_WIDER, STEPS = 3.0, 5
 """Where the network has markers that are not sure counts for little; steps that a frame takes."""
 BAD_FIT_M = 0.06
-"""A body this far from its own markers in the median says nothing."""
+"""A body this far from the markers that it is laid over says nothing: of all, in the median, or of a limb's."""
 FREEDOM = 3.0
 """Degrees of freedom of Student's distribution of these distances: where a limb is posed wrongly, all are off."""
 _FARTHEST_M = 0.2
@@ -45,6 +45,7 @@ def body_evidence(
     """
     step = max(1, round(fps / CHECK_FPS / max(1.0, float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0)))
     fit, chains = FrameFit(body or load_body()), tracklets.num_chains
+    moved = _moved_with(fit.landmarks.weights, fit.body.parents)
     total, count, before = np.zeros((chains, GHOST)), np.zeros(chains), -1
     for row in range(0, len(frames), step):
         frame = int(frames[row])
@@ -64,9 +65,41 @@ def body_evidence(
             before = -1
             continue
         apart = np.linalg.norm(positions[frame, columns][:, None] - posed.points[0], axis=-1)
+        apart = np.where(_limbs_fit(markers, posed.points[0], moved), apart, GHOST_M)
         np.add.at(total, chain, np.minimum(apart, _FARTHEST_M))
         np.add.at(count, chain, 1.0)
     distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)
     far = np.concatenate([distance, np.full((chains, 1), GHOST_M)], axis=1)
     log = -0.5 * (FREEDOM + 1.0) * np.log1p((np.nan_to_num(far) / SIGMA_M) ** 2 / FREEDOM)
     return np.where(count[:, None] > 0, log, 0.0)
+
+
+def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
+    """Return (53, 53) bool: the second marker hangs on the first one's joint, or farther out on the limb.
+
+    Args:
+        weights: (53, J) shares of the joints in the markers.
+        parents: (J,) of the joints.
+    """
+    within = np.eye(len(parents), dtype=bool)
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            within[:, joint] |= within[:, parent]
+    hangs_on = weights.argmax(axis=1)
+    return within[hangs_on][:, hangs_on]
+
+
+def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Return (53,) bool: what the body is laid over from a marker's joint on outwards is near it, or is not there.
+
+    A wrist with a bar is no wrist of this body: laid over both ends, it takes a hand for one of them.
+
+    Args:
+        markers: (53, 3) metres, NaN where the body is not laid over one.
+        places: (53, 3) where the body has them.
+        moved: see ``_moved_with``.
+    """
+    squared = ((markers - places) ** 2).sum(axis=-1)
+    laid = moved & np.isfinite(squared)
+    mean = (laid * np.nan_to_num(squared)).sum(axis=1) / np.maximum(laid.sum(axis=1), 1)
+    return mean < BAD_FIT_M**2
