@@ -23,6 +23,8 @@ CHUNK_WINDOWS = 100
 """Windows solved at a time."""
 OVERLAP_WINDOWS = 8
 """Windows on both sides of a chunk that are solved along with it: what lies beyond has no say in what is kept."""
+SINGLE_TO_M = 100.0
+"""Nearer to the origin than this single precision tells places to 8 µm."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,18 @@ def solve_long(
             found.append(solved)
         keys = hemisphere_aligned(keys)
     return joined_solution(keys, found)
+
+
+def solve_in_single(
+    model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, alive: Callable[[], None],
+    each: Stretches,
+) -> KeySolution:  # fmt: skip
+    """Solve all keys as ``solve_long`` does, in single precision where they stand near enough to the origin for it."""
+    if float(array_namespace(start.transl).max(abs(start.transl))) >= SINGLE_TO_M:
+        return solve_long(model, layout, start, schedule, alive, each=each)
+    model = model.single()
+    found = solve_long(model, layout, start.astype(model.subject.betas.dtype), schedule, alive, each=each)
+    return replace(found, keys=found.keys.astype(start.z.dtype))
 
 
 def _stretch(

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from array_api_compat import array_namespace
-
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.bundle_plan import BundlePlan
-from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
+from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_in_single
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.key_density import dense_layout
 from solver_backend.fitters.keyframes.known_person import solve_known_person
@@ -32,9 +30,6 @@ from solver_backend.fitters.subject_calibration.keypoint_variance import with_le
 from solver_backend.fitters.subject_calibration.landmark_variance import with_window_variances
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.geometry.arrays import index, to_numpy
-
-SINGLE_TO_M = 100.0
-"""Nearer to the origin than this keys are solved in single precision, which tells places to 8 µm there."""
 
 
 def solve_by_bundle(
@@ -64,10 +59,7 @@ def solve_by_bundle(
     def solved(
         model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, number: int
     ) -> KeySolution:
-        near = float(array_namespace(keys.transl).max(abs(keys.transl))) < SINGLE_TO_M
-        model, alive = model.single() if near else model, partial(progress, "Global bundle", number, 3)
-        found = solve_long(model, layout, keys.astype(model.subject.betas.dtype), schedule, alive, each=each)
-        return replace(found, keys=found.keys.astype(keys.z.dtype))
+        return solve_in_single(model, layout, keys, schedule, partial(progress, "Global bundle", number, 3), each)
 
     found = solved(model, layout, start, plan.first, 0)
     dense = dense_layout(model, layout, found.keys, window, problem.fps)

@@ -14,7 +14,7 @@ import numpy as np
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
-from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_long
+from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_in_single
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.known_person_plan import KnownPersonPlan
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
@@ -52,9 +52,7 @@ def solve_known_person(
     model = BundleModel(subject, problem.prior, judged_by((data,), residuals=False))
 
     def solved(model: BundleModel, keys: Keyframes, schedule: Schedule, number: int) -> KeySolution:
-        model, alive = model.single(), partial(progress, STAGE, number, 3)
-        found = solve_long(model, layout, keys.astype(model.subject.betas.dtype), schedule, alive, each=each)
-        return replace(found, keys=found.keys.astype(keys.z.dtype))
+        return solve_in_single(model, layout, keys, schedule, partial(progress, STAGE, number, 3), each)
 
     if plan.first is not None:
         keys = solved(model, keys, plan.first, 0).keys
