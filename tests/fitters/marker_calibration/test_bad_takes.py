@@ -47,6 +47,14 @@ def test_unlabelled_markers_are_named(worn):
         solve(capture_of(worn.cloud, labels=None), BY_FRAME)
 
 
+def test_a_world_whose_origin_is_far_away_is_solved_as_well(worn, person):
+    """Where single precision would tell places to 2 mm."""
+    moved, quick = np.array([20_000.0, -10_000.0, 0.0]), SolveSettings(iterations=4)
+    here = solve(capture_of(worn.cloud), quick, person=person).motion
+    there = solve(capture_of(worn.cloud, positions=worn.cloud.positions + moved), quick, person=person).motion
+    assert np.linalg.norm(there.joints - moved - here.joints, axis=-1).max() < 5e-4
+
+
 def test_four_markers_are_too_few(worn):
     with pytest.raises(MarkersUnknown, match="at least 8 markers") as error:
         solve(capture_of(worn.cloud, positions=worn.cloud.positions[:, :4], labels=LABELS[:4]), BY_FRAME)
