@@ -2,7 +2,8 @@
 
 Errors of joints, pelvis fixed, skeleton of 1.70 m, distinct poses: at the codes that the encoder guesses, at those that
 SPoser returns, and at the nearest of all codes, on 500 poses, which is what a solver that moves the codes can reach.
-Ends: held-out poses in which one angle of foot, toes or hand is put to the end of its range, and what is decoded of it.
+Ends: held-out poses in which one angle of foot, toes or hand is put to the end of its range, and what is decoded of it;
+and a take in which it is there, and what solves of views and of markers find.
 Needs the recordings kept beside the repository (or MOCAP_SHARED_DATA); --weights measures another weight file.
 """
 
@@ -24,6 +25,7 @@ from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.pose_priors import reach
 from tests.benchmarks.pose_priors.joint_ends import held_at_ends
 from tests.benchmarks.pose_priors.prior_tables import Table, text_table
+from tests.benchmarks.pose_priors.solved_ends import solved_at_ends
 from tests.support.recordings import ABSENT, recordings_folder
 
 _TAKES = Path(__file__).resolve().parents[2] / "build" / "priors" / "fitted_takes"
@@ -42,6 +44,7 @@ def run(weights: Path = DEFAULT_WEIGHTS) -> list[Metric]:
         text_table("Held-out subjects by source", accuracy_by_source(unseen, prior.reconstruct)),
         text_table("Far dances by joint", reach.joint_errors(truth, prior.reconstruct(truth))),
         text_table("Ends of ranges", held_at_ends(prior, unseen.some_distinct(_NEAREST).astype(np.float64))),
+        text_table("Ends of ranges, solved", solved_at_ends(prior)),
     ]
     sys.stdout.write("\n".join(parts))
     return [

@@ -15,6 +15,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.chunked import Stretches, covariance_of_joints, in_turn, solve_in_single
+from solver_backend.fitters.keyframes.far_markers import drawn_back
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.known_person_plan import KnownPersonPlan
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
@@ -67,6 +68,8 @@ def solve_known_person(
     model = replace(model, objective=objective, residuals=free, codes=not free)
     found = solved(model, keys, plan.second, 2)
     found = regained(measured, model, layout, found, single, plan.second, between)
+    if free:
+        found = drawn_back(measured, model, layout, found, plan.drawing, between)
     progress(STAGE, 3, 3)
 
     keys, frames = found.keys, model.poses(control_points(found.keys, layout), layout, spline=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class KnownPersonPlan:
     """Of the pass on the prior's manifold; None where the take starts near enough."""
     second: Schedule
     """Of the pass off it: codes stay, see ``turned_keys``."""
+    drawing: Schedule
+    """Around markers that the second left far behind, which draw at its first scale."""
     stride: int
     """Every so many frames are looked at between the passes."""
     covariance_stride: int
@@ -61,4 +63,5 @@ class KnownPersonPlan:
         third, second = max(1, round(0.3 * window)), max(1, round(0.2 * window))
         first = None if near else Schedule((2 * scale,), min(3, steps), third, 3e-2, hessian_frames=3)
         last = Schedule((scale,), steps, second, 1e-2)
-        return cls(window, first, last, stride, problem.frames_of(4, 1), measured.marker_sigma is not None)
+        drawing = replace(last, scales=(4 * scale, scale))
+        return cls(window, first, last, drawing, stride, problem.frames_of(4, 1), measured.marker_sigma is not None)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.keyframes.chunked import CHUNK_WINDOWS
+from solver_backend.fitters.keyframes.chunked import CHUNK_WINDOWS, Stretch
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
@@ -62,21 +62,38 @@ def regained(
     """
     keys = found.keys
     lost = _lost_windows(measurements, layout, points_of(model.subject, model.poses(keys, layout, frames)), frames)
-    near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
-    for first, last in true_runs(near):
-        if last - first >= CHUNK_WINDOWS:
-            continue
-        part, some = layout.part(slice(first, last + 1)), slice(2 * first, 2 * last + 3)
-        judged, number = model.part(some), np.arange(part.num_keys)
-        fixed = (number < 3) & (first > 0) | (number >= part.num_keys - 3) & (last < layout.num_windows - 1)
+    for windows in ranges_around(lost):
         here = np.zeros_like(lost)
-        here[first : last + 1] = lost[first : last + 1]
-        again = _anew(here, keys, start).select(some)
-        solved = solve_keys(judged, part, again, schedule, fixed)
-        before = judged.equations(part.rows(schedule.stride), keys.select(some), schedule.scales[-1])[0]
+        here[windows] = lost[windows]
+        stretch = cut_out(model, layout, _anew(here, keys, start), schedule, windows)
+        solved = solve_keys(stretch.model, stretch.layout, stretch.keys, schedule, stretch.fixed)
+        some, rows = keys_of(windows), stretch.layout.rows(schedule.stride)
+        before = stretch.model.equations(rows, keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):
             keys = keys.replaced(some, solved.keys)
     return replace(found, keys=hemisphere_aligned(keys))
+
+
+def ranges_around(lost: np.ndarray) -> Iterator[slice]:
+    """Yield the ranges of windows that are solved again for (N,) lost ones; none that is longer than a chunk."""
+    near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
+    for first, last in true_runs(near):
+        if last - first < CHUNK_WINDOWS:
+            yield slice(first, last + 1)
+
+
+def keys_of(windows: slice) -> slice:
+    """Return the keys of a range of windows."""
+    return slice(2 * windows.start, 2 * windows.stop + 1)
+
+
+def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
+    """Return a range of windows as a problem of its own, whose outermost keys stay but at the take's ends."""
+    part, some = layout.part(windows), keys_of(windows)
+    number = np.arange(part.num_keys)
+    fixed = (number < 3) & (windows.start > 0)
+    fixed |= (number >= part.num_keys - 3) & (windows.stop < layout.num_windows)
+    return Stretch(model.part(some), part, keys.select(some), schedule, fixed)
 
 
 def _lost_windows(

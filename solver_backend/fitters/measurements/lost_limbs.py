@@ -6,32 +6,38 @@ from functools import partial
 
 import numpy as np
 
-LOST_M, BESIDE_M, LOST_SIGMAS = 0.15, 0.08, 6.0
-"""A landmark is lost where it is this far from its point, in frames beside it still so far, and so many of the point's
-standard deviations: where keys stand three frames apart, one that went astray bends four frames and takes two that
-far."""
+DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
+"""A landmark is lost where it is this far from its point, and in frames beside it still so far: what detectors mean by
+a point, and the markers of a person whose places on the skin are known. Where keys stand three frames apart, one that
+went astray bends four frames and takes two that far."""
+LOST_SIGMAS = 6.0
+"""And so many of the point's standard deviations."""
 SURE_M = 0.03
 """A point is well located where its standard deviation per axis is less."""
 SHORTEST = 3
 """Frames in a row: what is off for less is a point that was located wrongly."""
 
 
-def lost_landmarks(found: np.ndarray, points: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def lost_landmarks(
+    found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
+) -> np.ndarray:
     """Return (F, L) bool: the landmark is lost.
 
     Args:
         found: (F, L, 3) landmarks of the body, metres.
         points: (F, L, 3) where they were located, NaN where they were not.
         covariance: (F, L, 3, 3) of the points, m².
+        bounds_m: ``DETECTED_M`` or ``WORN_M``.
     """
+    lost_m, beside_m = bounds_m
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)
-    off = (variance < SURE_M**2) & (squared > np.maximum(BESIDE_M**2, LOST_SIGMAS**2 * variance))
+    off = (variance < SURE_M**2) & (squared > np.maximum(beside_m**2, LOST_SIGMAS**2 * variance))
     lost = np.zeros_like(off)
     if len(off) < SHORTEST:
         return lost
     in_a_row = partial(np.lib.stride_tricks.sliding_window_view, window_shape=SHORTEST, axis=0)
-    starts = in_a_row(off).all(axis=-1) & in_a_row(off & (squared > LOST_M**2)).any(axis=-1)
+    starts = in_a_row(off).all(axis=-1) & in_a_row(off & (squared > lost_m**2)).any(axis=-1)
     for shift in range(SHORTEST):
         lost[shift : shift + len(starts)] |= starts
     return lost

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, MARGIN_DEG, from_swing_and_twist, swing_and_twist
@@ -17,6 +19,13 @@ _ENDS = {
 """Joint, angle about x, y or z, and whether its least or greatest."""
 
 
+def ends() -> Iterator[tuple[str, int, int, float]]:
+    """Yield each end's name, its joint's row of a pose, the angle's axis, and the angle in rad, without the margin."""
+    for name, (joint, axis, side) in _ENDS.items():
+        column = SMPL_JOINTS.index(joint) - 1
+        yield name, column, axis, float(JOINT_LIMITS[column, axis, side] - np.radians(MARGIN_DEG) * (2 * side - 1))
+
+
 def held_at_ends(prior: AutoencodingPrior, poses: np.ndarray) -> Table:
     """Return for the left foot and hand the angle of a range's end, in degrees, and what of it is decoded.
 
@@ -25,9 +34,7 @@ def held_at_ends(prior: AutoencodingPrior, poses: np.ndarray) -> Table:
         poses: (N, 21, 3, 3), in which one angle at a time is put to its end, without the ranges' margin.
     """
     rows: Table = {}
-    for name, (joint, axis, side) in _ENDS.items():
-        column = SMPL_JOINTS.index(joint) - 1
-        end = JOINT_LIMITS[column, axis, side] - np.radians(MARGIN_DEG) * (2 * side - 1)
+    for name, column, axis, end in ends():
         angles = swing_and_twist(poses)
         angles[:, column, axis] = end
         asked = poses.copy()
