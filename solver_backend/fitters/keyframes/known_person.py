@@ -68,7 +68,7 @@ def solve_known_person(
     model = replace(model, objective=objective, residuals=free, codes=not free)
     found = solved(model, keys, plan.second, 2)
     found = regained(measured, model, layout, found, single, plan.second, between)
-    if free:
+    if free and plan.calibrated:
         found = drawn_back(measured, model, layout, found, plan.drawing, between)
     progress(STAGE, 3, 3)
 
