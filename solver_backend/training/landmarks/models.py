@@ -15,9 +15,9 @@ from solver_backend.training.landmarks.heatmaps import (
     HEAT_SHARE,
     WELSCH_SHARE,
     divergence_from_gaussians,
-    expectations,
     fused,
-    log_normalised,
+    gaussians_near,
+    read_maps,
     relative_entropy,
     welsch,
 )
@@ -85,24 +85,20 @@ class Published(LandmarkModel):
         self.unet = UNet(1, len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
-    def log_heatmaps(self, maps: torch.Tensor) -> torch.Tensor:
-        """Return logarithms of (B, 2, L, H, W) maps that sum to 1 of (B, 2, H, W) views."""
-        logits = self.unet(maps.flatten(0, 1)[:, None])
-        return log_normalised(logits).unflatten(0, (-1, 2))
+    def logits(self, maps: torch.Tensor) -> torch.Tensor:
+        """Return (B, 2, L, H, W), whose softmax the heatmaps are, of (B, 2, H, W) views."""
+        return self.unet(maps.flatten(0, 1)[:, None]).unflatten(0, (-1, 2))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
         """Divergence of the heatmaps and Welsch, or balanced MSE, of the positions (4.14, 4.15)."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
-        log_heat = self.log_heatmaps(depth_maps(points, seen, self.size))
-        heat = log_heat.exp()
         views = torch.stack((truth[..., 0], truth[..., 2]), 1), torch.stack((truth[..., 1],) * 2, 1)
-        if self.divergence == "jensen-shannon":
-            apart = divergence_from_gaussians(*views, heat).mean((1, 2))
-        else:
-            apart = relative_entropy(*views, log_heat).mean((1, 2))
+        gaussians, pixels = gaussians_near(*views, self.size)
+        reading = read_maps(self.logits(depth_maps(points, seen, self.size)), pixels)
+        divergence = divergence_from_gaussians if self.divergence == "jensen-shannon" else relative_entropy
+        apart, found = divergence(gaussians, reading.log_near).mean((1, 2)), fused(reading)
         weight = clouds.weight / clouds.weight.mean()
-        found = fused(heat)
         if self.kind == "bmse":
             return HEAT_SHARE * apart.mean() + balanced_mse(found, truth, BMSE_SIGMA)
         return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1))).mean()
@@ -110,7 +106,7 @@ class Published(LandmarkModel):
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return the fused centres of mass."""
         points, seen, frame, _ = drawn(clouds)
-        return _z_up(frame.metres(fused(self.log_heatmaps(depth_maps(points, seen, self.size)).exp())))
+        return _z_up(frame.metres(fused(read_maps(self.logits(depth_maps(points, seen, self.size))))))
 
 
 class DemocapLike(LandmarkModel):
@@ -122,19 +118,21 @@ class DemocapLike(LandmarkModel):
         self.unet = UNet(2, 2 * len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
-    def _read(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _read(self, maps: torch.Tensor, pixels: torch.Tensor | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return (B, L, n) logarithms of heatmaps at pixels, and (B, L, 3) positions."""
         logits, depth = self.unet(maps).chunk(2, 1)
-        log_heat = log_normalised(logits)
-        heat = log_heat.exp()
-        z = (heat * depth.float().tanh()).sum((-2, -1))
-        return log_heat, torch.stack((*expectations(heat), 1.25 * z), -1)
+        reading = read_maps(logits, pixels)
+        heat = (logits - reading.log_total[..., None, None]).exp()
+        z = (heat * depth.tanh()).sum((-2, -1))
+        return reading.log_near, torch.stack((reading.across, reading.down, 1.25 * z), -1)
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
         """Divergence of the heatmaps, Welsch of the positions."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
-        log_heat, found = self._read(front_and_back(points, seen, self.size))
-        apart = relative_entropy(truth[..., 0], truth[..., 1], log_heat).mean(1)
+        gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)
+        log_near, found = self._read(front_and_back(points, seen, self.size), pixels)
+        apart = relative_entropy(gaussians, log_near).mean(1)
         # Far from the truth Welsch's gradient fades, and no heatmap tells of depth: absolute distance leads there.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
         weight = clouds.weight / clouds.weight.mean()

@@ -15,10 +15,11 @@ from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_a
 from solver_backend.training.landmarks.evaluation import judge  # noqa: E402
 from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
     divergence_from_gaussians,
-    expectations,
     fused,
     gaussian_heatmaps,
+    gaussians_near,
     jensen_shannon,
+    read_maps,
     relative_entropy,
     welsch,
 )
@@ -76,8 +77,35 @@ def test_heatmaps_are_read_where_they_were_drawn():
     views = torch.stack((where[..., 0], where[..., 2]), 1), torch.stack((where[..., 1],) * 2, 1)
     maps = gaussian_heatmaps(*views, 160)
     assert torch.allclose(maps.sum((-2, -1)), torch.ones(3, 2, 5), atol=1e-5)
-    assert (fused(maps) - where).abs().max() < 1e-3
-    assert (expectations(maps)[0] - views[0]).abs().max() < 1e-3
+    reading = read_maps((maps + 1e-30).log())
+    assert (fused(reading) - where).abs().max() < 1e-3
+    assert (reading.across - views[0]).abs().max() < 1e-3
+
+
+def test_a_reading_is_that_of_the_softmax_and_so_is_its_derivative():
+    draw = torch.Generator().manual_seed(1)
+    logits = 3.0 * torch.randn(2, 3, 16, 16, generator=draw) + 100.0
+    pixels = torch.randint(256, (2, 3, 7), generator=draw)
+    weights = torch.randn(4, 2, 3, generator=draw)
+
+    def plain(logits: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        log_maps, line = logits.flatten(-2).log_softmax(-1), torch.linspace(-1.0, 1.0, 16)
+        maps = log_maps.exp().view(logits.shape)
+        total = logits.flatten(-2).logsumexp(-1)
+        return (maps.sum(-2) * line).sum(-1), (maps.sum(-1) * line).sum(-1), total, log_maps.gather(-1, pixels).sum(-1)
+
+    def read(logits: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        reading = read_maps(logits, pixels)
+        return reading.across, reading.down, reading.log_total, reading.log_near.sum(-1)
+
+    found = []
+    for reader in (plain, read):
+        leaf = logits.clone().requires_grad_()
+        values = torch.stack(reader(leaf))
+        (weights * values).sum().backward()
+        found.append((values, leaf.grad))
+    assert torch.allclose(found[0][0], found[1][0], atol=1e-4)
+    assert torch.allclose(found[0][1], found[1][1], atol=1e-5)
 
 
 def test_divergence_is_zero_for_equal_maps_and_log_2_for_those_apart():
@@ -95,24 +123,30 @@ def test_the_divergence_from_gaussians_is_that_of_the_whole_maps(size):
     maps = torch.softmax(sharp.flatten(1) * torch.randn(40, size * size, generator=draw), -1).view(40, size, size)
     maps[::2] = 0.5 * maps[::2] + 0.5 * gaussian_heatmaps(where[::2, 0] + 0.02, where[::2, 1], size)
     whole = jensen_shannon(gaussian_heatmaps(where[:, 0], where[:, 1], size), maps)
-    assert torch.allclose(divergence_from_gaussians(where[:, 0], where[:, 1], maps), whole, atol=2e-4)
+    near, pixels = gaussians_near(where[:, 0], where[:, 1], size)
+    assert torch.allclose(
+        divergence_from_gaussians(near, read_maps((maps + 1e-30).log(), pixels).log_near), whole, atol=2e-4
+    )
 
 
 def test_relative_entropy_is_that_of_gaussians_to_the_maps():
     draw = torch.Generator().manual_seed(3)
     where = 1.6 * torch.rand(10, 2, generator=draw) - 0.8
-    log_maps = torch.randn(10, 48 * 48, generator=draw).log_softmax(-1).view(10, 48, 48)
+    logits = torch.randn(10, 48, 48, generator=draw)
+    log_maps = logits.flatten(1).log_softmax(-1).view(10, 48, 48)
     gaussians = gaussian_heatmaps(where[:, 0], where[:, 1], 48)
     whole = (gaussians * ((gaussians + 1e-12).log() - log_maps)).sum((-2, -1))
-    assert torch.allclose(relative_entropy(where[:, 0], where[:, 1], log_maps), whole, atol=2e-3)
+    near, pixels = gaussians_near(where[:, 0], where[:, 1], 48)
+    assert torch.allclose(relative_entropy(near, read_maps(logits, pixels).log_near), whole, atol=2e-3)
 
 
 def test_a_map_that_is_surely_wrong_learns_by_relative_entropy_and_not_by_jensen_and_shannon():
     truth, wrong = (torch.tensor([0.5]), torch.tensor([0.0])), (torch.tensor([-0.5]), torch.tensor([0.0]))
     slopes = []
-    for cost in (lambda x: relative_entropy(*truth, x), lambda x: divergence_from_gaussians(*truth, x.exp())):
+    near, pixels = gaussians_near(*truth, 48)
+    for cost in (relative_entropy, divergence_from_gaussians):
         logits = (gaussian_heatmaps(*wrong, 48) + 1e-9).log().requires_grad_()
-        cost(logits.flatten(1).log_softmax(-1).view(1, 48, 48)).sum().backward()
+        cost(near, read_maps(logits, pixels).log_near).sum().backward()
         slopes.append(float(logits.grad.abs().max()))
     assert slopes[0] > 0.01 and slopes[1] < 1e-3 * slopes[0]
 
