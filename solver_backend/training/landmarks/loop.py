@@ -13,8 +13,8 @@ import torch
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, TrainingMismatch
 from solver_backend.exchange.outputs import atomic_output
-from solver_backend.training.landmarks.cloud_stream import Clouds
 from solver_backend.training.landmarks.models import LandmarkModel
+from solver_backend.training.landmarks.pose_draws import Draw
 
 _WARM_UP = 3
 """Steps before a graph is captured, so that libraries have chosen their kernels."""
@@ -51,14 +51,14 @@ Judge = Callable[[LandmarkModel, float, int], None]
 
 
 def train_landmarks(
-    model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path, judge: Judge,
+    model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, judge: Judge,
     start: Path | None = None,
 ) -> LandmarkModel:  # fmt: skip
     """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
 
     Args:
         model: untrained.
-        draw: makes a batch of clouds.
+        draw: makes a batch of clouds for a share of the training.
         settings: how long and how fast.
         folder: of the checkpoint.
         judge: looks at the averaged model now and then.
@@ -96,9 +96,7 @@ def train_landmarks(
 class _Run:
     """The state of a training."""
 
-    def __init__(
-        self, model: LandmarkModel, draw: Callable[[], Clouds], settings: LandmarkTraining, folder: Path
-    ) -> None:
+    def __init__(self, model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path) -> None:
         self.settings, self.draw = settings, draw
         self.checkpoint = folder / "checkpoint.pt"
         self.model = model.to(settings.device)
@@ -112,6 +110,7 @@ class _Run:
             self.model.parameters(), lr=self.rate, weight_decay=settings.weight_decay, capturable=cuda, fused=cuda
         )
         self.decay = torch.tensor(0.0, device=settings.device)
+        self.done = torch.tensor(0.0, device=settings.device)
         self.loss = torch.tensor(0.0, device=settings.device)
         self.graph: torch.cuda.CUDAGraph | None = None
         self.half = cuda and model.half_precision
@@ -132,7 +131,9 @@ class _Run:
 
     def advance(self) -> None:
         """Take one step."""
-        rate = self.settings.learning_rate * _schedule(self.share, self.steps)
+        share = self.share
+        rate = self.settings.learning_rate * _schedule(share, self.steps)
+        self.done.fill_(share)
         if isinstance(self.rate, torch.Tensor):
             self.rate.fill_(rate)
         else:
@@ -147,7 +148,7 @@ class _Run:
         self.steps += 1
 
     def _step(self) -> None:
-        clouds = self.draw()
+        clouds = self.draw(self.done)
         with torch.autocast(self.settings.device, torch.bfloat16, enabled=self.half):
             loss = self.model.loss(clouds)
         self.optimizer.zero_grad(set_to_none=True)

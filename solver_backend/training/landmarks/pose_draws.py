@@ -14,10 +14,15 @@ from solver_backend.training.landmarks.poses import PoseTable
 
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
 """What each relevance is of."""
-SYNTHETIC_SHARE = 0.25
-"""Part of a batch that an operator draws."""
+BLENDED_SHARE = 0.25
+"""Poses that an operator adds to a batch, for each that was recorded: oversampling takes none of those away."""
+FADES = (0.45, 0.9)
+"""Shares of a training between which a balance that fades gives way to the recorded poses as they are."""
 EXPONENTIAL_SCALE = 1.5
 """φ of the exponential kernel over the median error, so that not every pose is clamped; the sigmoid's is the median."""
+
+Draw = Callable[[torch.Tensor], Clouds]
+"""Draws a batch, given the share of the training that is done."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +33,8 @@ class Balance:
     """One of ``RELEVANCE``, or none."""
     sampler: str = ""
     """One of ``SAMPLERS``, or none."""
-    oversampled: bool = False
-    """Recorded poses are drawn by their relevance, not weighed."""
+    fades: bool = False
+    """Towards the end ordinary poses count as they occur: rare ones are learned by then, and they finish the rest."""
 
 
 def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
@@ -41,32 +46,36 @@ def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
     return sigmoid_relevance(error, median)
 
 
-def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance = Balance()) -> Callable[[], Clouds]:
-    """Return what draws a batch of clouds, on the stream's device and by torch's own generator."""
+def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance = Balance()) -> Draw:
+    """Return what draws a batch of clouds for a share of the training, on the stream's device, by torch's generator.
+
+    Args:
+        stream: makes clouds of poses.
+        table: recorded poses, and those that operators blended.
+        batch: recorded poses of a batch; what a sampler blends comes on top.
+        balance: how they are weighed, and what is added.
+    """
     device = stream.device
     recorded = torch.as_tensor(table.poses("training"), device=device)
     weight = torch.ones(len(recorded), device=device)
     if balance.relevance:
         weight = torch.as_tensor(relevance_of(table, balance.relevance), dtype=torch.float32, device=device)
-    edges = torch.cumsum(weight.double(), 0)
-    edges = (edges / edges[-1]).float()
-    drawn = round(SYNTHETIC_SHARE * batch) if balance.sampler else 0
+    drawn = round(BLENDED_SHARE * batch) if balance.sampler else 0
     rare = torch.as_tensor(table.poses(balance.sampler), device=device) if balance.sampler else recorded[:1]
     # What is blended of anchors counts as much as the rarest of what was recorded.
     rare_weight = torch.quantile(weight[:: max(1, len(weight) // 10000)], 0.99).expand(drawn).clone()
 
-    def draw() -> Clouds:
-        share = torch.rand(batch - drawn, device=device)
-        if balance.oversampled:
-            rows = torch.searchsorted(edges, share).clamp(max=len(recorded) - 1)
-            weights = torch.ones_like(share)
-        else:
-            rows = (share * len(recorded)).long().clamp(max=len(recorded) - 1)
-            weights = weight[rows]
-        poses = recorded[rows]
-        if drawn:
-            poses = torch.cat((poses, rare[torch.randint(len(rare), (drawn,), device=device)]))
-            weights = torch.cat((weights, torch.ones_like(rare_weight) if balance.oversampled else rare_weight))
+    added = torch.arange(batch + drawn, device=device) >= batch
+
+    def draw(done: torch.Tensor) -> Clouds:
+        rows = (torch.rand(batch, device=device) * len(recorded)).long().clamp(max=len(recorded) - 1)
+        blended = rare[torch.randint(len(rare), (drawn,), device=device)]
+        poses, weights = torch.cat((recorded[rows], blended)), torch.cat((weight[rows], rare_weight))
+        if balance.fades:
+            left = ((FADES[1] - done) / (FADES[1] - FADES[0])).clamp(0.0, 1.0)
+            weights = (1.0 + (weights - 1.0) * left) * torch.where(added, left, 1.0)
+            if device == "cpu" and not left:  # a GPU's step is one graph: what counts for nothing stays there
+                poses, weights = poses[:batch], weights[:batch]
         return stream.draw(poses, weights)
 
     return draw

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,8 @@ FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best: weighed by relevance, and enriched."""
+FADING = replace(ORTHO, fades=True)
+"""Ours: the same, given up towards the end."""
 
 
 HALVED = 2 ** (BLOCKS - 1)
@@ -80,6 +83,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
         raise JobInvalid(f"Maps are a multiple of {HALVED} pixels wide, not {resolution}.", hint="--resolution 160.")
     base = Row("published", width, resolution=resolution)
     rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
+    rows["ortho fading"] = replace(base, balance=FADING)
     rows["base js"] = replace(base, divergence="jensen-shannon")
     rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
         "random", "lerp", "slerp", "squad", "bezier", "bspline",
@@ -139,7 +143,7 @@ def train_row(
 
 def stream_rate(body: Body, table: PoseTable, batch: int, device: str, graph: bool, repeats: int = 50) -> float:
     """Return how many clouds a second the stream makes by itself."""
-    draw = drawer(CloudStream(body, device), table, batch)
+    draw = partial(drawer(CloudStream(body, device), table, batch), torch.tensor(0.0, device=device))
     replay, kept = _replayed(draw) if graph else (draw, None)
     for timed in (3, repeats):
         _wait(device)

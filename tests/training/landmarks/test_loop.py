@@ -15,7 +15,7 @@ from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: 
 from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks  # noqa: E402
 from solver_backend.training.landmarks.models import Ours  # noqa: E402
 from solver_backend.training.landmarks.point_net import PointNetWidths  # noqa: E402
-from solver_backend.training.landmarks.pose_draws import Balance, drawer, relevance_of  # noqa: E402
+from solver_backend.training.landmarks.pose_draws import FADES, Balance, drawer, relevance_of  # noqa: E402
 from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
 from solver_backend.training.landmarks.rows import Row, named_rows, train_row  # noqa: E402
 from solver_backend.training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor  # noqa: E402
@@ -110,6 +110,22 @@ def test_rarer_poses_weigh_more_and_relevance_is_clamped_as_published(table):
     for kind, least, most in (("σ(D)", 1, 2), ("e(D)", 1, 3), ("σ(R)", 1, 2), ("e(R)", 1, 3)):
         weight = relevance_of(table, kind)
         assert (np.diff(weight) >= 0).all() and weight.min() >= least and weight.max() <= most
+
+
+def test_what_is_blended_comes_on_top_and_gives_way_where_balance_fades(table):
+    stream = CloudStream(load_body(), "cpu")
+
+    def weights(balance: Balance, done: float) -> np.ndarray:
+        return drawer(stream, table, 8, balance)(torch.tensor(done)).weight.numpy()
+
+    stays, fades = Balance("σ(D)", "squad"), Balance("σ(D)", "squad", fades=True)
+    assert weights(Balance(), 0.0).tolist() == [1.0] * 8
+    for balance, done in ((stays, 0.0), (stays, 1.0), (fades, 0.3)):
+        drawn = weights(balance, done)
+        assert len(drawn) == 10 and (drawn > 1.1).all() and (drawn[8:] > 0.99 * drawn.max()).all()
+    halfway = weights(fades, 0.5 * (FADES[0] + FADES[1]))
+    assert len(halfway) == 10 and (halfway[:8] > 1.05).all() and (halfway[8:] < 0.8).all()
+    assert weights(fades, FADES[1]).tolist() == [1.0] * 8
 
 
 def test_a_table_keeps_its_poses(tmp_path, table):
