@@ -16,10 +16,12 @@ from solver_backend.fitters import solve
 from solver_backend.fitters.keyframes.residual_rotation import REACH, ResidualRotationTerm
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthetic.demo import demo_capture
 from solver_backend.synthetic.detector import DetectorNoise, detect
 from solver_backend.types import Capture, JointSet, Keypoints2D
+from tests.support.key_equations import dense, no_equations
 from tests.support.random_keys import random_keys
 
 SIGMA = 0.1
@@ -30,7 +32,9 @@ def cost(deviations: float) -> float:
     keys = random_keys(3)
     residual = np.zeros_like(keys.residual)
     residual[1, 4, 0] = deviations * SIGMA
-    return float(ResidualRotationTerm(np.full((21, 3), SIGMA), 2.0).cost(replace(keys, residual=residual))[1])
+    return float(
+        ResidualRotationTerm(np.full((21, 3), SIGMA), 2.0, steadiness=0.0).cost(replace(keys, residual=residual))[1]
+    )
 
 
 def test_a_small_turn_is_held_by_its_precision():
@@ -40,6 +44,21 @@ def test_a_small_turn_is_held_by_its_precision():
 def test_a_turn_without_bound_costs_no_more_than_its_reach():
     assert cost(100.0) == pytest.approx(0.5 * 2.0 * REACH**2, rel=1e-2)
     assert cost(9.0) - cost(8.0) < 0.2 * (cost(2.0) - cost(1.0))
+
+
+@pytest.mark.parametrize("count", [3, 7])
+def test_bending_over_keys_is_bounded_from_above_and_exact_within_a_window(count):
+    """At rest, where tails are Gaussian: ``n + m Bᵀ B``, but that keys about a joint of windows do not meet."""
+    n, m = 2.0, 0.5
+    keys, dof = random_keys(count), KEY.dof(residuals=True)
+    equations = no_equations(dof, count)
+    at_rest = replace(keys, residual=np.zeros_like(keys.residual))
+    ResidualRotationTerm(np.full((21, 3), SIGMA), n, steadiness=m).add_to(equations, at_rest)
+    angle = np.arange(count) * dof + dof - 63 + 12
+    found = dense(equations)[np.ix_(angle, angle)] * SIGMA**2
+    bends = np.array([[1.0, -2.0, 1.0] @ np.eye(count)[k : k + 3] for k in range(count - 2)])
+    least = np.linalg.eigvalsh(found - (n * np.eye(count) + m * bends.T @ bends))
+    assert least.min() > -1e-5 and (count > 3 or least.max() < 1e-5)
 
 
 def test_toes_that_bend_far_are_followed():

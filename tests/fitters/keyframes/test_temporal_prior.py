@@ -9,29 +9,10 @@ from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEqua
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import FADING_S, MotionPrior
 from solver_backend.fitters.model.tangent import KEY
+from tests.support.key_equations import dense, no_equations
 from tests.support.random_keys import random_keys
 
 KEYS = 7
-
-
-def no_equations(dof: int, keys: int = KEYS) -> KeyframeNormalEquations:
-    blocks = (keys + 1) // 2
-    size = 2 * dof
-    return KeyframeNormalEquations(
-        np.zeros((blocks, size, size)), np.zeros((blocks - 1, size, dof + KEY.dof())), np.zeros((blocks, size)), dof
-    )
-
-
-def dense(equations: KeyframeNormalEquations) -> np.ndarray:
-    blocks, size = equations.g.shape
-    full = np.zeros((blocks, size, blocks, size))
-    for i in range(blocks):
-        full[i, :, i] = equations.diagonal[i]
-        if i + 1 < blocks:
-            met = equations.upper.shape[-1]
-            full[i, :, i + 1, :met] = equations.upper[i]
-            full[i + 1, :met, i] = equations.upper[i].T
-    return full.reshape(blocks * size, blocks * size)
 
 
 @pytest.mark.parametrize("unseen", [None, np.array([False, False, True, True, True, False])])
@@ -39,7 +20,7 @@ def dense(equations: KeyframeNormalEquations) -> np.ndarray:
 def test_gradient_equals_central_differences(residuals, unseen):
     keys, dof = random_keys(KEYS), KEY.dof(residuals=residuals)
     terms = [MotionPrior(0.2, 2.0, 3.0, 4.0, unseen), *[ResidualRotationTerm(np.full((21, 3), 0.1), 1.0)] * residuals]
-    equations = no_equations(dof)
+    equations = no_equations(dof, KEYS)
     for term in terms:
         term.add_to(equations, keys)
     gradient = equations.g.reshape(-1)[: KEYS * dof]
@@ -54,7 +35,7 @@ def test_gradient_equals_central_differences(residuals, unseen):
 def test_hessian_is_symmetric_positive_and_exact_for_translations():
     keys = random_keys(KEYS)
     prior = MotionPrior(0.2, accel_sigma=2.0, angular_sigma=1e9, latent_sigma=1e9)
-    equations = no_equations(36)
+    equations = no_equations(36, KEYS)
     prior.add_to(equations, keys)
     full = dense(equations)[: KEYS * 36, : KEYS * 36]
     np.testing.assert_allclose(full, full.T, atol=1e-12)
