@@ -10,6 +10,8 @@ import torch
 
 SIGMA_PX = 2.0
 """Spread of a drawn heatmap."""
+SKIPPED = 2
+"""Centres of maps so smooth are the same to 0.8 mm from every second pixel along each axis."""
 REACH_SIGMAS = 4.5
 """Beyond so many spreads a Gaussian holds nothing."""
 WELSCH_NU = 0.05
@@ -42,12 +44,18 @@ class MapReading:
     """(..., n) logarithms of the maps at the pixels that were asked for."""
 
 
-def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None) -> MapReading:
-    """Return the reading of maps whose logits are (..., S, S), and their logarithms at (..., n) numbers of pixels."""
+def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
+    """Return the reading of maps whose logits are (..., S, S), and their logarithms at (..., n) numbers of pixels.
+
+    Args:
+        logits: of the maps.
+        pixels: counted along rows.
+        line: (S,) where rows and columns lie; evenly over -1..1 if None.
+    """
     side, shape = logits.shape[-1], logits.shape[:-2]
     flat = logits.reshape(-1, side * side)
     index = flat.new_empty((len(flat), 0), dtype=torch.long) if pixels is None else pixels.reshape(len(flat), -1)
-    line = torch.linspace(-1.0, 1.0, side, device=logits.device)
+    line = torch.linspace(-1.0, 1.0, side, device=logits.device) if line is None else line
     v, u = torch.meshgrid(line, line, indexing="ij")
     basis = torch.stack((torch.ones_like(u), u, v), -1).flatten(0, 1)
     log_total, centre, near = _SoftmaxReading.apply(flat, index, basis)

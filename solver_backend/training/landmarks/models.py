@@ -13,6 +13,7 @@ from solver_backend.training.landmarks.cloud_stream import Clouds
 from solver_backend.training.landmarks.drawing import SIZE, depth_maps, drawn, front_and_back
 from solver_backend.training.landmarks.heatmaps import (
     HEAT_SHARE,
+    SKIPPED,
     WELSCH_SHARE,
     divergence_from_gaussians,
     fused,
@@ -85,9 +86,9 @@ class Published(LandmarkModel):
         self.unet = UNet(1, len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
-    def logits(self, maps: torch.Tensor) -> torch.Tensor:
-        """Return (B, 2, L, H, W), whose softmax the heatmaps are, of (B, 2, H, W) views."""
-        return self.unet(maps.flatten(0, 1)[:, None]).unflatten(0, (-1, 2))
+    def logits(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
+        """Return (B, 2, L, H, W), whose softmax the heatmaps are, of (B, 2, H, W) views; of every so many pixels."""
+        return self.unet(maps.flatten(0, 1)[:, None], every).unflatten(0, (-1, 2))
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
         """Divergence of the heatmaps and Welsch, or balanced MSE, of the positions (4.14, 4.15)."""
@@ -106,7 +107,9 @@ class Published(LandmarkModel):
     def positions(self, clouds: Clouds) -> torch.Tensor:
         """Return the fused centres of mass."""
         points, seen, frame, _ = drawn(clouds)
-        return _z_up(frame.metres(fused(read_maps(self.logits(depth_maps(points, seen, self.size))))))
+        logits = self.logits(depth_maps(points, seen, self.size), SKIPPED)
+        line = torch.linspace(-1.0, 1.0, self.size, device=logits.device)[::SKIPPED]
+        return _z_up(frame.metres(fused(read_maps(logits, line=line))))
 
 
 class DemocapLike(LandmarkModel):

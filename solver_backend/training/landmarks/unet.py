@@ -28,8 +28,8 @@ class UNet(nn.Module):
         self.pools = nn.ModuleList(_SmoothPool(b) for b in widths[:-1])
         self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
-    def forward(self, maps: torch.Tensor) -> torch.Tensor:
-        """Return (B, outputs, H, W) of (B, inputs, H, W); H and W are divisible by 16."""
+    def forward(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
+        """Return (B, outputs, H, W) of (B, inputs, H, W), H and W divisible by 16; of every so many pixels."""
         kept = []
         x = maps
         for number, encoder in enumerate(self.encoders):
@@ -42,7 +42,7 @@ class UNet(nn.Module):
             x = functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
             x = decoder(torch.cat((x, same), 1))
         with torch.autocast(x.device.type, enabled=False):
-            return self._predicted(x.float())
+            return self._predicted(x[..., ::every, ::every].float())
 
     def _predicted(self, x: torch.Tensor) -> torch.Tensor:
         """Return the prediction layer's maps, each contiguous: as a product, for they are read one by one."""
