@@ -15,7 +15,8 @@ LOST_SIGMAS = 6.0
 SURE_M = 0.03
 """A point is well located where its standard deviation per axis is less."""
 SHORTEST = 3
-"""Frames in a row: what is off for less is a point that was located wrongly."""
+"""Frames in a row: what is off for less is a point that was located wrongly. A take's first and last key bend two
+frames alone, so that there one is enough."""
 
 
 def lost_landmarks(
@@ -36,8 +37,10 @@ def lost_landmarks(
     lost = np.zeros_like(off)
     if len(off) < SHORTEST:
         return lost
+    beyond = ((SHORTEST - 1, SHORTEST - 1), (0, 0))
+    off, far, lost = (np.pad(x, beyond, mode="edge") for x in (off, off & (squared > lost_m**2), lost))
     in_a_row = partial(np.lib.stride_tricks.sliding_window_view, window_shape=SHORTEST, axis=0)
-    starts = in_a_row(off).all(axis=-1) & in_a_row(off & (squared > lost_m**2)).any(axis=-1)
+    starts = in_a_row(off).all(axis=-1) & in_a_row(far).any(axis=-1)
     for shift in range(SHORTEST):
         lost[shift : shift + len(starts)] |= starts
-    return lost
+    return lost[SHORTEST - 1 : 1 - SHORTEST]
