@@ -88,13 +88,13 @@ def test_a_reading_is_that_of_the_softmax_and_so_is_its_derivative():
     pixels = torch.randint(256, (2, 3, 7), generator=draw)
     weights = torch.randn(4, 2, 3, generator=draw)
 
-    def plain(logits: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    def plain(logits):
         log_maps, line = logits.flatten(-2).log_softmax(-1), torch.linspace(-1.0, 1.0, 16)
         maps = log_maps.exp().view(logits.shape)
         total = logits.flatten(-2).logsumexp(-1)
         return (maps.sum(-2) * line).sum(-1), (maps.sum(-1) * line).sum(-1), total, log_maps.gather(-1, pixels).sum(-1)
 
-    def read(logits: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    def read(logits):
         reading = read_maps(logits, pixels)
         return reading.across, reading.down, reading.log_total, reading.log_near.sum(-1)
 
