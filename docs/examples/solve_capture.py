@@ -3,8 +3,12 @@
 CAPTURE is what the command line takes too: a Pose2Sim trial, a folder of OpenPose JSON, a capture file.
 """
 
+import os
 import sys
 from pathlib import Path
+
+# Before NumPy is loaded: the solver divides its work among cores itself, and threads in each product wait for these.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 

@@ -9,7 +9,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.robust import geman_mcclure
 
 REACH = 3.0
@@ -73,13 +73,13 @@ class ResidualRotationTerm:
         by_angle = 1.0 / constant(self.sigma.reshape(-1), scaled)
         precision, gradient = precision * by_angle**2, gradient * by_angle
         count, size = precision.shape
-        first = equations.dof - size
-        even, odd = slice(first, equations.dof), slice(equations.dof + first, 2 * equations.dof)
-        for parity, rows in ((0, even), (1, odd)):
-            index = np.arange(parity, count, 2) // 2
-            equations.diagonal[: len(index), rows, rows] += precision[parity::2, :, None] * identity(size, gradient)
-            equations.g[: len(index), rows] += gradient[parity::2]
-        unit, windows = m * by_angle**2 * identity(size, gradient), (count - 1) // 2
+        even = np.arange(equations.dof - size, equations.dof)
+        odd = even + equations.dof
+        for parity, at in ((0, even), (1, odd)):
+            blocks = slice(0, (count - parity + 1) // 2)
+            equations.diagonal[blocks, at, at] += precision[parity::2]
+            equations.g[blocks, at] += gradient[parity::2]
+        unit, windows = m * by_angle**2, (count - 1) // 2
         equations.upper[:windows, even, even] += unit
         for inner in (slice(0, windows), slice(1, windows)):  # about middle keys, about joints
             equations.diagonal[inner, even, odd] -= 2.0 * unit
