@@ -7,7 +7,8 @@ term                file                            penalises                   
 ==================  ==============================  ======================================  =========================
 temporal prior      keyframes/temporal_prior        acceleration; speed where nobody is     1 / (sigma spacing²)²
                                                     seen
-residual rotations  keyframes/residual_rotation     joints off the prior's manifold         1 / sigma²
+residual rotations  keyframes/residual_rotation     joints off the prior's manifold, with   1 / sigma²
+                                                    heavy tails; bends over three keys
 ==================  ==============================  ======================================  =========================
 
 The published bundle (thesis eqs. 6.6-6.8) has the reprojection term alone; the others are ours.
