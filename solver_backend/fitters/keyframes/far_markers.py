@@ -28,7 +28,7 @@ def drawn_back(
     """Return a solution in which windows with far markers are solved again from wide scales on, where fewer stay far.
 
     Args:
-        measurements: the markers of a known person.
+        measurements: the markers of a calibrated person: a motion's own keypoints, which a clean-up solves, are none.
         model: what the keys are judged by; they may leave the manifold.
         layout: windows of the keys.
         found: the solution.
