@@ -182,6 +182,10 @@ def _add_train(verbs: Any, common: _Parser) -> None:
     train.add_argument(
         "--resolution", type=int, default=0, help="of the maps that published rows draw; 160 if left out"
     )
+    train.add_argument(
+        "--balanced-by", choices=("rvposer", "vposer"), default="rvposer",
+        help="what tells a landmark network's rare poses, where DIR is a folder of recordings",
+    )  # fmt: skip
     train.add_argument("--seconds", type=float, help="of a landmark network's training, instead of steps")
     train.add_argument("--processor", action="store_true", help="seconds are the processor's, not the clock's")
     train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")

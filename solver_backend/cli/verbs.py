@@ -221,7 +221,7 @@ def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = LandmarkTraining(seed=args.seed, graph=args.device == "cuda", processor=args.processor, **chosen)
     finished = train_landmark_rows(
         args.data, args.out, settings, row=args.row, width=args.width, resolution=args.resolution, work=args.work,
-        start=args.start, progress=progress,
+        start=args.start, balanced_by=args.balanced_by, progress=progress,
     )  # fmt: skip
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     return Outcome(str(finished.weights), {"weights": str(finished.weights), **figures})

@@ -115,9 +115,11 @@ class Published(LandmarkModel):
 class DemocapLike(LandmarkModel):
     """Front and back depth of one view; a heatmap and a depth map of every landmark (after Chatzitofis et al. 2021)."""
 
-    def __init__(self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, size: int = SIZE) -> None:
+    def __init__(
+        self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE
+    ) -> None:
         super().__init__()
-        self.columns, self.size = columns, size
+        self.columns, self.kind, self.size = columns, loss, size
         self.unet = UNet(2, 2 * len(columns), width)
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
@@ -130,7 +132,7 @@ class DemocapLike(LandmarkModel):
         return reading.log_near, torch.stack((reading.across, reading.down, 1.25 * z), -1)
 
     def loss(self, clouds: Clouds) -> torch.Tensor:
-        """Divergence of the heatmaps, Welsch of the positions."""
+        """Divergence of the heatmaps and Welsch, or balanced MSE, of the positions; absolute distance in depth."""
         points, seen, _, targets = drawn(clouds)
         truth = targets[:, self.get_buffer("which")]
         gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)
@@ -138,6 +140,8 @@ class DemocapLike(LandmarkModel):
         apart = relative_entropy(gaussians, log_near).mean(1)
         # Far from the truth Welsch's gradient fades, and no heatmap tells of depth: absolute distance leads there.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
+        if self.kind == "bmse":
+            return (HEAT_SHARE * apart + depth).mean() + balanced_mse(found, truth, BMSE_SIGMA)
         weight = clouds.weight / clouds.weight.mean()
         return (weight * (HEAT_SHARE * apart + WELSCH_SHARE * welsch(truth, found).mean(1) + depth)).mean()
 

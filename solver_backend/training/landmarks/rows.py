@@ -67,7 +67,7 @@ class Row:
         if self.network == "ours":
             return Ours(PointNetWidths(self.width))
         if self.network == "democap":
-            return DemocapLike(self.width, size=self.resolution)
+            return DemocapLike(self.width, loss=self.loss, size=self.resolution)
         if self.network == "coordinates":
             return FromCoordinates(self.width)
         return Published(self.width, loss=self.loss, size=self.resolution, divergence=self.divergence)
@@ -91,7 +91,8 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     rows |= {kind: replace(base, balance=Balance(relevance=kind)) for kind in ("e(R)", "σ(R)", "e(D)", "σ(D)")}
     rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
     democap, coordinates = replace(base, network="democap"), Row("coordinates", 256)
-    rows |= {"democap": democap, "democap ortho": replace(democap, balance=ORTHO), "coordinates": coordinates}
+    rows |= {"democap": democap, "democap bmse": replace(democap, loss="bmse"), "coordinates": coordinates}
+    rows["democap ortho"] = replace(democap, balance=ORTHO)
     ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
     rows |= {
         "ours": ours, "ours unbalanced": replace(ours, balance=Balance()),

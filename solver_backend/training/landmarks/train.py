@@ -14,7 +14,7 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.marker_distances import NAME as TABLE_NAME
 from solver_backend.labelling.point_network import NAME
-from solver_backend.priors.gaussian_vae import load_vae
+from solver_backend.priors.gaussian_vae import VaeName, load_vae
 from solver_backend.priors.weights import PriorWeights, write_weights
 from solver_backend.training.data.corpus import HELD_OUT
 from solver_backend.training.data.sources.clips import load_clips, load_far_clips
@@ -27,6 +27,8 @@ from solver_backend.training.landmarks.poses import HELD_TAKES, PoseTable, pose_
 from solver_backend.training.landmarks.rows import named_rows, train_row
 
 TABLE = "landmark_poses.npz"
+TABLES: dict[VaeName, str] = {"rvposer": TABLE, "vposer": "landmark_poses_vposer.npz"}
+"""Of poses, by the autoencoder that says how rare one is and blends: the thesis compares the two in table 4.6."""
 DISTANCES = "distances"
 """Row that is no network: the table of markers' distances."""
 PUBLISHED_WIDTH = 32
@@ -34,7 +36,7 @@ PUBLISHED_WIDTH = 32
 
 def train_landmark_rows(
     data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
-    work: Path | None = None, start: Path | None = None, progress: Progress = silent,
+    work: Path | None = None, start: Path | None = None, balanced_by: VaeName = "rvposer", progress: Progress = silent,
 ) -> Finished:  # fmt: skip
     """Train one row of the tables, or go on from its checkpoint; ours is published as ``landmarks.npz`` with its card.
 
@@ -47,6 +49,7 @@ def train_landmark_rows(
         resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
         work: folder of the checkpoint; ``out`` and the row's name if None.
         start: checkpoint of another row or seed to go on from, where ``work`` has none.
+        balanced_by: autoencoder that says how rare a recorded pose is; a table has its own already.
         progress: called as recordings are read.
 
     Raises:
@@ -57,7 +60,7 @@ def train_landmark_rows(
     check_device(settings.device)
     if row == DISTANCES:
         out.mkdir(parents=True, exist_ok=True)
-        return Finished(write_distance_table(out / f"{TABLE_NAME}.npz", table_of(data, out, progress)), {})
+        return Finished(write_distance_table(out / f"{TABLE_NAME}.npz", table_of(data, out, progress=progress)), {})
     ours = row.startswith("ours")
     rows = named_rows(
         width or PUBLISHED_WIDTH, ours_width=width if ours and width else 0, resolution=resolution or SIZE
@@ -65,7 +68,7 @@ def train_landmark_rows(
     if row not in rows:
         raise JobInvalid(f"There is no row {row!r} of the tables (known: {', '.join((*rows, DISTANCES))}).")
     out.mkdir(parents=True, exist_ok=True)
-    table = table_of(data, out, progress)
+    table = table_of(data, out, balanced_by, progress)
     work = work or out / f"{NAME}_{row.replace(' ', '_')}_run"
     best = train_row(rows[row], table, load_body(), settings, work, start)
     figures = {f"{where} {key}": v for where in best if isinstance(best[where], dict) for key, v in best[where].items()}
@@ -77,11 +80,11 @@ def train_landmark_rows(
     return Finished(path, {key: value for key, value in figures.items() if "pck" not in key})
 
 
-def table_of(data: Path, out: Path, progress: Progress = silent) -> PoseTable:
+def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:
     """Return the poses under a folder of recordings, kept in ``out`` as reading takes minutes; or those of a table."""
-    kept = data if data.suffix == ".npz" else out / TABLE
+    kept = data if data.suffix == ".npz" else out / TABLES[balanced_by]
     if not kept.is_file():
-        pose_table(load_clips(data, progress), load_far_clips(data), load_vae("rvposer")).write(kept)
+        pose_table(load_clips(data, progress), load_far_clips(data), load_vae(balanced_by)).write(kept)
     return PoseTable.read(kept)
 
 

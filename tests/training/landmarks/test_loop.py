@@ -19,6 +19,7 @@ from solver_backend.training.landmarks.pose_draws import FADES, Balance, drawer,
 from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
 from solver_backend.training.landmarks.rows import Row, named_rows, train_row  # noqa: E402
 from solver_backend.training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor  # noqa: E402
+from solver_backend.training.landmarks.train import TABLES, table_of  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +132,14 @@ def test_what_is_blended_comes_on_top_and_gives_way_where_balance_fades(table):
 def test_a_table_keeps_its_poses(tmp_path, table):
     table.write(tmp_path / "poses.npz")
     assert np.array_equal(PoseTable.read(tmp_path / "poses.npz").poses("tail"), table.poses("tail"))
+
+
+def test_each_autoencoder_has_a_table_of_its_own(tmp_path, table):
+    table.write(tmp_path / TABLES["rvposer"])
+    PoseTable({"training": table.arrays["training"][:5]}).write(tmp_path / TABLES["vposer"])
+    assert len(table_of(tmp_path, tmp_path).poses("training")) == 12
+    assert len(table_of(tmp_path, tmp_path, "vposer").poses("training")) == 5
+    assert len(table_of(tmp_path / TABLES["vposer"], tmp_path, "rvposer").poses("training")) == 5
 
 
 def posed(**joints: tuple[float, float, float]) -> np.ndarray:

@@ -187,9 +187,10 @@ def test_the_unet_keeps_the_size_and_grows_with_the_width(width):
         lambda: Ours(PointNetWidths(16, 1, 2)),
         lambda: Published(2),
         lambda: DemocapLike(2, size=48),
+        lambda: DemocapLike(2, loss="bmse", size=48),
         lambda: FromCoordinates(8),
     ],
-    ids=["ours", "published", "democap-like", "from coordinates"],
+    ids=["ours", "published", "democap-like", "democap-like bmse", "from coordinates"],
 )
 def test_every_network_learns_one_batch_a_little_and_is_judged(make, clouds):
     torch.manual_seed(0)
