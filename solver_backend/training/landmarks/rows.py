@@ -117,8 +117,7 @@ def train_row(
     kinds = {"fixed": CloudStream(body, device, FIXED)}
     if row.network == "ours":
         kinds["any"] = CloudStream(body, device)
-    poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
-    poses = {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
+    poses = judged_poses(table, device)
     judged = {f"{kind} {name}": c for kind, s in kinds.items() for name, c in judged_clouds(s, poses).items()}
     torch.manual_seed(settings.seed)
     model = row.model()
@@ -140,6 +139,12 @@ def train_row(
 
     train_landmarks(model, draw, settings, out, look, start)
     return min(history, key=lambda h: h["fixed selection"]["rmse3"])
+
+
+def judged_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
+    """Return the (N, 22, 3) poses of each set that rows are judged on; ``selection`` chooses the weights, no figure."""
+    poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
+    return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
 
 
 def stream_rate(body: Body, table: PoseTable, batch: int, device: str, graph: bool, repeats: int = 50) -> float:

@@ -1,0 +1,1 @@
+"""Tables and a picture of landmark networks that ``train landmarks`` left."""

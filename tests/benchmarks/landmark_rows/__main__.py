@@ -1,0 +1,76 @@
+"""Tables 4.1 to 4.6 and a picture of the tail, of rows that were trained: each is a folder that ``--work`` was given.
+
+    python -m tests.benchmarks.landmark_rows --out OUT [--poses landmark_poses.npz --pictured base "ortho fading"] \
+        base=trained/base_1 "ortho fading=trained/fading_1" ...
+
+The first row is the base of all ratios. ``tables.md`` goes to OUT; with the poses also ``tail.png``, of the rows
+pictured and of the network that ships.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.exchange.outputs import write_text
+from solver_backend.labelling.point_network import load_network
+from solver_backend.training.landmarks.cloud_stream import CloudStream
+from solver_backend.training.landmarks.evaluation import judged_clouds
+from solver_backend.training.landmarks.models import LandmarkModel
+from solver_backend.training.landmarks.poses import PoseTable
+from solver_backend.training.landmarks.rows import FIXED, judged_poses
+from solver_backend.training.landmarks.tail_poses import GROUPS
+from tests.benchmarks.landmark_rows.row_tables import read_figures, row_tables
+from tests.benchmarks.landmark_rows.tail_pictures import (
+    SHOWN,
+    draw_tail,
+    landmarks,
+    representative,
+    trained_model,
+)
+
+
+def main() -> None:
+    """Write the tables, and the picture where poses are given."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rows", nargs="+", metavar="NAME=FOLDER")
+    parser.add_argument("--out", type=Path, default=Path("build/landmark_rows"))
+    parser.add_argument("--kind", choices=("fixed", "any"), default="fixed", help="clouds that tables are of")
+    parser.add_argument("--poses", type=Path, help="table of poses, for the picture")
+    parser.add_argument("--pictured", nargs="*", default=[], metavar="NAME")
+    args = parser.parse_args()
+    folders = {name: Path(folder) for name, _, folder in (row.partition("=") for row in args.rows)}
+    figures = read_figures(folders)
+    text = row_tables(figures, next(iter(folders)), args.kind)
+    args.out.mkdir(parents=True, exist_ok=True)
+    write_text(args.out / "tables.md", text + "\n", overwrite=True)
+    print(text)
+    if args.poses:
+        rows = {name: (figures[name], folders[name]) for name in args.pictured or folders}
+        models = {name: trained_model(row, folder / "weights.npz") for name, (row, folder) in rows.items()}
+        picture(PoseTable.read(args.poses), models, args.out / "tail.png")
+
+
+def picture(table: PoseTable, models: dict[str, LandmarkModel], out: Path) -> None:
+    """Draw two poses of each group of the tail and of the floor: the first row's median and 90th percentile."""
+    poses = judged_poses(table)
+    clouds = judged_clouds(CloudStream(load_body(), "cpu", FIXED), poses)
+    parts = [*clouds["tail"], *clouds["floor"]]
+    groups = np.concatenate([table.arrays["tail_group"], np.full(len(poses["floor"]), len(GROUPS))])
+    answers = {name: np.concatenate([landmarks(model, part) for part in parts]) for name, model in models.items()}
+    truth = np.concatenate([part.targets.numpy() for part in parts])
+    points = [cloud[seen].numpy() for part in parts for cloud, seen in zip(part.points, part.seen, strict=True)]
+    error = np.sqrt(np.nanmean(((next(iter(answers.values())) - truth) ** 2).sum(-1), axis=1))
+    rows = representative(error, groups)
+    answers = {name: told[rows] for name, told in answers.items()}
+    network = load_network()
+    answers["ours, ships"] = np.concatenate([network(points[row][None]).positions for row in rows])
+    titles = [f"{(*GROUPS, 'floor')[groups[row]]}, {100 * SHOWN[i % len(SHOWN)]:.0f} %" for i, row in enumerate(rows)]
+    draw_tail(out, truth[rows], [points[row] for row in rows], titles, answers)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""What tables and pictures of trained rows say, on figures and poses with known answers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from PIL import Image  # noqa: E402
+
+from solver_backend.body.body import load_body  # noqa: E402
+from solver_backend.labelling.outputs import LANDMARKS  # noqa: E402
+from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
+from solver_backend.training.landmarks.evaluation import LIMBS, SETS, judge  # noqa: E402
+from solver_backend.training.landmarks.loop import LandmarkTraining  # noqa: E402
+from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
+from solver_backend.training.landmarks.rows import FIXED, Row, judged_poses, train_row  # noqa: E402
+from tests.benchmarks.landmark_rows.row_tables import PCK_LIMITS_CM, read_figures, row_tables  # noqa: E402
+from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
+    ANSWER,
+    APART,
+    CELL,
+    TRUTH,
+    draw_tail,
+    landmarks,
+    representative,
+    trained_model,
+)
+
+
+def figures(rmse: float) -> dict:
+    pck = {f"pck{cm}_{limb}": 10.0 * cm for cm in PCK_LIMITS_CM for limb in LIMBS}
+    return {"chosen": {f"fixed {where}": {"rmse_mm": rmse, "mpjpe_mm": rmse / 2, **pck} for where in SETS}}
+
+
+def test_ratios_are_to_the_first_row(tmp_path):
+    for name, rmse in (("base", 80.0), ("ortho", 60.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "figures.json").write_text(json.dumps(figures(rmse)))
+    text = row_tables(read_figures({name: tmp_path / name for name in ("base", "ortho")}), "base")
+    assert text.count("###") == 3 and "| base | 80.0 | 1.000 | 40.0 | 1.000 | 10.0 |" in text
+    assert "| ortho | 60.0 | 0.750 | 30.0 | 0.750 | 10.0 | 10.0 | 10.0 | 30.0 |" in text
+
+
+def test_a_trained_row_is_read_back_as_it_was_judged(tmp_path):
+    rng = np.random.default_rng(0)
+    poses = {name: 0.3 * rng.normal(size=(6, 22, 3)) for name in ("training", *SETS)}
+    table = PoseTable({name: pose.astype(np.float16) for name, pose in poses.items()})
+    row = Row("published", 2, variety=FIXED, resolution=32)
+    settings = LandmarkTraining(steps=2, batch=4, judged=1)
+    best = train_row(row, table, load_body(), settings, tmp_path)
+    model = trained_model(read_figures({"row": tmp_path})["row"], tmp_path / "weights.npz")
+    torch.manual_seed(1234)
+    stream = CloudStream(load_body(), "cpu", FIXED)
+    clouds = {name: stream.draw(pose) for name, pose in judged_poses(table).items()}
+    assert judge(model, [clouds["tail"]])["rmse_mm"] == pytest.approx(best["fixed tail"]["rmse_mm"], rel=2e-3)
+    told = landmarks(model, clouds["tail"])
+    assert told.shape == (6, len(LANDMARKS), 3) and np.isnan(told).any(axis=(0, 2)).sum() == 6
+
+
+def test_shown_are_the_median_and_the_ninth_tenth_of_each_group():
+    error, groups = np.array([5.0, 1, 4, 2, 3, 9, 7, 8]), np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    assert representative(error, groups) == [4, 0, 7, 5]
+
+
+def test_what_is_apart_is_drawn_and_what_agrees_is_not(tmp_path):
+    torch.manual_seed(0)
+    truth = CloudStream(load_body(), "cpu", FIXED).draw(torch.zeros(1, 22, 3)).targets.numpy()
+    off = truth + np.array([0.15, 0.0, 0.0])
+    draw_tail(tmp_path / "tail.png", truth, [truth[0, :53]], ["standing"], {"right": truth, "off": off})
+    picture = np.asarray(Image.open(tmp_path / "tail.png")).astype(int)
+    assert picture.shape == (24 + 3 * CELL[1], 100 + CELL[0], 3)
+    cloud, right, wrong = (picture[24 + i * CELL[1] : 24 + (i + 1) * CELL[1], 100:] for i in range(3))
+
+    def of(cell: np.ndarray, colour: tuple[int, int, int]) -> int:
+        return int((np.abs(cell - colour).sum(-1) < 12).sum())
+
+    assert of(cloud, TRUTH) > 50 and not of(cloud, ANSWER)
+    assert of(right, ANSWER) > 50 and not of(right, APART)
+    assert of(wrong, APART) > 20 and of(wrong, TRUTH) > 20 > of(right, TRUTH)
