@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.exchange.progress import silent
+from solver_backend.fitters.keyframes import known_person
 from solver_backend.fitters.keyframes.key_density import closer_window, paces
 from solver_backend.fitters.keyframes.known_person_plan import CLOSEST, KnownPersonPlan
-from solver_backend.fitters.measurements.base import RoughMotion
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution
+from solver_backend.fitters.measurements.base import Measurements, RoughMotion
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
@@ -55,3 +58,27 @@ def test_fast_takes_have_closer_keys_and_a_calm_one_starts_near() -> None:
     assert fast.first is not None
     assert (slow.window, usual.window) == (4, 10)
     assert CLOSEST * 40 <= fast.window < 20 and fast.second.stride == round(0.2 * fast.window)
+
+
+@pytest.mark.parametrize("marker_sigma", [None, 0.008])
+def test_far_markers_draw_again_where_the_person_was_calibrated_and_nowhere_else(
+    monkeypatch: pytest.MonkeyPatch, marker_sigma: float | None
+) -> None:
+    """A motion's own keypoints, which a clean-up solves, belong to no marker that could lie on a bent hand."""
+    body, take = load_body(), record_markers(12, 30.0, seed=3).cloud
+    measured = measure_markers(known_markers_of(take), body, np.zeros(1))
+    measured = replace(measured, subject=Subject.average(body, measured.landmarks, np.zeros(1)))
+    sigma = None if marker_sigma is None else np.full(len(measured.landmarks.names), marker_sigma)
+    problem = Problem.of(body, load_sposer(), replace(measured, marker_sigma=sigma))
+    drawn: list[int] = []
+
+    def recorded(
+        measurements: Measurements, model: BundleModel, layout: object, found: KeySolution, *_: object
+    ) -> KeySolution:
+        drawn.append(measurements.num_frames)
+        return found
+
+    monkeypatch.setattr(known_person, "drawn_back", recorded)
+    assert problem.measurements.subject is not None
+    known_person.solve_known_person(problem, problem.measurements.subject, SolveSettings(iterations=2), silent)
+    assert drawn == ([] if marker_sigma is None else [12])
