@@ -14,6 +14,10 @@ LOST_SIGMAS = 6.0
 """And so many of the point's standard deviations."""
 SURE_M = 0.03
 """A point is well located where its standard deviation per axis is less."""
+ROUGHNESS = 2.5
+"""And so many times as far as the point lies from the middle between those before and after it, or these from theirs:
+a labeller's mistake or a ghost, which jumps from frame to frame, is no limb that the body lost. One frame off by d is
+rough by d, the frames of a few that are off alike by d / 2."""
 SHORTEST = 3
 """Frames in a row: what is off for less is a point that was located wrongly. A take's first and last key bend two
 frames alone, so that there one is enough."""
@@ -33,7 +37,8 @@ def lost_landmarks(
     lost_m, beside_m = bounds_m
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)
-    off = (variance < SURE_M**2) & (squared > np.maximum(beside_m**2, LOST_SIGMAS**2 * variance))
+    sure = np.maximum(LOST_SIGMAS**2 * variance, (ROUGHNESS * roughness(points)) ** 2)
+    off = (variance < SURE_M**2) & (squared > np.maximum(beside_m**2, sure))
     lost = np.zeros_like(off)
     if len(off) < SHORTEST:
         return lost
@@ -44,3 +49,17 @@ def lost_landmarks(
     for shift in range(SHORTEST):
         lost[shift : shift + len(starts)] |= starts
     return lost[SHORTEST - 1 : 1 - SHORTEST]
+
+
+def roughness(points: np.ndarray) -> np.ndarray:
+    """Return (F, L) how far points are from the middle between their neighbours in time, metres, at most in 3 frames.
+
+    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` of (F, L, 3) points, 0 where none of it is known.
+    """
+    apart = np.zeros(points.shape[:2])
+    middle = points[1:-1] - 0.5 * (points[:-2] + points[2:])
+    apart[1:-1] = np.nan_to_num(np.linalg.norm(middle, axis=-1))
+    most = apart.copy()
+    most[1:] = np.maximum(most[1:], apart[:-1])
+    most[:-1] = np.maximum(most[:-1], apart[1:])
+    return most
