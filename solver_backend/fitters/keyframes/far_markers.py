@@ -7,11 +7,9 @@ so far off the manifold. Optical markers whose labels passed their checks are no
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
+from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule
 from solver_backend.fitters.keyframes.restart import cut_out, keys_of, ranges_around
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import WORN_M, lost_landmarks
@@ -22,22 +20,21 @@ from solver_backend.geometry.arrays import to_numpy
 
 
 def drawn_back(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution, schedule: Schedule,
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule,
     frames: np.ndarray,
-) -> KeySolution:  # fmt: skip
-    """Return a solution in which windows with far markers are solved again from wide scales on, where fewer stay far.
+) -> Keyframes:  # fmt: skip
+    """Return keys whose windows with far markers were solved again from wide scales on, where fewer stay far.
 
     Args:
         measurements: the markers of a calibrated person: a motion's own keypoints, which a clean-up solves, are none.
         model: what the keys are judged by; they may leave the manifold.
         layout: windows of the keys.
-        found: the solution.
+        keys: of a solution.
         schedule: of the last pass, from a scale at which far markers draw.
         frames: numbers of those that are looked at.
 
     Reference: Blake and Zisserman 1987, graduated non-convexity; Black and Rangarajan 1996.
     """
-    keys = found.keys
     far = _far(measurements, model, layout, keys, frames)
     windows_of, _ = layout.positions(frames)
     lost = np.zeros(layout.num_windows, dtype=bool)
@@ -47,7 +44,7 @@ def drawn_back(
         here = (windows_of >= windows.start) & (windows_of < windows.stop)
         if _far(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
             keys = again
-    return replace(found, keys=hemisphere_aligned(keys))
+    return hemisphere_aligned(keys)
 
 
 def _far(

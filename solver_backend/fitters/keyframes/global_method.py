@@ -15,7 +15,7 @@ from solver_backend.fitters.keyframes.key_density import dense_layout
 from solver_backend.fitters.keyframes.known_person import solve_known_person
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import keypoint_constant_m, noise_inflation
-from solver_backend.fitters.keyframes.restart import regained, restarted
+from solver_backend.fitters.keyframes.restart import regained
 from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -67,23 +67,22 @@ def solve_by_bundle(
         found = replace(found, keys=keys_at(found.keys, layout, dense.key_times))
         layout, window = dense, round(problem.num_frames / dense.num_windows)
         single = keys_of_frames(problem, subject, layout)
+        objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
+        model = replace(model, objective=objective)
 
+    last = plan.first
     for number, schedule in enumerate(plan.passes, 2 - len(plan.passes)):
-        poses, keys = model.poses(found.keys, layout), found.keys
-        standing = points_of(model.subject, poses)
-        anew = restarted(problem.measurements, layout, standing, keys, single)
-        if anew is not None:
-            keys, poses = anew, model.poses(anew, layout)
+        # What is learned of a take's noise below must not hold a limb that was lost for one that is noisy.
+        keys = regained(problem.measurements, model, layout, found.keys, single, last)
+        poses, last = model.poses(keys, layout), schedule
         sample = poses.select(index(problem.sample, keys.z))
         # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
         shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=number > 0)
         judged = model.objective.frames.select(problem.sample)
-        before = model.subject
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
         by_window = settings.learn_noise and problem.measurements.marker_labels is not None
         feet = settings.contacts and number > 0
-        if (anew is not None or model.subject is not before) and (by_window or feet):
-            standing = points_of(model.subject, poses)
+        standing = points_of(model.subject, poses) if by_window or feet else None
         data = with_learned_noise(problem, model.subject, sample, settings)
         if by_window:
             dof = KEY.dof(residuals=settings.residual_rotations) * layout.num_keys / problem.num_frames
@@ -95,11 +94,11 @@ def solve_by_bundle(
         objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
         model = replace(model, objective=objective, residuals=free)
         found = solved(model, layout, keys, schedule, number + 1)
-    found = regained(problem.measurements, model, layout, found, single, plan.passes[-1])
+    keys = regained(problem.measurements, model, layout, found.keys, single, last)
     progress("Global bundle", 3, 3)
 
     # Solved on a smooth curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
-    keys, frames = found.keys, model.poses(control_points(found.keys, layout), layout, spline=True)
+    frames = model.poses(control_points(keys, layout), layout, spline=True)
     term, at = problem.measurements.term, points_of(model.subject, frames)
     inflation = noise_inflation(at, term, scale, max(1, window // 2))
     give_back_freed_memory()

@@ -20,7 +20,7 @@ from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_
 from solver_backend.fitters.keyframes.known_person_plan import KnownPersonPlan
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
 from solver_backend.fitters.keyframes.posterior import noise_inflation
-from solver_backend.fitters.keyframes.restart import regained, restarted
+from solver_backend.fitters.keyframes.restart import regained
 from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
@@ -57,22 +57,21 @@ def solve_known_person(
 
     if plan.first is not None:
         keys = solved(model, keys, plan.first, 0).keys
-    standing = points_of(subject, model.poses(keys, layout, between))
-    anew = restarted(measured, layout, standing, keys, single, between)
-    if anew is not None:
-        keys, standing = anew, points_of(subject, model.poses(anew, layout, between))
+    # What is learned of a take's noise below must not hold a limb that was lost for one that is noisy.
+    keys = regained(measured, model, layout, keys, single, plan.first or plan.second, between)
     if settings.learn_noise:
+        standing = points_of(subject, model.poses(keys, layout, between))
         dof = KEY.dof(residuals=free) * layout.num_keys / problem.num_frames
         data = with_window_variances(data, standing, problem.fps, scale, dof, looked_at)
     objective = judged_by((data,), residuals=free, looseness=plan.looseness)
     model = replace(model, objective=objective, residuals=free, codes=not free)
     found = solved(model, keys, plan.second, 2)
-    found = regained(measured, model, layout, found, single, plan.second, between)
+    keys = regained(measured, model, layout, found.keys, single, plan.second, between)
     if free and plan.calibrated:
-        found = drawn_back(measured, model, layout, found, plan.drawing, between)
+        keys = drawn_back(measured, model, layout, keys, plan.drawing, between)
     progress(STAGE, 3, 3)
 
-    keys, frames = found.keys, model.poses(control_points(found.keys, layout), layout, spline=True)
+    frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = points_of(subject, frames)
     inflation = noise_inflation(points, measured.term, scale, max(1, plan.window // 2))
     names = subject.landmarks.names

@@ -1,15 +1,14 @@
-"""Keys around a limb that the body lost are started anew, from the points that show it."""
+"""Keys around a limb that the body lost are solved again, from the points that show it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.fitters.keyframes.chunked import CHUNK_WINDOWS, Stretch
-from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
+from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_keys
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -25,42 +24,24 @@ Start = Callable[[slice], Keyframes]
 """Makes the keys of a range of windows from the points of single frames."""
 
 
-def restarted(
-    measurements: Measurements, layout: KeyframeLayout, points: Array, keys: Keyframes, start: Start,
-    frames: np.ndarray | None = None,
-) -> Keyframes | None:  # fmt: skip
-    """Return the keys with those of windows in which a limb is lost taken from ``start``; None where none is.
-
-    Args:
-        measurements: what locates the points.
-        layout: windows of the keys.
-        points: (F, L, 3) landmarks of a solution.
-        keys: its keys.
-        start: where lost windows start.
-        frames: numbers of the F frames; all of the layout if None.
-    """
-    lost = _lost_windows(measurements, layout, points, frames)
-    return _anew(lost, keys, start) if lost.any() else None
-
-
 def regained(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, found: KeySolution, start: Start,
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, start: Start,
     schedule: Schedule, frames: np.ndarray | None = None,
-) -> KeySolution:  # fmt: skip
-    """Return a solution whose lost limbs were solved again, where that lowers the cost; the rest of the take stays.
+) -> Keyframes:  # fmt: skip
+    """Return the keys with lost limbs solved again from the points, where that lowers the cost; the rest stays.
 
-    What is lost for longer than a chunk is no lost limb, and stays too.
+    Points that are wrong for some frames look like a limb that the body lost, and only the cost tells them apart. What
+    is lost for longer than a chunk is no lost limb, and stays too.
 
     Args:
         measurements: what locates the points.
         model: what the keys are judged by.
         layout: windows of the keys.
-        found: the solution.
-        start: where lost windows start.
+        keys: of a solution.
+        start: makes the keys that lost windows start from.
         schedule: of the solution's last pass.
         frames: numbers of those that are looked at; all of the layout if None.
     """
-    keys = found.keys
     lost = _lost_windows(measurements, layout, points_of(model.subject, model.poses(keys, layout, frames)), frames)
     for windows in ranges_around(lost):
         here = np.zeros_like(lost)
@@ -71,7 +52,7 @@ def regained(
         before = stretch.model.equations(rows, keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):
             keys = keys.replaced(some, solved.keys)
-    return replace(found, keys=hemisphere_aligned(keys))
+    return hemisphere_aligned(keys)
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:

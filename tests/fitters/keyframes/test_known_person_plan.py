@@ -10,10 +10,11 @@ from solver_backend.exchange.progress import silent
 from solver_backend.fitters.keyframes import known_person
 from solver_backend.fitters.keyframes.key_density import closer_window, paces
 from solver_backend.fitters.keyframes.known_person_plan import CLOSEST, KnownPersonPlan
-from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution
+from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.measurements.base import Measurements, RoughMotion
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -73,10 +74,10 @@ def test_far_markers_draw_again_where_the_person_was_calibrated_and_nowhere_else
     drawn: list[int] = []
 
     def recorded(
-        measurements: Measurements, model: BundleModel, layout: object, found: KeySolution, *_: object
-    ) -> KeySolution:
+        measurements: Measurements, model: BundleModel, layout: object, keys: Keyframes, *_: object
+    ) -> Keyframes:
         drawn.append(measurements.num_frames)
-        return found
+        return keys
 
     monkeypatch.setattr(known_person, "drawn_back", recorded)
     assert problem.measurements.subject is not None
