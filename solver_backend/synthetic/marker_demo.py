@@ -23,7 +23,7 @@ DEMO_TAKE = Path(__file__).parents[1] / "assets" / "demo_markers.c3d"
 """The committed take."""
 BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])
 """Shape of the person who wears the markers."""
-_SUBJECT, _LAYOUT = "Demo", "CMU_41"
+_SUBJECT = "Demo"
 _UNKNOWN = ("ARMBAND", "LUPA")
 """A label that no layout knows, and the place beside which its marker sits."""
 
@@ -55,19 +55,21 @@ class RecordedMarkers:
 
 
 def record_markers(
-    num_frames: int = 240, fps: float = 60.0, seed: int = 11, noise: RecordingNoise = RecordingNoise()
-) -> RecordedMarkers:
-    """Return the take: CMU's 41 markers and one whose label no layout knows.
+    num_frames: int = 240, fps: float = 60.0, seed: int = 11, noise: RecordingNoise = RecordingNoise(),
+    layout: str = "CMU_41",
+) -> RecordedMarkers:  # fmt: skip
+    """Return the take: a layout's markers and one whose label no layout knows.
 
     Args:
         num_frames: F.
         fps: frames per second.
         seed: of everything random; the motion is the same for all seeds.
         noise: the recording.
+        layout: by its name.
     """
     body, rng = load_body(), np.random.default_rng(seed)
     motion = author_motion(body, BETAS, num_frames, fps)
-    places = (*marker_layout(_LAYOUT), _UNKNOWN[1])
+    places = (*marker_layout(layout), _UNKNOWN[1])
     placement = 1e-3 * noise.placement_mm * rng.normal(size=(len(places), 3))
     placement[-1] += (0.0, 0.0, -0.04)
     posed = pose_landmarks(
@@ -79,7 +81,7 @@ def record_markers(
     measured = 1e-3 * noise.measurement_mm * rng.normal(size=(num_frames, len(places), 3))
     hidden = bursts(rng.random((len(places), num_frames)), noise.hidden, noise.hidden_s * fps).T
     points = np.where(hidden[..., None], np.nan, posed.points + sliding + measured)
-    labels = tuple(f"{_SUBJECT}:{name}" for name in (*marker_layout(_LAYOUT), _UNKNOWN[0]))
+    labels = tuple(f"{_SUBJECT}:{name}" for name in (*marker_layout(layout), _UNKNOWN[0]))
     return RecordedMarkers(MarkerCloud(points, fps, labels), posed.skeleton.joints)
 
 
