@@ -14,9 +14,7 @@ from solver_backend.training.landmarks.poses import PoseTable
 
 RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
 """What each relevance is of."""
-BLENDED_SHARE = 0.25
-"""Poses that an operator adds to a batch, for each that was recorded: oversampling takes none of those away."""
-FADES = (0.45, 0.9)
+FADES = (0.45, 0.75)
 """Shares of a training between which a balance that fades gives way to the recorded poses as they are."""
 EXPONENTIAL_SCALE = 1.5
 """φ of the exponential kernel over the median error, so that not every pose is clamped; the sigmoid's is the median."""
@@ -33,8 +31,10 @@ class Balance:
     """One of ``RELEVANCE``, or none."""
     sampler: str = ""
     """One of ``SAMPLERS``, or none."""
+    blended: float = 0.25
+    """Poses that the operator adds to a batch, for each that was recorded: oversampling takes none of those away."""
     fades: bool = False
-    """Towards the end ordinary poses count as they occur: rare ones are learned by then, and they finish the rest."""
+    """In the last part ordinary poses count as they occur: rare ones are learned by then, and they finish the rest."""
 
 
 def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
@@ -60,7 +60,7 @@ def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance =
     weight = torch.ones(len(recorded), device=device)
     if balance.relevance:
         weight = torch.as_tensor(relevance_of(table, balance.relevance), dtype=torch.float32, device=device)
-    drawn = round(BLENDED_SHARE * batch) if balance.sampler else 0
+    drawn = round(balance.blended * batch) if balance.sampler else 0
     rare = torch.as_tensor(table.poses(balance.sampler), device=device) if balance.sampler else recorded[:1]
     # What is blended of anchors counts as much as the rarest of what was recorded.
     rare_weight = torch.quantile(weight[:: max(1, len(weight) // 10000)], 0.99).expand(drawn).clone()

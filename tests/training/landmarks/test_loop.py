@@ -121,6 +121,7 @@ def test_what_is_blended_comes_on_top_and_gives_way_where_balance_fades(table):
 
     stays, fades = Balance("σ(D)", "squad"), Balance("σ(D)", "squad", fades=True)
     assert weights(Balance(), 0.0).tolist() == [1.0] * 8
+    assert weights(Balance(sampler="squad", blended=0.5), 0.0).tolist() == [1.0] * 12
     for balance, done in ((stays, 0.0), (stays, 1.0), (fades, 0.3)):
         drawn = weights(balance, done)
         assert len(drawn) == 10 and (drawn > 1.1).all() and (drawn[8:] > 0.99 * drawn.max()).all()
