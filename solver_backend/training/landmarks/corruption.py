@@ -63,10 +63,11 @@ class Corruption:
         )
 
     def _hidden(self, worn: torch.Tensor) -> torch.Tensor:
-        """Return (B, 53) bool: k of the markers worn, k uniform from 0 to n'."""
+        """Return (B, 53) bool: k of the markers worn, k uniform from 0 to n', and never all of them."""
         count = len(worn)
         rank = torch.where(worn, torch.rand(worn.shape, device=self.device), 2.0).argsort(1).argsort(1)
         k = torch.randint(self.most_hidden + 1, (count, 1), device=self.device)
+        k = torch.minimum(k, worn.sum(1, keepdim=True) - 1)
         return (rank < k) & (torch.rand(count, 1, device=self.device) < self.hidden_chance)
 
     def _displaced(self, points: torch.Tensor) -> torch.Tensor:

@@ -79,6 +79,16 @@ def test_without_any_spoiling_the_cloud_is_the_markers():
     assert (clouds.points - truth)[marker].abs().max() < 1e-6
 
 
+def test_of_few_markers_one_is_never_hidden():
+    """An empty cloud has no middle: without ghosts, training went to NaN at the first one."""
+    torch.manual_seed(0)
+    worn = torch.zeros(200, len(PLACES), dtype=torch.bool)
+    worn[:, [3, 8, 40]] = True
+    seen = Corruption("cpu", ghosts=False)(torch.zeros(200, len(PLACES), 3), worn).seen
+    assert seen.sum(1).min() == 1 and seen.sum(1).max() == 3
+    assert not seen[:, ~worn[0, :GHOST]].any()
+
+
 def test_ghosts_have_the_mean_and_covariance_of_the_visible():
     torch.manual_seed(0)
     points = torch.randn(1, GHOST, 3) @ torch.diag(torch.tensor([0.3, 0.2, 0.6])) + 1.0
