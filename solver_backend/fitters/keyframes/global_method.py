@@ -19,7 +19,7 @@ from solver_backend.fitters.keyframes.restart import regained
 from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
@@ -73,8 +73,11 @@ def solve_by_bundle(
     last = plan.first
     for number, schedule in enumerate(plan.passes, 2 - len(plan.passes)):
         # What is learned of a take's noise below must not hold a limb that was lost for one that is noisy.
-        keys = regained(problem.measurements, model, layout, found.keys, single, last)
-        poses, last = model.poses(keys, layout), schedule
+        poses = model.poses(found.keys, layout)
+        standing = points_of(model.subject, poses)
+        keys = regained(problem.measurements, model, layout, found.keys, standing, single, last)
+        if keys is not found.keys:
+            poses = model.poses(keys, layout)
         sample = poses.select(index(problem.sample, keys.z))
         # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
         shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=number > 0)
@@ -82,7 +85,8 @@ def solve_by_bundle(
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
         by_window = settings.learn_noise and problem.measurements.marker_labels is not None
         feet = settings.contacts and number > 0
-        standing = points_of(model.subject, poses) if by_window or feet else None
+        if by_window or feet:
+            standing = points_of(model.subject, poses)
         data = with_learned_noise(problem, model.subject, sample, settings)
         if by_window:
             dof = KEY.dof(residuals=settings.residual_rotations) * layout.num_keys / problem.num_frames
@@ -93,8 +97,9 @@ def solve_by_bundle(
         free = settings.residual_rotations
         objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
         model = replace(model, objective=objective, residuals=free)
-        found = solved(model, layout, keys, schedule, number + 1)
-    keys = regained(problem.measurements, model, layout, found.keys, single, last)
+        found, last = solved(model, layout, keys, schedule, number + 1), schedule
+    standing = points_of(model.subject, model.poses(found.keys, layout))
+    keys = hemisphere_aligned(regained(problem.measurements, model, layout, found.keys, standing, single, last))
     progress("Global bundle", 3, 3)
 
     # Solved on a smooth curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.

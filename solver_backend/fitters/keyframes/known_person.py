@@ -23,7 +23,7 @@ from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.keyframes.restart import regained
 from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
@@ -58,15 +58,18 @@ def solve_known_person(
     if plan.first is not None:
         keys = solved(model, keys, plan.first, 0).keys
     # What is learned of a take's noise below must not hold a limb that was lost for one that is noisy.
-    keys = regained(measured, model, layout, keys, single, plan.first or plan.second, between)
+    standing, first = points_of(subject, model.poses(keys, layout, between)), keys
+    keys = regained(measured, model, layout, first, standing, single, plan.first or plan.second, between)
     if settings.learn_noise:
-        standing = points_of(subject, model.poses(keys, layout, between))
+        if keys is not first:
+            standing = points_of(subject, model.poses(keys, layout, between))
         dof = KEY.dof(residuals=free) * layout.num_keys / problem.num_frames
         data = with_window_variances(data, standing, problem.fps, scale, dof, looked_at)
     objective = judged_by((data,), residuals=free, looseness=plan.looseness)
     model = replace(model, objective=objective, residuals=free, codes=not free)
     found = solved(model, keys, plan.second, 2)
-    keys = regained(measured, model, layout, found.keys, single, plan.second, between)
+    standing = points_of(subject, model.poses(found.keys, layout, between))
+    keys = hemisphere_aligned(regained(measured, model, layout, found.keys, standing, single, plan.second, between))
     if free and plan.calibrated:
         keys = drawn_back(measured, model, layout, keys, plan.drawing, between)
     progress(STAGE, 3, 3)

@@ -13,7 +13,6 @@ from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.subject import points_of
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.runs import true_runs
 
@@ -25,10 +24,10 @@ Start = Callable[[slice], Keyframes]
 
 
 def regained(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, start: Start,
-    schedule: Schedule, frames: np.ndarray | None = None,
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, points: Array,
+    start: Start, schedule: Schedule, frames: np.ndarray | None = None,
 ) -> Keyframes:  # fmt: skip
-    """Return the keys with lost limbs solved again from the points, where that lowers the cost; the rest stays.
+    """Return the keys with lost limbs solved again from the points, where that lowers the cost; the very same if none.
 
     Points that are wrong for some frames look like a limb that the body lost, and only the cost tells them apart. What
     is lost for longer than a chunk is no lost limb, and stays too.
@@ -38,11 +37,12 @@ def regained(
         model: what the keys are judged by.
         layout: windows of the keys.
         keys: of a solution.
+        points: (F, L, 3) its landmarks.
         start: makes the keys that lost windows start from.
         schedule: of the solution's last pass.
-        frames: numbers of those that are looked at; all of the layout if None.
+        frames: numbers of the F frames; all of the layout if None.
     """
-    lost = _lost_windows(measurements, layout, points_of(model.subject, model.poses(keys, layout, frames)), frames)
+    lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
         here = np.zeros_like(lost)
         here[windows] = lost[windows]
@@ -51,8 +51,8 @@ def regained(
         some, rows = keys_of(windows), stretch.layout.rows(schedule.stride)
         before = stretch.model.equations(rows, keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):
-            keys = keys.replaced(some, solved.keys)
-    return hemisphere_aligned(keys)
+            keys = hemisphere_aligned(keys.replaced(some, solved.keys))
+    return keys
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:

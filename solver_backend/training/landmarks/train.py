@@ -26,8 +26,7 @@ from solver_backend.training.landmarks.loop import LandmarkTraining
 from solver_backend.training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
 from solver_backend.training.landmarks.rows import named_rows, train_row
 
-TABLE = "landmark_poses.npz"
-TABLES: dict[VaeName, str] = {"rvposer": TABLE, "vposer": "landmark_poses_vposer.npz"}
+TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
 """Of poses, by the autoencoder that says how rare one is and blends: the thesis compares the two in table 4.6."""
 DISTANCES = "distances"
 """Row that is no network: the table of markers' distances."""

@@ -43,6 +43,10 @@ def main() -> None:
     parser.add_argument("--pictured", nargs="*", default=[], metavar="NAME")
     args = parser.parse_args()
     folders = {name: Path(folder) for name, _, folder in (row.partition("=") for row in args.rows)}
+    missing = [name for name, folder in folders.items() if not (folder / "figures.json").is_file()]
+    unknown = [name for name in args.pictured if name not in folders]
+    if missing or unknown:
+        parser.error(f"No figures.json for {', '.join(missing + unknown)}: give NAME=FOLDER, the folder of --work.")
     figures = read_figures(folders)
     text = row_tables(figures, next(iter(folders)), args.kind)
     args.out.mkdir(parents=True, exist_ok=True)
