@@ -20,7 +20,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.body.markers import marker_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -52,7 +52,8 @@ CONSTANT_WEIGHT, PULLS = 30.0, {"vposer": 0.1, "rvposer": 5.0}
 """λ_θ of the fits to keypoints, each the best of several on training takes."""
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "bench_pose_ndf"
 _BODY = load_body()
-_SUBJECT = Subject(_BODY, marker_landmarks(_BODY, LAYOUT), np.zeros(10), np.zeros((len(LAYOUT), 3)))
+_NAMES = marker_layout(LAYOUT)
+_SUBJECT = Subject(_BODY, marker_landmarks(_BODY, _NAMES), np.zeros(10), np.zeros((len(_NAMES), 3)))
 
 
 def run() -> list[Metric]:

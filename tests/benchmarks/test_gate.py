@@ -75,5 +75,12 @@ def test_an_unknown_name_lists_the_known_ones(figures, capsys):
     assert "There is no benchmark other. There are: made_up." in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", runner.discover())
+def test_every_benchmark_can_start(name):
+    module = runner.importlib.import_module(f"tests.benchmarks.{runner.PREFIX}{name}")
+    assert module.__doc__
+    assert callable(module.run)
+
+
 def test_the_real_benchmarks_are_found():
     assert {"demo", "held_out"} <= set(runner.discover())
