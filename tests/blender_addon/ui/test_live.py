@@ -87,7 +87,9 @@ def test_a_child_that_dies_is_said_to_have_died(started):
 def test_stopping_while_it_starts_is_no_failure(started):
     assert bpy.ops.mocap.live_stop() == {"FINISHED"}
     until(lambda: not live.busy)
-    assert live.failure == "" and live.recorded == ""
+    assert live.failure == ""
+    # A child that starts fast has frames by then: those are kept.
+    assert live.recorded == "" or Path(live.recorded).stat().st_size > 0
 
 
 def test_another_file_ends_the_run(started):
