@@ -34,7 +34,7 @@ WHEEL_SHA256 = {
     "array_api_compat-1.16.0-py3-none-any.whl": "0464934d7d5f1e9b728b2e248da52400630b1fcb46b70073eab3c7ae084290aa",
 }
 """The wheels a manifest may list. They are pure Python: Blender brings NumPy itself."""
-_LEFT_OUT = frozenset({"__pycache__", "baselines", "training"})
+_LEFT_OUT = frozenset({"__pycache__", "training"})
 _COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from solver_backend.priors.base import AutoencodingPrior
     from solver_backend.priors.sposer import load_sposer
     from solver_backend.report.page import write_report
-    from solver_backend.synthetic.demo import demo_capture
+    from solver_backend.synthesis.embedded.demo import demo_capture
     from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, Motion
 
 __version__ = "0.1.0"
@@ -34,7 +34,7 @@ _HOMES = {
     "priors.base": ("AutoencodingPrior",),
     "priors.sposer": ("load_sposer",),
     "report.page": ("write_report",),
-    "synthetic.demo": ("demo_capture",),
+    "synthesis.embedded.demo": ("demo_capture",),
     "types": ("Cameras", "Capture", "Keypoints2D", "MarkerCloud", "Motion"),
 }
 """Module -> public names that live there."""

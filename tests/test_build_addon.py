@@ -18,7 +18,7 @@ import build_addon
 import solver_backend
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 
 _SOLVE = """
 import json, subprocess, sys

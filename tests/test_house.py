@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PRODUCT = ("solver_backend", "blender_addon", "assets_procedural")
+PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research")
 LONGEST = 300
 """Lines of a product file."""
 

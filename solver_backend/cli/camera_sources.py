@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
     CalibrationMissing,
@@ -14,16 +17,13 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
-from solver_backend.rig.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
-from solver_backend.rig.extrinsics.result import RigCalibration
-from solver_backend.rig.intrinsics.known_lenses import known_lenses
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 if TYPE_CHECKING:
-    from solver_backend.rig.boards.board import Board
-    from solver_backend.rig.extrinsics.board_session import BoardOptions
-    from solver_backend.rig.extrinsics.evidence import Evidence
-    from solver_backend.rig.intrinsics.camera_lens import CameraLens
+    from solver_backend.camera_calibration.boards.board import Board
+    from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
+    from solver_backend.camera_calibration.extrinsics.evidence import Evidence
+    from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
@@ -57,9 +57,9 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
         CommandLineInvalid: the board or a lens model is not known.
         CalibrationInvalid: a camera has too few pictures of the board.
     """
-    from solver_backend.rig.extrinsics.board_session import calibrate_lenses
-    from solver_backend.rig.extrinsics.session_folders import board_footage
-    from solver_backend.rig.intrinsics.view_selection import coverage_svg
+    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses
+    from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
+    from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
@@ -73,8 +73,8 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
 
 
 def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
-    from solver_backend.rig.boards.board import board_named
-    from solver_backend.rig.extrinsics.board_session import BoardOptions
+    from solver_backend.camera_calibration.boards.board import board_named
+    from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
 
     told = args.board or next((str(p) for p in _told_boards(args.footage or args.source)), None)
     if told is None:
@@ -87,8 +87,8 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
-    from solver_backend.rig.extrinsics.board_session import calibrate_by_board
-    from solver_backend.rig.extrinsics.session_folders import board_footage
+    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
+    from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
@@ -101,7 +101,7 @@ def _told_boards(folder: Path) -> list[Path]:
 
 
 def _by_person(args: argparse.Namespace, progress: Progress) -> RigCalibration:
-    from solver_backend.rig.extrinsics.person_session import PersonOptions, calibrate_by_person
+    from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
 
     length = None
     if args.length is not None:
@@ -129,11 +129,11 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
     """Return the same of detections without calibration: the person is the largest in each view."""
+    from solver_backend.camera_calibration.extrinsics.main_person import main_person
     from solver_backend.io.calibration.search import levels_above
     from solver_backend.io.captures.openpose_json import read_detections
     from solver_backend.io.captures.pose2sim import camera_folders, read_config
     from solver_backend.io.footage.footage import find_footage, headers
-    from solver_backend.rig.extrinsics.main_person import main_person
 
     folders = camera_folders(args.source)
     levels = levels_above(args.source)
@@ -156,7 +156,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
 
 
 def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
-    from solver_backend.rig.extrinsics.points_session import calibrate_by_points, read_clicks
+    from solver_backend.camera_calibration.extrinsics.points_session import calibrate_by_points, read_clicks
 
     clicks = read_clicks(args.source)
     if args.lenses is None:
@@ -166,7 +166,7 @@ def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
 
 
 def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
-    from solver_backend.rig.extrinsics.person_session import refine_by_person
+    from solver_backend.camera_calibration.extrinsics.person_session import refine_by_person
 
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Cameras from the person", 0, 1)
@@ -175,10 +175,10 @@ def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
 
 def _together(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     """Return an earlier calibration adjusted to a board, a take and clicks at once."""
+    from solver_backend.camera_calibration.extrinsics.evidence import clicks_evidence, in_world_of, person_evidence
+    from solver_backend.camera_calibration.extrinsics.points_session import read_clicks
+    from solver_backend.camera_calibration.extrinsics.together import calibrate_together
     from solver_backend.io.calibration import read_calibration
-    from solver_backend.rig.extrinsics.evidence import clicks_evidence, in_world_of, person_evidence
-    from solver_backend.rig.extrinsics.points_session import read_clicks
-    from solver_backend.rig.extrinsics.together import calibrate_together
 
     if args.footage is None and args.take is None and args.clicks is None:
         raise CommandLineInvalid("Together with what?", hint="Tell --footage, --take or --clicks, or several of them.")
@@ -205,10 +205,10 @@ def _together(args: argparse.Namespace, progress: Progress) -> RigCalibration:
 
 
 def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> Evidence:
-    from solver_backend.rig.extrinsics.board_session import find_boards
-    from solver_backend.rig.extrinsics.evidence import board_evidence
-    from solver_backend.rig.extrinsics.session_folders import board_footage
-    from solver_backend.rig.frames import VIDEOS
+    from solver_backend.camera_calibration.extrinsics.board_session import find_boards
+    from solver_backend.camera_calibration.extrinsics.evidence import board_evidence
+    from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
+    from solver_backend.camera_calibration.frames import VIDEOS
 
     board, options = _board_options(args)
     footage = board_footage(args.footage).rig

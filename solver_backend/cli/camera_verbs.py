@@ -61,10 +61,10 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a board to print, and beside it the file that tells what it is."""
+    from solver_backend.camera_calibration.boards.board import board_named, board_toml
+    from solver_backend.camera_calibration.boards.page import board_page
+    from solver_backend.camera_calibration.boards.page_files import pdf, svg
     from solver_backend.exchange.outputs import write_text
-    from solver_backend.rig.boards.board import board_named, board_toml
-    from solver_backend.rig.boards.page import board_page
-    from solver_backend.rig.boards.page_files import pdf, svg
 
     suffix, overwrite = args.out.suffix.lower(), bool(args.overwrite)
     if suffix not in (".pdf", ".svg"):
@@ -90,9 +90,9 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find cameras by a board, a person or clicked points, or refine them, and write them."""
+    from solver_backend.camera_calibration.formats.write import format_of, write_calibration
+    from solver_backend.camera_calibration.intrinsics.library import keep_lenses
     from solver_backend.cli.camera_sources import calibrated
-    from solver_backend.rig.formats.write import format_of, write_calibration
-    from solver_backend.rig.intrinsics.library import keep_lenses
 
     if args.method == "lenses":
         return _lenses(args, progress)
@@ -103,7 +103,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = calibrated(args, progress)
     write_calibration(args.out, found.cameras, kind, found.rmse_px, overwrite=overwrite)
     if args.keep_lenses is not None:
-        from solver_backend.rig.adjustment.lens import lens_of
+        from solver_backend.camera_calibration.adjustment.lens import lens_of
 
         names = found.cameras.names
         errors = {n: e for n, told in found.lenses.items() if isinstance(e := told.get("held_out_px"), float)}
@@ -113,8 +113,8 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the lenses alone and add them to a library."""
+    from solver_backend.camera_calibration.intrinsics.library import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
-    from solver_backend.rig.intrinsics.library import keep_lenses
 
     if args.out.suffix.lower() != ".json":
         raise CommandLineInvalid("Lenses are kept in a library that ends in .json.", where=str(args.out))
@@ -137,8 +137,8 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Say whether a capture's calibration fits what was seen."""
+    from solver_backend.camera_calibration.check.calibration_check import check_calibration
     from solver_backend.cli.camera_sources import capture_of
-    from solver_backend.rig.check.calibration_check import check_calibration
 
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Checking the calibration", 0, 1)

@@ -149,7 +149,7 @@ def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes
-    from solver_backend.studio.places_picture import places_picture
+    from solver_backend.synthesis.studio.places_picture import places_picture
 
     file = load_layouts()
     layouts = {**file.layouts, **file.label_sets}

@@ -12,7 +12,7 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
-    from solver_backend.rig.markers.devices.oak import Oak
+    from solver_backend.sensors.devices.oak import Oak
     from solver_backend.types import Cameras
 
 OAK_VERBS = ("oaks", "record-oak", "record-colour")
@@ -59,7 +59,7 @@ def add_oak_options(verb: argparse.ArgumentParser) -> None:
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the OAKs."""
-    from solver_backend.rig.markers.devices.oak import listed_oaks
+    from solver_backend.sensors.devices.oak import listed_oaks
 
     found = listed_oaks()
     return Outcome("\n".join(found) or "No OAK is plugged in.", {"oaks": found})
@@ -67,9 +67,9 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record infrared and depth of OAKs; markers are found meanwhile, so that it is seen whether there are any."""
-    from solver_backend.rig.markers.devices.record import Recording
-    from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
-    from solver_backend.rig.markers.streaming.worker import SensorTask
+    from solver_backend.sensors.devices.record import Recording
+    from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
+    from solver_backend.sensors.streaming.worker import SensorTask
 
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=bool(args.overwrite))
@@ -103,10 +103,10 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
         SensorFailed, CalibrationMissing: see ``oak_cameras``.
     """
     from solver_backend.io.calibration import read_calibration
-    from solver_backend.rig.markers.devices import oak_module
-    from solver_backend.rig.markers.devices.oak import Oak
-    from solver_backend.rig.markers.devices.oak_lenses import oak_cameras
-    from solver_backend.rig.markers.devices.oak_settings import OakSettings
+    from solver_backend.sensors.devices import oak_module
+    from solver_backend.sensors.devices.oak import Oak
+    from solver_backend.sensors.devices.oak_lenses import oak_cameras
+    from solver_backend.sensors.devices.oak_settings import OakSettings
 
     told = _named(args)
     oak_module.depthai()  # said now, not by each camera's process again and again
@@ -125,7 +125,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
         CommandLineInvalid: names repeat, or times and rates are impossible.
         SensorUnknown: a camera is of another kind, or has no identifier.
     """
-    from solver_backend.rig.markers.devices.named import device_named
+    from solver_backend.sensors.devices.named import device_named
 
     told = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in told}
@@ -138,8 +138,8 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
 
 def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record colour video of OAKs."""
-    from solver_backend.rig.markers.devices.oak_colour import OakColour
-    from solver_backend.rig.markers.devices.oak_colour import record_colour as record
+    from solver_backend.sensors.devices.oak_colour import OakColour
+    from solver_backend.sensors.devices.oak_colour import record_colour as record
 
     role = ("master", "slave") if args.wire else ("none", "none")
     cameras = {

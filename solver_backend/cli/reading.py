@@ -34,11 +34,11 @@ def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
         MocapError: see ``load_capture``.
     """
     from solver_backend.io.load import load_capture
-    from solver_backend.rig.markers.devices.recording_files import ABOUT
+    from solver_backend.sensors.devices.recording_files import ABOUT
 
     if (path / ABOUT).is_file():
-        from solver_backend.rig.markers.devices.source import open_folder
-        from solver_backend.rig.markers.take import capture_of
+        from solver_backend.sensors.devices.source import open_folder
+        from solver_backend.sensors.take import capture_of
 
         return capture_of(open_folder(path), progress=progress)
     whom = options.get("person")

@@ -20,8 +20,8 @@ from solver_backend.exchange.progress import Progress
 if TYPE_CHECKING:
     from solver_backend.live.frames import PointFrame
     from solver_backend.live.session import LiveSession
-    from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
-    from solver_backend.rig.markers.wand.coverage import Coverage
+    from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
+    from solver_backend.sensors.wand.coverage import Coverage
 
 RIG_LIVE_VERBS = ("rig-live",)
 TOLD_S = 0.5
@@ -114,10 +114,10 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     """Return the chain of a folder at its recorded rate, or of cameras."""
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
-    from solver_backend.rig.markers.devices.record import Recording
-    from solver_backend.rig.markers.fusion.settings import FusionSettings
-    from solver_backend.rig.markers.streaming.chain import MarkerChain
-    from solver_backend.rig.markers.streaming.worker import SensorTask
+    from solver_backend.sensors.devices.record import Recording
+    from solver_backend.sensors.fusion.settings import FusionSettings
+    from solver_backend.sensors.streaming.chain import MarkerChain
+    from solver_backend.sensors.streaming.worker import SensorTask
 
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
@@ -131,7 +131,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 
 def _moments(chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress) -> Iterator[LiveMoment]:
     """Yield moments until the time is over; what happens to sensors is written at once."""
-    from solver_backend.rig.markers.streaming.chain import LiveMoment
+    from solver_backend.sensors.streaming.chain import LiveMoment
 
     for moment in chain.moments():
         progress("Live", 0, 1)
@@ -177,7 +177,7 @@ def _waved(
     """Yield a line each ``TOLD_S`` on what of every picture the wand visited, and where it should go next."""
     import numpy as np
 
-    from solver_backend.rig.markers.wand.coverage import Coverage
+    from solver_backend.sensors.wand.coverage import Coverage
 
     cameras = chain.cameras
     coverage, told, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
@@ -210,8 +210,8 @@ def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) 
     from solver_backend.fitters import solve
     from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.rig.markers.devices.source import open_folder
-    from solver_backend.rig.markers.take import capture_of
+    from solver_backend.sensors.devices.source import open_folder
+    from solver_backend.sensors.take import capture_of
 
     capture, _ = labelled_capture(capture_of(open_folder(recording), progress=progress), progress)
     write_motion(out, solve(capture, progress=progress).motion, overwrite=overwrite)

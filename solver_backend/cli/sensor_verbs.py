@@ -13,8 +13,8 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
-    from solver_backend.rig.markers.devices.source import SensorFolder
-    from solver_backend.rig.markers.streaming.chain import MarkerChain
+    from solver_backend.sensors.devices.source import SensorFolder
+    from solver_backend.sensors.streaming.chain import MarkerChain
 
 SENSOR_VERBS = ("markers-from-sensors", "rig-record")
 
@@ -57,8 +57,8 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     from solver_backend.io.markers.c3d_writer import write_c3d
     from solver_backend.io.markers.trc_writer import write_trc
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.rig.markers.fusion.settings import FusionSettings
-    from solver_backend.rig.markers.take import capture_from, cloud_of
+    from solver_backend.sensors.fusion.settings import FusionSettings
+    from solver_backend.sensors.take import capture_from, cloud_of
 
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), fusion=FusionSettings(clusters=args.clusters), progress=progress)
@@ -85,7 +85,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
 def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record all frames of a source."""
-    from solver_backend.rig.markers.streaming.chain import LiveMoment
+    from solver_backend.sensors.streaming.chain import LiveMoment
 
     findings = []
     with chain_of(args, folder_of(args), args.out, live=False) as chain:
@@ -102,10 +102,10 @@ def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
-    from solver_backend.rig.markers.devices.record import Recording
-    from solver_backend.rig.markers.fusion.settings import FusionSettings
-    from solver_backend.rig.markers.streaming.chain import MarkerChain
-    from solver_backend.rig.markers.streaming.worker import SensorTask
+    from solver_backend.sensors.devices.record import Recording
+    from solver_backend.sensors.fusion.settings import FusionSettings
+    from solver_backend.sensors.streaming.chain import MarkerChain
+    from solver_backend.sensors.streaming.worker import SensorTask
 
     masks = mask_of(args)
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
@@ -121,14 +121,14 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
     """Return the folder of sensors of a command line, opened."""
-    from solver_backend.rig.markers.devices.source import open_folder
+    from solver_backend.sensors.devices.source import open_folder
 
     return open_folder(args.source if path is None else path, args.calibration)
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return each sensor's mask of what is bright with nobody there, where a recording of that is told."""
-    from solver_backend.rig.markers.take import masks_of
+    from solver_backend.sensors.take import masks_of
 
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 

@@ -57,9 +57,9 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or say what would be made."""
-    from solver_backend.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
-    from solver_backend.studio.spec import read_spec
-    from solver_backend.studio.writers.contact_sheet import write_card
+    from solver_backend.synthesis.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
+    from solver_backend.synthesis.studio.spec import read_spec
+    from solver_backend.synthesis.studio.writers.contact_sheet import write_card
 
     spec = read_spec(args.description)
     begin = open_data_set if args.claim else check_data_set
@@ -87,10 +87,10 @@ def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a data set by some methods, compare with its truth, and write a page."""
     from solver_backend.exchange.outputs import write_text
     from solver_backend.fitters.settings import SolveSettings
-    from solver_backend.studio.data_set import read_data_set
-    from solver_backend.studio.judge.judge import judge
-    from solver_backend.studio.judge.page import page_html, table
-    from solver_backend.studio.judge.place_errors import place_errors, places_text
+    from solver_backend.synthesis.studio.data_set import read_data_set
+    from solver_backend.synthesis.studio.judge.judge import judge
+    from solver_backend.synthesis.studio.judge.page import page_html, table
+    from solver_backend.synthesis.studio.judge.place_errors import place_errors, places_text
 
     spec, _ = read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
@@ -113,10 +113,10 @@ def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
 def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Map the errors of a description's rigs over the floor."""
     from solver_backend.exchange.outputs import check_output, write_text
-    from solver_backend.studio.judge.page import page_html
-    from solver_backend.studio.judge.place_errors import place_errors
-    from solver_backend.studio.perturbation import read_perturbation
-    from solver_backend.studio.spec import read_spec
+    from solver_backend.synthesis.studio.judge.page import page_html
+    from solver_backend.synthesis.studio.judge.place_errors import place_errors
+    from solver_backend.synthesis.studio.perturbation import read_perturbation
+    from solver_backend.synthesis.studio.spec import read_spec
 
     check_output(args.out, overwrite=bool(args.overwrite))
     spec = read_spec(args.description)

@@ -169,10 +169,10 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     if args.markers:
-        from solver_backend.synthetic.marker_demo import DEMO_TAKE
+        from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
 
         return _write(args.out, load(DEMO_TAKE, {}, progress), overwrite)
-    from solver_backend.synthetic.demo import demo_capture as make_capture
+    from solver_backend.synthesis.embedded.demo import demo_capture as make_capture
 
     return _write(args.out, make_capture(), overwrite)
 

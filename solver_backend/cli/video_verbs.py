@@ -22,10 +22,10 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.native.capture_file import write_capture
     from solver_backend.io.recognition.camera_names import listing, match_names
     from solver_backend.io.recognition.range_checks import checked
-    from solver_backend.rig.detect.assemble import assembled
-    from solver_backend.rig.detect.detect_videos import detect_videos
-    from solver_backend.rig.detect.preview import write_previews
-    from solver_backend.rig.sync.synchronise import synchronise
+    from solver_backend.videos.detect.assemble import assembled
+    from solver_backend.videos.detect.detect_videos import detect_videos
+    from solver_backend.videos.detect.preview import write_previews
+    from solver_backend.videos.sync.synchronise import synchronise
 
     overwrite, choice = bool(args.overwrite), _choice(args)
     check_output(args.out, overwrite=overwrite)
@@ -55,10 +55,10 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Go the road from a folder of videos to solved motions."""
     from solver_backend.fitters.settings import SolveSettings
-    from solver_backend.rig.road.calibrate import KnownOfCameras
-    from solver_backend.rig.road.layout import look_through
-    from solver_backend.rig.road.plan import described, planned
-    from solver_backend.rig.road.run import RoadSettings, go
+    from solver_backend.videos.pipeline.calibrate import KnownOfCameras
+    from solver_backend.videos.pipeline.layout import look_through
+    from solver_backend.videos.pipeline.plan import described, planned
+    from solver_backend.videos.pipeline.run import RoadSettings, go
 
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
@@ -121,11 +121,11 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
         MocapError: whatever the road raises.
     """
     from solver_backend.io.native.capture_file import read_capture
-    from solver_backend.rig.detect.choice import chosen_detector
-    from solver_backend.rig.road.errors import NoVideos
-    from solver_backend.rig.road.layout import look_through
-    from solver_backend.rig.road.plan import planned
-    from solver_backend.rig.road.run import RoadSettings, go
+    from solver_backend.videos.detect.choice import chosen_detector
+    from solver_backend.videos.pipeline.errors import NoVideos
+    from solver_backend.videos.pipeline.layout import look_through
+    from solver_backend.videos.pipeline.plan import planned
+    from solver_backend.videos.pipeline.run import RoadSettings, go
 
     try:
         found = look_through(folder)
@@ -145,7 +145,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     from solver_backend.cameras.noise_map import detector_of, is_applied
     from solver_backend.io.load import load_capture
-    from solver_backend.rig.detect.measure_noise_map import measure_noise_map
+    from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
@@ -167,7 +167,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _choice(args: argparse.Namespace) -> Any:
-    from solver_backend.rig.detect.choice import chosen_detector
+    from solver_backend.videos.detect.choice import chosen_detector
 
     return chosen_detector(args.detector, python=args.python, people=args.people, hands=args.hands)
 
@@ -176,7 +176,7 @@ def _videos(given: list[Path]) -> list[Path]:
     """Return the videos that were named, or those of the one folder that was."""
     if len(given) > 1 or not given[0].is_dir():
         return given
-    from solver_backend.rig.road.layout import look_through
+    from solver_backend.videos.pipeline.layout import look_through
 
     takes = look_through(given[0]).takes
     if len(takes) > 1:

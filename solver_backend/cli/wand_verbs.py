@@ -52,15 +52,15 @@ def add_wand_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpars
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
-    from solver_backend.rig.formats.write import format_of, write_calibration
-    from solver_backend.rig.markers.clock.trigger import triggered
-    from solver_backend.rig.markers.gravity.gamma import Gamma, ground_from_gamma, on_ground
-    from solver_backend.rig.markers.gravity.gamma_clouds import gamma_clouds
-    from solver_backend.rig.markers.wand.from_sensors import is_sensor_folder, sensor_clouds
-    from solver_backend.rig.markers.wand.leds import Wand
-    from solver_backend.rig.markers.wand.result import WandOptions, in_world
-    from solver_backend.rig.markers.wand.session import calibrate_by_wand
-    from solver_backend.rig.markers.wand.source import wand_views
+    from solver_backend.camera_calibration.formats.write import format_of, write_calibration
+    from solver_backend.sensors.clock.trigger import triggered
+    from solver_backend.sensors.gravity.gamma import Gamma, ground_from_gamma, on_ground
+    from solver_backend.sensors.gravity.gamma_clouds import gamma_clouds
+    from solver_backend.sensors.wand.from_sensors import is_sensor_folder, sensor_clouds
+    from solver_backend.sensors.wand.leds import Wand
+    from solver_backend.sensors.wand.result import WandOptions, in_world
+    from solver_backend.sensors.wand.session import calibrate_by_wand
+    from solver_backend.sensors.wand.source import wand_views
 
     overwrite = bool(args.overwrite)
     kind = args.format or format_of(args.out)
@@ -86,14 +86,14 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
         found = in_world(found, on_ground(found.rig, ground), ground)
     write_calibration(args.out, found.rig.cameras, kind, found.rig.rmse_px, overwrite=overwrite)
     if args.report is not None:
-        from solver_backend.rig.markers.wand.page import wand_page
+        from solver_backend.sensors.wand.page import wand_page
 
         write_text(args.report, wand_page(found, ground), overwrite=overwrite)
     return _outcome(found, args.out, kind, args.report)
 
 
 def _outcome(found: Any, path: Path, kind: str, report: Path | None) -> Outcome:
-    from solver_backend.rig.markers.wand.told import told_lines, told_values
+    from solver_backend.sensors.wand.told import told_lines, told_values
 
     lines = [*told_lines(found), f"  written     {path} ({kind})"]
     data = {"calibration": str(path), "format": kind, **told_values(found)}

@@ -14,20 +14,24 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
+from solver_backend.camera_calibration.adjustment.problem import Bodies, Unknowns
+from solver_backend.camera_calibration.boards.board import board_named
+from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses, find_boards
+from solver_backend.camera_calibration.extrinsics.from_board import BoardRig, rig_from_board
+from solver_backend.camera_calibration.extrinsics.person_session import (
+    PersonOptions,
+    calibrate_by_person,
+    refine_by_person,
+)
+from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
 from solver_backend.fitters import solve
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.load import load_capture
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.rig.adjustment.bundle import adjust
-from solver_backend.rig.adjustment.lens import PARAMETERS, lens_of
-from solver_backend.rig.adjustment.problem import Bodies, Unknowns
-from solver_backend.rig.boards.board import board_named
-from solver_backend.rig.extrinsics.board_session import calibrate_lenses, find_boards
-from solver_backend.rig.extrinsics.from_board import BoardRig, rig_from_board
-from solver_backend.rig.extrinsics.person_session import PersonOptions, calibrate_by_person, refine_by_person
-from solver_backend.rig.extrinsics.session_folders import board_footage
 from solver_backend.types import Cameras, Capture
 from tests.benchmarks.comparison.captures import TAKES, filmed
 from tests.benchmarks.holdout import leave_one_camera_out

@@ -11,7 +11,7 @@ import time
 from solver_backend.evaluation.evaluate import evaluate
 from solver_backend.fitters import solve
 from solver_backend.fitters.settings import METHODS, SolveSettings
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.metric import Metric
 
 

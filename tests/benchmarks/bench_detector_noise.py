@@ -15,8 +15,8 @@ import numpy as np
 from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.rig.detect.measure_noise_map import measure_noise_map
 from solver_backend.types import Capture
+from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric
 from tests.support.other_detector import detected_by_another, written_map

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from solver_backend.baselines.marker_fits import AdaptiveRobust, MoSh
+from research.baselines.marker_fits import AdaptiveRobust, MoSh
 from solver_backend.fitters.pipeline import solve_problem
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings

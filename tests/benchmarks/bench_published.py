@@ -14,9 +14,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from solver_backend.baselines.bundlemocap import MAX_ITERATIONS, BundleMoCapPlusPlus
-from solver_backend.baselines.person import Prepared, prepare
-from solver_backend.baselines.windows import SPHERICAL, KeyState, Window
+from research.baselines.bundlemocap import MAX_ITERATIONS, BundleMoCapPlusPlus
+from research.baselines.person import Prepared, prepare
+from research.baselines.windows import SPHERICAL, KeyState, Window
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.pipeline import solve

@@ -18,20 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.baselines.marker_fits import MoSh
+from research.baselines.marker_fits import MoSh
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.label_first import labelled_capture
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.io.native.capture_file import read_capture
-from solver_backend.rig.markers.acquisition.acquire import Acquisition
-from solver_backend.rig.markers.devices.source import SensorFolder, open_folder
-from solver_backend.rig.markers.fusion.clusters import fuse
-from solver_backend.rig.markers.fusion.settings import FusionSettings
-from solver_backend.rig.markers.fusion.tracks import MarkerTracks
-from solver_backend.rig.markers.take import cloud_of
-from solver_backend.studio.data_set import SHOTS, make_data_set
-from solver_backend.studio.spec import spec_of
+from solver_backend.sensors.acquisition.acquire import Acquisition
+from solver_backend.sensors.devices.source import SensorFolder, open_folder
+from solver_backend.sensors.fusion.clusters import fuse
+from solver_backend.sensors.fusion.settings import FusionSettings
+from solver_backend.sensors.fusion.tracks import MarkerTracks
+from solver_backend.sensors.take import cloud_of
+from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
+from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.metric import Metric
 from tests.support.recordings import recordings_folder

@@ -26,7 +26,7 @@ from blender_addon.headless.batch.record import read_record
 from blender_addon.headless.batch.request import BatchRequest, Spread
 from blender_addon.headless.batch.run_batch import run_batch
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.short_solves import cut
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.exchange.errors import MocapError
-from solver_backend.rig.sync.clocks import Clocks
-from solver_backend.rig.sync.geometry import FilmedTracks, clocks_by_geometry
-from solver_backend.rig.sync.speeds import clocks_by_speeds
-from solver_backend.simulation.benchmark import JOINT_SET, BenchmarkSettings, Take, cast_person
-from solver_backend.simulation.filming import FilmSettings, around, film, miscalibrated
+from solver_backend.synthesis.simulation.benchmark import JOINT_SET, BenchmarkSettings, Take, cast_person
+from solver_backend.synthesis.simulation.filming import FilmSettings, around, film, miscalibrated
+from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
+from solver_backend.videos.sync.speeds import clocks_by_speeds
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.metric import Metric
 

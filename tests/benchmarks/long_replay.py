@@ -23,9 +23,9 @@ from solver_backend.live.frames import PointFrame
 from solver_backend.live.recording import person_fit
 from solver_backend.live.session import LiveSession
 from solver_backend.live.statistics import LiveStatistics
-from solver_backend.rig.markers.devices.source import open_folder
-from solver_backend.rig.markers.streaming.chain import LiveMoment, MarkerChain
-from solver_backend.rig.markers.streaming.worker import SensorTask
+from solver_backend.sensors.devices.source import open_folder
+from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
+from solver_backend.sensors.streaming.worker import SensorTask
 
 TOLD = 60
 """Lines that are told in all."""

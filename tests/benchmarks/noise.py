@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from solver_backend.io.load import load_capture
-from solver_backend.simulation.noise_measurement import measure_noise
+from solver_backend.synthesis.simulation.noise_measurement import measure_noise
 from tests.support.recordings import BALANCING_TRIAL, recordings_folder
 
 

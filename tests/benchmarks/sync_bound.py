@@ -23,11 +23,11 @@ from unittest.mock import patch
 import numpy as np
 
 from solver_backend.cameras.projection import project, project_with_jacobian
-from solver_backend.rig.sync.signals import RATE_SIGMA
-from solver_backend.simulation import filming
-from solver_backend.simulation.filming import FilmSettings, Person, delayed, px_per_mm
-from solver_backend.simulation.keypoint_detector import DetectorModel, DetectorOutput
+from solver_backend.synthesis.simulation import filming
+from solver_backend.synthesis.simulation.filming import FilmSettings, Person, delayed, px_per_mm
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, DetectorOutput
 from solver_backend.types import Cameras
+from solver_backend.videos.sync.signals import RATE_SIGMA
 from tests.benchmarks import bench_sync
 
 BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])

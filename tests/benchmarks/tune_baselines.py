@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.baselines import DCT, DMMR, ETC, Baseline, BundleMoCap, BundleMoCapPlusPlus, MuVS
+from research.baselines import DCT, DMMR, ETC, Baseline, BundleMoCap, BundleMoCapPlusPlus, MuVS
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
-from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import training_take
 

@@ -11,7 +11,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.report import page
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 
 FRAMES = 48
 

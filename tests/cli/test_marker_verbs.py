@@ -75,7 +75,7 @@ def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
 
 def test_names_do_not_stand_on_one_another():
     pytest.importorskip("cv2")
-    from solver_backend.studio import places_picture as drawn
+    from solver_backend.synthesis.studio import places_picture as drawn
 
     stood: list[np.ndarray] = []
     kept, drawn._stood = drawn._stood, lambda *a: stood.append(np.stack(boxes := kept(*a))) or boxes

@@ -12,7 +12,7 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, Motion
 
 START, STOP = 60, 180

@@ -19,9 +19,9 @@ from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.job import Job
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.rig.detect.measure_noise_map import measure_noise_map
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
+from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 from tests.support.other_detector import detected_by_another, written_map
 
 MAP = NoiseMap("another 1", np.array([0.85, 0.95]), np.array([60.0, 4.0]), ("a",), 100)

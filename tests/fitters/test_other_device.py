@@ -10,8 +10,8 @@ import pytest
 from solver_backend.fitters import pipeline
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
-from solver_backend.synthetic.demo import demo_capture
-from solver_backend.synthetic.marker_demo import DEMO_TAKE
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
 from solver_backend.types import Capture
 from tests.support.short_solves import cut
 

@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.pipeline import resolve_motion
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import SMPL_JOINTS, Motion
 
 FRAMES = 60

@@ -4,7 +4,7 @@ import pytest
 
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.solution import Convergence
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections, TakeTooShor
 from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.priors.sposer import SPoser, load_sposer
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D
 from tests.support.short_solves import QUICK, cut
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from solver_backend.camera_calibration.formats.colmap_files import colmap_texts
 from solver_backend.exchange import capture_file
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.footage.mp4 import read_video_header
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.rig.formats.colmap_files import colmap_texts
 from solver_backend.types import Cameras, Capture, JointSet
 from tests.fuzz import odd_calibrations, odd_captures, odd_recordings
 from tests.fuzz.odd_bodies import ARCHIVES, MANY_MEMBERS

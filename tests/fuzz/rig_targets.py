@@ -12,23 +12,23 @@ import numpy as np
 
 from solver_backend.body.label_places import read_label_places
 from solver_backend.body.marker_layouts import DEFAULT, load_layouts
+from solver_backend.camera_calibration.adjustment.lens import Lens
+from solver_backend.camera_calibration.boards.board import board_named, board_toml
+from solver_backend.camera_calibration.extrinsics.points_session import read_clicks
+from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.camera_calibration.intrinsics.library import keep_lenses, lens_named, read_lenses
 from solver_backend.cameras.noise_map import FORMAT as NOISE
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.exchange.errors import CalibrationInvalid, MocapError
 from solver_backend.io.native.told_file import read_told
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import from_lines
-from solver_backend.rig.adjustment.lens import Lens
-from solver_backend.rig.boards.board import board_named, board_toml
-from solver_backend.rig.detect.answers import read_arrays, read_head
-from solver_backend.rig.detect.video_detections import VideoDetections, read_detections, write_detections
-from solver_backend.rig.extrinsics.points_session import read_clicks
-from solver_backend.rig.intrinsics.known_lenses import known_lenses
-from solver_backend.rig.intrinsics.library import keep_lenses, lens_named, read_lenses
-from solver_backend.rig.road.records import NAME as STEPS
-from solver_backend.rig.road.records import Records
-from solver_backend.rig.sync.clocks import Clocks, read_clocks
 from solver_backend.types import JointSet
+from solver_backend.videos.detect.answers import read_arrays, read_head
+from solver_backend.videos.detect.video_detections import VideoDetections, read_detections, write_detections
+from solver_backend.videos.pipeline.records import NAME as STEPS
+from solver_backend.videos.pipeline.records import Records
+from solver_backend.videos.sync.clocks import Clocks, read_clocks
 from tests.fuzz import odd_bodies, odd_motions, odd_values
 from tests.fuzz.target import Target, Write, file, nothing
 from tests.support.calibration_files import json_text, toml_text

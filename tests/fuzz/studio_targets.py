@@ -22,9 +22,9 @@ from blender_addon.studio.scene_file import read_scene
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.priors.catalogue import load_prior
-from solver_backend.studio.data_set import DESCRIPTION, SHOTS, read_data_set
-from solver_backend.studio.make_shot import DONE
-from solver_backend.studio.spec import read_spec
+from solver_backend.synthesis.studio.data_set import DESCRIPTION, SHOTS, read_data_set
+from solver_backend.synthesis.studio.make_shot import DONE
+from solver_backend.synthesis.studio.spec import read_spec
 from tests.fuzz import odd_values
 from tests.fuzz.motion_targets import read_as_if_whole
 from tests.fuzz.odd_motions import changed

@@ -30,7 +30,7 @@ def lay_out(out: Path, script: str) -> None:
 
 def _long_demo(path: Path) -> None:
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.synthetic.demo import demo_capture
+    from solver_backend.synthesis.embedded.demo import demo_capture
 
     write_capture(path, demo_capture(_LONG))
 
@@ -42,7 +42,7 @@ def _sensors(folder: Path) -> None:
 
 
 def _wand(folder: Path) -> None:
-    from solver_backend.rig.formats.write import write_calibration
+    from solver_backend.camera_calibration.formats.write import write_calibration
     from tests.support.waved_wand import Waving, as_tables, sensors, waved
 
     cameras = sensors(2)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.short_solves import cut
 
 FRAMES = 16

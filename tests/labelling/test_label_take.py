@@ -18,7 +18,7 @@ from solver_backend.io.native.told_file import read_told
 from solver_backend.labelling.label_take import label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
-from solver_backend.synthetic.marker_demo import record_markers
+from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.unlabelled_takes import score, stripped
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
-from solver_backend.rig.markers.acquisition.acquire import Acquisition
-from solver_backend.rig.markers.acquisition.sightings import Sightings
-from solver_backend.rig.markers.devices.device import Frame
+from solver_backend.sensors.acquisition.acquire import Acquisition
+from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.devices.device import Frame
 from solver_backend.types import Cameras
 
 

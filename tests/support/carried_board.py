@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solver_backend.camera_calibration.boards.board import Board
+from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.rig.boards.board import Board
-from solver_backend.rig.boards.detection import BoardSighting
 from solver_backend.types import Cameras
 
 BOARD = Board("charuco", 5, 7, 0.08, 0.06)

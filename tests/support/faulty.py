@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.synthetic.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 LIMB_PARTS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", "_toe", "heel")}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.synthetic.demo import tripods
+from solver_backend.synthesis.embedded.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
 
 FRAMES, POINTS = 3, 17

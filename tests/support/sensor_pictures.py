@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.rig.markers.devices.device import Frame
+from solver_backend.sensors.devices.device import Frame
 from solver_backend.types import Cameras
 
 FULL = 65535

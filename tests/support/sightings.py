@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.rig.markers.acquisition.sensor_lens import SensorLens
-from solver_backend.rig.markers.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sensor_lens import SensorLens
+from solver_backend.sensors.acquisition.sightings import Sightings
 from solver_backend.types import Cameras
 
 _LENSES: dict[tuple[int, int], SensorLens] = {}

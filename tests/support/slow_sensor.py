@@ -6,8 +6,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from solver_backend.rig.markers.devices.device import Frame
-from solver_backend.rig.markers.devices.recorded import RecordedSensor
+from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.recorded import RecordedSensor
 
 PAUSE_S = 0.05
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from blender_addon.studio.marker_balls import MarkerBalls
 from blender_addon.studio.paint import COLOURS, painted_material
-from solver_backend.studio.make_shot import make_shot
-from solver_backend.studio.shots import list_shots
-from solver_backend.studio.spec import spec_of
+from solver_backend.synthesis.studio.make_shot import make_shot
+from solver_backend.synthesis.studio.shots import list_shots
+from solver_backend.synthesis.studio.spec import spec_of
 
 QUIET = {"noise": 0.0}
 """Colour settings without a sensor's noise."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from solver_backend.rig.markers.devices.device import Frame, OpenedDevice
-from solver_backend.rig.markers.errors import SensorFailed
+from solver_backend.sensors.devices.device import Frame, OpenedDevice
+from solver_backend.sensors.errors import SensorFailed
 
 
 @dataclass

@@ -13,7 +13,7 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import MarkerCloud
 
 

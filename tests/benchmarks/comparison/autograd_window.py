@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.baselines.windows import KeyState, Window
+from research.baselines.windows import KeyState, Window
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project

@@ -20,9 +20,9 @@ import numpy as np
 
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.simulation import bad_input, benchmark, filming, keypoint_detector, occlusion
-from solver_backend.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.synthetic import temporal_noise
+from solver_backend.synthesis.embedded import temporal_noise
+from solver_backend.synthesis.simulation import bad_input, benchmark, filming, keypoint_detector, occlusion
+from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
 from tests.benchmarks.comparison import validation_takes
 from tests.benchmarks.comparison.validation_takes import take_named

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.baselines import BaselineResult
+from research.baselines import BaselineResult
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
@@ -21,7 +21,7 @@ from solver_backend.metrics import (
     reprojection_px,
     rmse_mm,
 )
-from solver_backend.simulation.keypoint_detector import exchanged_columns
+from solver_backend.synthesis.simulation.keypoint_detector import exchanged_columns
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, JointSet, Motion
 
 Row = dict[str, float]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
-from solver_backend.baselines import (
+from research.baselines import (
     DCT,
     DMMR,
     ETC,

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.baselines import BaselineResult
+from research.baselines import BaselineResult
 from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.simulation.benchmark import BenchmarkSettings
-from solver_backend.simulation.keypoint_detector import DetectorModel
+from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from tests.benchmarks.comparison.captures import capture_path, filmed
 from tests.benchmarks.comparison.code_version import ROOT, code_version
 from tests.benchmarks.comparison.judgement import Row, judged, worst_joints

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.baselines import BaselineResult
+from research.baselines import BaselineResult
 from solver_backend.geometry.symmetric import packed
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.benchmarks.bench_bundle import table
 from tests.benchmarks.comparison.judgement import COLUMNS, by_sight, coverage, exchanges_undone, judged, worst_joints

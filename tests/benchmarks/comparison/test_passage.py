@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.comparison import passage as passages
 from tests.benchmarks.comparison.methods import Method
 from tests.benchmarks.comparison.passage import SHOWN, Passage, hardest, true_motion

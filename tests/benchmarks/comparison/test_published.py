@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from solver_backend.baselines.person import prepare
-from solver_backend.baselines.windows import SPHERICAL
+from research.baselines.person import prepare
+from research.baselines.windows import SPHERICAL
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
 from tests.benchmarks.bench_published import first_key, window_of
 from tests.benchmarks.comparison.autograd_window import keypoint_regressor

@@ -16,9 +16,9 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthetic.choreography import author_motion
-from solver_backend.synthetic.marker_demo import RecordedMarkers, RecordingNoise
-from solver_backend.synthetic.temporal_noise import autoregressive, bursts
+from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.marker_demo import RecordedMarkers, RecordingNoise
+from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.comparison.judgement import HELD, coverage
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from solver_backend.baselines.rigid_filling import fill_rigidly
+from research.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Capture, MarkerCloud

@@ -17,7 +17,7 @@ import pytest
 import build_addon
 from blender_addon._exchange.motion_file import read_motion
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 
 INSIDE = "/work_io"
 

@@ -25,7 +25,7 @@ from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.full_disk import full_disk
 
 ROOT = Path(__file__).resolve().parents[3]

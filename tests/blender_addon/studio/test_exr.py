@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 
 from solver_backend.io.png import read_png
-from solver_backend.studio.data_set import SHOTS, make_data_set
-from solver_backend.studio.spec import spec_of
-from solver_backend.studio.writers.exr import exr_bytes
+from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
+from solver_backend.synthesis.studio.spec import spec_of
+from solver_backend.synthesis.studio.writers.exr import exr_bytes
 
 
 def colours(path: Path) -> np.ndarray:

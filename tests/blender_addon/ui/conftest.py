@@ -14,7 +14,7 @@ from blender_addon.solving.run import start
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from solver_backend.cli.main import main as solver
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.solved_capture import SolvedCapture
 
 

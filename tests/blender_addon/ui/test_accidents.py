@@ -18,7 +18,7 @@ from blender_addon.ui import locations
 from blender_addon.ui.operators import review
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.full_disk import full_disk
 from tests.support.solved_capture import SolvedCapture
 

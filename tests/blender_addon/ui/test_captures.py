@@ -10,7 +10,7 @@ import pytest
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import SolverOperator
 from solver_backend.io.markers.c3d_writer import write_c3d
-from solver_backend.synthetic.marker_demo import record_markers
+from solver_backend.synthesis.embedded.marker_demo import record_markers
 
 FRAMES = 40
 

@@ -11,8 +11,8 @@ import pytest
 
 from blender_addon.ui.operators.live import live
 from blender_addon.ui.operators.solver_operator import current
-from solver_backend.rig.formats.write import write_calibration
-from solver_backend.rig.markers.devices.source import open_folder
+from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.sensors.devices.source import open_folder
 from tests.support.narrow_layout import draw_panel
 from tests.support.recorded_markers import recorded
 from tests.support.waved_wand import Waving, as_tables, sensors, waved

@@ -21,9 +21,9 @@ from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from blender_addon.ui.panels import studio as panels
 from blender_addon.ui.studio_description import benchmark_description, data_set_description
 from blender_addon.ui.studio_properties import FAULTS, PRESET_RIGS
-from solver_backend.studio.perturbation import PRESETS
-from solver_backend.studio.rigs import Rig, build_rig, rig_presets
-from solver_backend.studio.spec import ENGINES, FORMATS, KINDS, spec_of
+from solver_backend.synthesis.studio.perturbation import PRESETS
+from solver_backend.synthesis.studio.rigs import Rig, build_rig, rig_presets
+from solver_backend.synthesis.studio.spec import ENGINES, FORMATS, KINDS, spec_of
 from tests.support.panel_layout import Layout
 
 

@@ -15,10 +15,10 @@ from blender_addon.solving.road_file import read_road
 from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from blender_addon.ui.panels.videos import VIEW3D_PT_mocap_videos
 from blender_addon.ui.previews import Previews
-from solver_backend.rig.detect.choice import chosen_detector
-from solver_backend.rig.detect.errors import DetectorMissing
-from solver_backend.rig.video.probe import probe
-from solver_backend.rig.video.read import read_pictures
+from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.errors import DetectorMissing
+from solver_backend.videos.files.probe import probe
+from solver_backend.videos.files.read import read_pictures
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots, write_timed_video
 
@@ -151,7 +151,7 @@ def test_what_a_file_of_steps_says_is_not_trusted(tmp_path):
 
 
 def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):
-    from solver_backend.rig.road.canvas import Canvas
+    from solver_backend.videos.pipeline.canvas import Canvas
 
     pytest.importorskip("cv2")
     path = Canvas(64, 64).save(tmp_path / "picture.png")

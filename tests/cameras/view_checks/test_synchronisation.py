@@ -8,9 +8,9 @@ import pytest
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
-from solver_backend.simulation.filming import delayed
-from solver_backend.synthetic.demo import demo_capture
-from solver_backend.synthetic.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.synthesis.simulation.filming import delayed
 from solver_backend.types import Capture
 
 

@@ -19,7 +19,7 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.synthetic.marker_demo import record_markers
+from solver_backend.synthesis.embedded.marker_demo import record_markers
 
 ROUGH = RoughMotion(np.arange(1), FrameStates(np.zeros((1, 32)), np.eye(3)[None], np.zeros((1, 3))))
 

@@ -18,8 +18,8 @@ from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthetic.demo import demo_capture
-from solver_backend.synthetic.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.key_equations import dense, no_equations
 from tests.support.random_keys import random_keys

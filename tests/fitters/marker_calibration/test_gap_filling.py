@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.baselines.rigid_filling import fill_rigidly
+from research.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters.marker_calibration import gap_neighbours
 from solver_backend.fitters.marker_calibration.gap_filling import filled, lasting_frames
 from solver_backend.fitters.marker_calibration.gap_neighbours import joining_shares, told_by_neighbours

@@ -18,7 +18,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, MarkerCloud
 
 LABELS = marker_layout("MANIFOLD_53")

@@ -21,7 +21,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, MarkerCloud
 
 LABELS = marker_layout("CMU_41")

@@ -14,8 +14,8 @@ from solver_backend.fitters import solve
 from solver_backend.fitters.measurements.sanitise import CheckedCapture, check_capture
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
-from solver_backend.simulation import bad_input
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.synthesis.simulation import bad_input
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Fault, FaultKind, Motion, Remedy
 from tests.support.faulty import swapped, with_detections
 from tests.support.recordings import BALANCING_TRIAL

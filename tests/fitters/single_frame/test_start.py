@@ -15,7 +15,7 @@ from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.fitters.single_frame.start import fit_to_points, lifted_betas
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
 
 FRAMES = np.arange(8)

@@ -13,7 +13,7 @@ from solver_backend.fitters.subject_calibration.keypoint_variance import RANGE, 
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.synthetic.demo import tripods
+from solver_backend.synthesis.embedded.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.stick_body import stick_body
 

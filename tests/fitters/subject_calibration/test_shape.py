@@ -15,7 +15,7 @@ from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
-from solver_backend.synthetic.demo import tripods
+from solver_backend.synthesis.embedded.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.stick_body import stick_body
 from tests.support.toy_prior import ToyPrior

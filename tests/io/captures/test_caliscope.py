@@ -11,7 +11,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.load import load_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
 from tests.support.calibration_files import toml_text
 

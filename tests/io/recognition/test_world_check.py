@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
 from solver_backend.io.recognition.world_check import placed
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
 
 

@@ -21,7 +21,7 @@ from blender_addon.headless.batch.run_batch import run_batch
 from blender_addon.headless.batch.summary import table, worst_first
 from blender_addon.headless.main import main
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthetic.demo import demo_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 
 ROOT = Path(__file__).resolve().parents[4]
 

@@ -22,8 +22,8 @@ from blender_addon.headless.batch.request import Spread
 from blender_addon.headless.batch.shots import RECORDS, SHOTS, ShotsRequest, require_all
 from blender_addon.headless.batch.steps import request_of, steps_of
 from blender_addon.headless.studio import StudioRequest, run_studio
-from solver_backend.studio.data_set import make_data_set
-from solver_backend.studio.spec import spec_of
+from solver_backend.synthesis.studio.data_set import make_data_set
+from solver_backend.synthesis.studio.spec import spec_of
 
 SPEC: dict[str, Any] = {
     "film": ["masks"], "rigs": [{"preset": "webcam_ring_4", "scale": 0.1}], "frames": 2, "fps": 4,

@@ -1,0 +1,1 @@
+"""Reproduce and compare published methods; it is not part of the extension."""

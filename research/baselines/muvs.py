@@ -1,0 +1,81 @@
+"""MuVS (Huang et al. 2017) as the thesis uses it (6.3.5): frames on their own in stages, VPoser; and its DCT stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from research.baselines.base import Baseline, BaselineResult
+from research.baselines.links import JointTargets, low_frequencies
+from research.baselines.person import ROBUST_SCALE, Prepared, prepare
+from research.baselines.sequence import (
+    PosedJoints,
+    Sequence,
+    States,
+    initial_states,
+    pose_prior,
+    with_weight,
+)
+from solver_backend.types import Capture
+
+STAGES = ((4.0, 4.0), (2.0, 2.0), (1.0, 1.0))
+"""Factors of robust scale and latent weight, stage by stage."""
+_START = "start and shape from triangulated points in place of HMR"
+
+
+@dataclass(frozen=True)
+class MuVS(Baseline):
+    """Every frame on its own: robust data and VPoser's density, both narrowed in three stages."""
+
+    latent_weight: float = 1.0
+    """Of ``|z|²/2`` in the last stage; tuned on training motions."""
+    iterations: int = 10
+    """Linearisations at most, per stage."""
+    name: str = "MuVS"
+    simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
+
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Fit each frame."""
+        prepared = prepare(capture)
+        sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
+        return prepared.result(self.name, sequence.poses(states))
+
+
+@dataclass(frozen=True)
+class DCT(Baseline):
+    """MuVS, then joints drawn to the slowest cosines of half a second."""
+
+    latent_weight: float = 1.0
+    """As in MuVS."""
+    sigma_m: float = 0.003
+    """How far joints may lie from low frequencies; tuned on training motions."""
+    segment: int = 30
+    """Frames a part (Huang et al. 2017)."""
+    kept: int = 10
+    """Cosines of a part (Huang et al. 2017)."""
+    rounds: int = 4
+    """Times that coefficients and poses are found in turn."""
+    name: str = "DCT"
+    simplified: str = f"As MuVS; coefficients and poses are found in turn instead of together, {_START}."
+
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Fit each frame, then the trajectories."""
+        prepared = prepare(capture)
+        sequence, states = by_frame(prepared, self.latent_weight, MuVS.iterations)
+        for _ in range(self.rounds):
+            joints = PosedJoints.of(prepared.subject, sequence.poses(states), sequence.d_pose_d_state(states)).joints
+            slow = low_frequencies(joints, self.segment, self.kept)
+            link = JointTargets(prepared.subject, slow, self.sigma_m)
+            states = sequence.solve(states, ROBUST_SCALE, 3, link)
+        return prepared.result(self.name, sequence.poses(states))
+
+
+def by_frame(prepared: Prepared, latent_weight: float, iterations: int) -> tuple[Sequence, States]:
+    """Return all frames with the seen ones fitted on their own, through the stages."""
+    prior = pose_prior()
+    sequence = Sequence(prepared.subject, prior, prepared.problem.objective, latent_weight)
+    states = initial_states(prepared, prior)
+    part = Sequence(prepared.subject, prior, prepared.problem.objective.select(prepared.seen), latent_weight)
+    fitted = states.select(prepared.seen)
+    for scale, weight in STAGES:
+        fitted = with_weight(part, weight * latent_weight).solve(fitted, scale * ROBUST_SCALE, iterations)
+    return sequence, states.replaced(prepared.seen, fitted)

@@ -1,0 +1,70 @@
+"""What all body baselines start from, the same for each: triangulated points, noise, and a fixed shape.
+
+The thesis seeds shape and first frame with an HMR regressor (6.3.2); here both come from fits to triangulated points
+of frames spread over the take, which is the kinder start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from research.baselines.base import BaselineResult
+from solver_backend.body.body import load_body
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.progress import silent
+from solver_backend.fitters.measurements.multiview import measurements_of
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.output.build_motion import build_motion
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.types import Capture
+
+ROBUST_SCALE = 3.0
+"""Final Geman-McClure scale of every method, in standard deviations of the detector's noise."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A capture made ready, and the person with a shape that stays."""
+
+    problem: Problem
+    subject: Subject
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Return the frames in which a body can be placed."""
+        return np.flatnonzero(self.problem.measurements.seen)
+
+    def result(
+        self, name: str, frames: PosedFrames, key_times: np.ndarray | None = None, statistics: dict | None = None
+    ) -> BaselineResult:
+        """Return the poses of all frames as a result."""
+        times = np.arange(0) if key_times is None else key_times
+        motion = build_motion(
+            self.problem.measurements, SolvedFrames(self.subject, frames, times), scale=ROBUST_SCALE,
+            provenance={"baseline": name},
+        )  # fmt: skip
+        assert motion.keypoints3d is not None
+        return BaselineResult(motion.keypoints3d, motion, statistics or {})
+
+
+def prepare(capture: Capture) -> Prepared:
+    """Triangulate, measure the noise and fit the shape.
+
+    Raises:
+        TooFewViews, NoDetections: nothing can be triangulated.
+    """
+    cameras, keypoints = capture.require_multiview()
+    body, like = load_body(), np.zeros(1)
+    triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
+    # The weights of the baselines were tuned with the detector's noise alone.
+    measurements = measurements_of(capture, triangulation, body, like, model_error=False)
+    problem = Problem.of(body, load_sposer(), measurements)
+    subject = Subject.average(body, problem.measurements.landmarks, like)
+    return Prepared(problem, learn_subject(problem, subject, SolveSettings(), silent))

@@ -1,0 +1,182 @@
+"""Frames whose poses are Gaussian codes: equations of every frame on its own, and of frames that are linked.
+
+The unknowns of a frame are ``(z (32,), R (3, 3), t (3,))`` with 38 tangents: code 32, turn of the root 3 (world),
+translation 3. The cost is the robust data term and ``w/2 |z|²``, the code's negative log density (Bogo et al. 2016;
+Pavlakos et al. 2019), plus whatever links frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from research.baselines.person import Prepared
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.fitters.model.codes import decoded, decoder_jacobian
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, frame_equations
+from solver_backend.fitters.model.tangent import PoseTangent, StateTangent, d_pose_d_state
+from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.single_frame.fit import bridged_states, posed
+from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.base import PosePrior
+from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.normal_equations import DenseBlocks
+from solver_backend.types import JointSet
+
+STATE = StateTangent(32)
+"""Of the state of a frame: 38."""
+DOF = STATE.dof()
+_FLOOR = 1e-2
+"""Added to the diagonal: parts that nothing sees stay."""
+
+
+@dataclass(frozen=True)
+class States:
+    """Unknowns of F frames."""
+
+    z: np.ndarray
+    """(F, 32) codes."""
+    root: np.ndarray
+    """(F, 3, 3) body to world."""
+    transl: np.ndarray
+    """(F, 3) metres."""
+
+    def retract(self, step: np.ndarray) -> States:
+        """Move by (F, 38) tangent steps."""
+        root = exp_so3(step[:, STATE.root]) @ self.root
+        return States(self.z + step[:, STATE.latent], root, self.transl + step[:, STATE.transl])
+
+    def select(self, frames: np.ndarray) -> States:
+        """Return the states of these frames."""
+        return States(self.z[frames], self.root[frames], self.transl[frames])
+
+    def replaced(self, frames: np.ndarray, new: States) -> States:
+        """Return the states with those of some frames replaced."""
+        parts = {name: getattr(self, name).copy() for name in ("z", "root", "transl")}
+        for name, values in parts.items():
+            values[frames] = getattr(new, name)
+        return States(**parts)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Gauss-Newton model of F frames; ``upper`` where neighbours meet."""
+
+    cost: np.ndarray
+    """(F,)."""
+    H: np.ndarray
+    """(F, 38, 38)."""
+    g: np.ndarray
+    """(F, 38)."""
+    upper: np.ndarray | None = None
+    """(F - 1, 38, 38)."""
+
+    def __add__(self, other: Equations) -> Equations:
+        upper = self.upper if other.upper is None else other.upper
+        return Equations(self.cost + other.cost, self.H + other.H, self.g + other.g, upper)
+
+
+Link = Callable[[States, PosedFrames, np.ndarray], Equations]
+"""(states, poses, (F, 69, 38) derivative of the pose tangents) -> what links the frames."""
+
+
+def pose_prior() -> GaussianVAE:
+    """Return RVPoser: VPoser with its decoder's last activation reproduces poses three times worse on our corpus."""
+    return load_vae("rvposer")
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """What does not change while frames are fitted."""
+
+    subject: Subject
+    prior: PosePrior
+    objective: FrameObjective
+    """Of the F frames."""
+    latent_weight: float
+    """w."""
+
+    def poses(self, states: States) -> PosedFrames:
+        """Return the poses the states decode to."""
+        return PosedFrames(states.root, decoded(self.prior, states.z), states.transl)
+
+    def d_pose_d_state(self, states: States) -> np.ndarray:
+        """Return the (F, 69, 38) derivative of the pose tangents by those of the states."""
+        return d_pose_d_state(decoder_jacobian(self.prior, states.z)[0])
+
+    def equations(self, states: States, scale: float, link: Link | None) -> Equations:
+        """Return the Gauss-Newton model at the states."""
+        poses, C = self.poses(states), self.d_pose_d_state(states)
+        data = frame_equations(self.subject, poses, self.objective, scale)
+        C_T = C.swapaxes(-1, -2)
+        H = C_T @ (data.hessian @ C) + _FLOOR * np.eye(DOF)
+        g = (C_T @ data.gradient[..., None])[..., 0]
+        H[:, STATE.latent, STATE.latent] += self.latent_weight * np.eye(STATE.latent_dof)
+        g[:, STATE.latent] += self.latent_weight * states.z
+        cost = data.cost + 0.5 * self.latent_weight * (states.z**2).sum(-1)
+        own = Equations(cost, H, g)
+        return own if link is None else own + link(states, poses, C)
+
+    def solve(self, states: States, scale: float, iterations: int, link: Link | None = None) -> States:
+        """Minimise from these states: every frame on its own, or, where the link joins neighbours, all at once."""
+
+        def linearise(s: States) -> tuple[np.ndarray, DenseBlocks | BlockTridiagonal]:
+            found = self.equations(s, scale, link)
+            if found.upper is None:
+                return found.cost, DenseBlocks(found.H, found.g)
+            return found.cost.sum()[None], BlockTridiagonal(found.H, found.upper, found.g)
+
+        def retract(s: States, step: np.ndarray) -> States:
+            return s.retract(step.reshape(-1, DOF))
+
+        def select(mask: np.ndarray, new: States, old: States) -> States:
+            return old.replaced(np.flatnonzero(mask), _masked(new, mask))
+
+        return levenberg_marquardt(states, linearise, retract, LMSettings(max_iterations=iterations), select).state
+
+
+def _masked(states: States, mask: np.ndarray) -> States:
+    return states.select(np.flatnonzero(mask))
+
+
+def initial_states(prepared: Prepared, prior: PosePrior) -> States:
+    """Return the codes of poses fitted to the triangulated points; unseen frames are bridged."""
+    problem = prepared.problem
+    fitted = fit_to_points(problem, prepared.subject, prepared.seen)
+    start = posed(problem.prior, bridged_states(fitted, prepared.seen, problem.num_frames))
+    return States(prior.encode(start.local), start.root, start.transl)
+
+
+@dataclass(frozen=True)
+class PosedJoints:
+    """Joints of the posed body, and how they move with the states."""
+
+    joints: np.ndarray
+    """(F, 72) metres."""
+    by_states: np.ndarray
+    """(F, 72, 38)."""
+
+    @classmethod
+    def of(cls, subject: Subject, poses: PosedFrames, by_states: np.ndarray) -> PosedJoints:
+        """Differentiate the 24 joints."""
+        landmarks = keypoint_landmarks(subject.body, JointSet.SMPL_24)
+        found = pose_landmarks(
+            subject.body, landmarks, subject.betas, poses.root, poses.local, poses.transl, jacobian=True
+        )
+        assert found.by_rotations is not None
+        eye = np.broadcast_to(np.eye(3), (*found.points.shape[:2], 3, 3))
+        J = np.concatenate([found.by_rotations, eye], axis=-1)
+        J = J.reshape(len(by_states), -1, PoseTangent.DOF)
+        return cls(found.points.reshape(len(J), -1), J @ by_states)
+
+
+def with_weight(sequence: Sequence, latent_weight: float) -> Sequence:
+    """Return the sequence with another weight of the codes' density."""
+    return replace(sequence, latent_weight=latent_weight)

@@ -1,0 +1,23 @@
+"""Robust triangulation and a Butterworth low-pass: what most open pipelines do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from research.baselines.base import Baseline, BaselineResult
+from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.types import Capture
+
+
+@dataclass(frozen=True)
+class TriangulatedButterworth(Baseline):
+    """Points without a body."""
+
+    cutoff_hz: float = 6.0
+    """Of the fourth-order filter."""
+    name: str = "triangulation + Butterworth"
+    simplified: str = ""
+
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Return the filtered points."""
+        return BaselineResult(triangulate_and_filter(*capture.require_multiview(), self.cutoff_hz))

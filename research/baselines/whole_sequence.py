@@ -1,0 +1,73 @@
+"""Methods that solve a whole sequence of Gaussian codes at once: ETC and DMMR (thesis 6.3.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from research.baselines.base import Baseline, BaselineResult
+from research.baselines.links import SlowCodes, SlowJoints
+from research.baselines.muvs import by_frame
+from research.baselines.person import ROBUST_SCALE, prepare
+from research.baselines.sequence import Link, Sequence, States, initial_states, pose_prior, with_weight
+from solver_backend.types import Capture
+
+_START = "start and shape from triangulated points in place of HMR"
+
+
+@dataclass(frozen=True)
+class ETC(Baseline):
+    """Exploiting temporal context (Arnab et al. 2019), for several views: slow joints over the whole take."""
+
+    latent_weight: float = 1.0
+    """Of ``|z|²/2``; tuned on training motions."""
+    speed_m_s: float = 1.0
+    """Standard deviation of a joint's speed per axis; tuned on training motions."""
+    iterations: int = 12
+    """Linearisations at most."""
+    name: str = "ETC"
+    simplified: str = (
+        "Gauss-Newton over all frames in place of L-BFGS, squared differences in place of Huber's, VPoser in place of "
+        f"a Gaussian mixture, {_START}."
+    )
+
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Fit each frame, then all at once."""
+        prepared = prepare(capture)
+        sequence, states = by_frame(prepared, self.latent_weight, self.iterations)
+        link = SlowJoints(prepared.subject, prepared.problem.fps, self.speed_m_s)
+        states = sequence.solve(states, ROBUST_SCALE, self.iterations, link)
+        return prepared.result(self.name, sequence.poses(states))
+
+
+@dataclass(frozen=True)
+class DMMR(Baseline):
+    """Dynamic multi-person mesh recovery (Huang et al. 2021): latents that move slowly, in four stages."""
+
+    latent_weight: float = 1.0
+    """Of ``|z|²/2``; tuned on training motions."""
+    codes_per_s: float = 5.0
+    """Standard deviation of a code's speed; tuned on training motions."""
+    root_per_s: float = 2.0
+    """Standard deviation of the root's speed, rad/s and m/s; tuned on training motions."""
+    iterations: int = 8
+    """Linearisations at most, per stage."""
+    name: str = "DMMR"
+    simplified: str = (
+        "VPoser's latents with a penalty on their speed in place of a recurrent motion autoencoder's, one person, "
+        f"fixed cameras, Gauss-Newton in place of L-BFGS, {_START}."
+    )
+
+    def solve(self, capture: Capture) -> BaselineResult:
+        """Fit all frames at once, through four stages."""
+        prepared = prepare(capture)
+        prior = pose_prior()
+        sequence = Sequence(prepared.subject, prior, prepared.problem.objective, self.latent_weight)
+        states = initial_states(prepared, prior)
+        link = SlowCodes(prepared.problem.fps, self.codes_per_s, self.root_per_s)
+        return prepared.result(self.name, sequence.poses(self._staged(sequence, states, link)))
+
+    def _staged(self, sequence: Sequence, states: States, link: Link) -> States:
+        for factor in (8.0, 4.0, 2.0, 1.0):
+            narrowed = with_weight(sequence, factor * self.latent_weight)
+            states = narrowed.solve(states, factor * ROBUST_SCALE, self.iterations, link)
+        return states

@@ -1,0 +1,284 @@
+"""One bundle adjustment for lenses, camera poses, boards and points: Levenberg-Marquardt on Schur's complement.
+
+What is seen is a body (a board of many points, or a point alone, which has no rotation) at a pose of its own; what sees
+is a camera with a pose and a lens. Bodies are eliminated, so that the equations solved are those of the cameras.
+
+Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 6.1 (reduced camera system).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, moved, pixels_of, project_local
+from solver_backend.camera_calibration.adjustment.problem import (
+    CAMERA_PARAMETERS,
+    Adjusted,
+    Bodies,
+    Sightings,
+    Unknowns,
+)
+from solver_backend.geometry.rotations import exp_so3, skew
+from solver_backend.types import Cameras
+from solver_backend.types.shapes import Float
+
+_LENS, _DELAY = slice(6, 6 + PARAMETERS), 6 + PARAMETERS
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e9
+
+
+def adjust(
+    cameras: Cameras,
+    bodies: Bodies,
+    seen: Sightings,
+    unknowns: Unknowns,
+    *,
+    delays: Float[np.ndarray, " cameras"] | None = None,
+    robust_scale: float = 3.0,
+    steps: int = 60,
+    gauge: int = 6,
+    tolerance: float = 1e-8,
+    watch: Callable[[int, float], None] = lambda step, cost: None,
+) -> Adjusted:
+    """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
+
+    Args:
+        cameras: C cameras at a start.
+        bodies: B bodies at a start.
+        seen: N sightings.
+        unknowns: what changes.
+        delays: (C,) seconds at a start, see ``Adjusted``; zero if left out.
+        robust_scale: c, in standard deviations.
+        steps: at most.
+        gauge: directions that change nothing (6, or 7 where the scale is free), left out of the covariance.
+        tolerance: relative gain of a step below which it ends.
+        watch: called with the step and the cost.
+
+    Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
+    """
+    free, columns = _free_matrix(unknowns)
+    now = _State(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
+    task = _Task(cameras, seen, unknowns, robust_scale, columns, slice(0 if seen.local.any() else 3, 6))
+    damping, best = 1e-4, task.cost(now)
+    step = 0
+    for step in range(1, steps + 1):
+        equations = _Equations.at(now, task)
+        accepted = False
+        gain = 0.0
+        while damping < _MOST_DAMPING and not accepted:
+            by_cameras, by_bodies = equations.solved(free, damping)
+            trial = now.moved(task.whole(by_cameras), by_bodies)
+            cost = task.cost(trial)
+            accepted = cost < best
+            if accepted:
+                gain = (best - cost) / max(best, 1e-30)
+                now, best = trial, cost
+                damping = max(damping / 10.0, _LEAST_DAMPING)
+            else:
+                damping *= 10.0
+        watch(step, best)
+        if not accepted or gain < tolerance:
+            break
+    covariance = task.whole(task.whole(_Equations.at(now, task).covariance(free, gauge)).T)
+    return Adjusted(now.cameras, now.bodies, task.errors(now), covariance, step, now.delays, seen)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Cameras, bodies and delays (C,) at one step."""
+
+    cameras: Cameras
+    bodies: Bodies
+    delays: np.ndarray
+
+    def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _State:
+        """Return the state after a step of all cameras (19C,) and bodies (B, 6), or (B, 3) where none turns."""
+        step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
+        turn = exp_so3(step[:, :3])
+        t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
+        cameras = moved(replace(self.cameras, R=turn @ self.cameras.R, t=t), step[:, _LENS])
+        bodies = replace(self.bodies, t=self.bodies.t + by_bodies[:, -3:])
+        if by_bodies.shape[1] == 6:
+            bodies = replace(bodies, R=exp_so3(by_bodies[:, :3]) @ bodies.R)
+        return _State(cameras, bodies, self.delays + step[:, _DELAY])
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What stays the same over all steps."""
+
+    start: Cameras
+    seen: Sightings
+    unknowns: Unknowns
+    scale: float
+
+    columns: np.ndarray
+    """Numbers of ``CAMERA_PARAMETERS`` that are unknown for any camera."""
+    turning: slice
+    """Which of a body's six numbers are unknown: points alone do not turn."""
+
+    def whole(self, values: np.ndarray) -> np.ndarray:
+        """Return values (C columns, ...) of the unknown numbers with zeros for the others, (19C, ...)."""
+        C = len(self.start)
+        full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
+        full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
+        return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
+
+    def in_cameras(self, now: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the points in camera axes (N, 3), about their body (N, 3), and what they should project to (N, 2)."""
+        seen, bodies, cameras = self.seen, now.bodies, now.cameras
+        arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
+        world = arm + bodies.t[seen.body]
+        x_cam = (cameras.R[seen.camera] @ world[..., None])[..., 0] + cameras.t[seen.camera]
+        target = seen.px
+        if seen.velocity is not None:
+            target = target - seen.velocity * now.delays[seen.camera, None]
+        return x_cam, arm, target
+
+    def errors(self, now: _State) -> np.ndarray:
+        """Return (N, 2) px, projected minus seen, NaN behind a camera."""
+        x_cam, _, target = self.in_cameras(now)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            return pixels_of(now.cameras, self.seen.camera, x_cam) - target
+
+    def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
+        """Return (N, 2, columns) the derivative by the unknown numbers of its camera."""
+        if self.columns.max(initial=0) < 6:
+            return by_pose[..., self.columns]
+        return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
+
+    def lens_change(self, cameras: Cameras) -> np.ndarray:
+        """Return (C, 12) how far the lenses moved, in ``PARAMETERS``."""
+        before, after = (c.K[:, [0, 1], [0, 1]] for c in (self.start, cameras))
+        centre = (cameras.K[:, :2, 2] - self.start.K[:, :2, 2]) / before
+        bent = cameras.distortion - self.start.distortion
+        return np.concatenate([np.log(after / before), centre, bent], axis=1)
+
+    def cost(self, now: _State) -> float:
+        """Return the robust cost; a point behind a camera costs as much as a very large error."""
+        square = (self.errors(now) ** 2).sum(-1) / self.seen.sigma**2 / self.scale**2
+        cost = 0.5 * self.scale**2 * float(np.log1p(np.where(np.isfinite(square), square, 1e6)).sum())
+        bodies = now.bodies
+        if bodies.known is not None:
+            cost += 0.5 * float(np.nansum((bodies.t - bodies.known) ** 2)) / bodies.known_sigma**2
+        if self.unknowns.held is not None:
+            far = (self.unknowns.held.step_from(now.cameras) ** 2).sum(-1) / self.scale**2
+            cost += 0.5 * self.scale**2 * float(np.log1p(far).sum())
+        if self.unknowns.lens_sigma is not None:
+            cost += 0.5 * float(((self.lens_change(now.cameras) / self.unknowns.lens_sigma) ** 2).sum())
+        return cost
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations: ``U`` (CP, CP) of cameras, ``V`` (B, 6, 6) of bodies, ``W`` (B, CP, 6) between them."""
+
+    U: np.ndarray
+    V: np.ndarray
+    W: np.ndarray
+    by_camera: np.ndarray
+    by_body: np.ndarray
+
+    @classmethod
+    def at(cls, now: _State, task: _Task) -> _Equations:
+        cameras, bodies, seen, unknowns = now.cameras, now.bodies, task.seen, task.unknowns
+        x_cam, arm, target = task.in_cameras(now)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            px, by_point, by_lens = project_local(cameras, seen.camera, x_cam)
+        error = px - target
+        good = np.isfinite(error).all(-1) & np.isfinite(by_lens).all((-1, -2))
+        square = (np.nan_to_num(error) ** 2).sum(-1) / seen.sigma**2
+        weight = np.where(good, 1.0 / (1.0 + square / task.scale**2), 0.0) / seen.sigma**2
+        by_pose = np.concatenate([-by_point @ skew(x_cam), by_point], axis=-1)
+        by_delay = np.zeros((len(error), 2, 1)) if seen.velocity is None else seen.velocity[..., None]
+        J_camera = np.where(good[:, None, None], task.of_camera(by_pose, by_lens, by_delay), 0.0)
+        in_world = by_point @ cameras.R[seen.camera]
+        by_body_pose = np.concatenate([-in_world @ skew(arm), in_world], axis=-1)[..., task.turning]
+        J_body = np.where(good[:, None, None], by_body_pose, 0.0)
+        weighted_body, weighted_camera = J_body * weight[:, None, None], J_camera * weight[:, None, None]
+        residual = np.where(good[:, None], error, 0.0)[..., None]
+        C, B, P = len(cameras), len(bodies.t), len(task.columns)
+        T = np.swapaxes
+        U = np.zeros((C, P, C, P))
+        U[range(C), :, range(C)] = _sums(T(weighted_camera, 1, 2) @ J_camera, seen.camera, C)
+        pair = _sums(T(weighted_camera, 1, 2) @ J_body, seen.body * C + seen.camera, B * C)
+        by_camera = _sums((T(weighted_camera, 1, 2) @ residual)[..., 0], seen.camera, C)
+        V = _sums(T(weighted_body, 1, 2) @ J_body, seen.body, B)
+        by_body = _sums((T(weighted_body, 1, 2) @ residual)[..., 0], seen.body, B)
+        if bodies.known is not None:
+            told = np.isfinite(bodies.known).all(-1)
+            V[told, -3:, -3:] += np.eye(3) / bodies.known_sigma**2
+            by_body[told, -3:] += (bodies.t - bodies.known)[told] / bodies.known_sigma**2
+        if unknowns.held is not None:
+            step, scale = unknowns.held.step_from(cameras), unknowns.held.scale
+            sure = 1.0 / (1.0 + (step**2).sum(-1, keepdims=True) / task.scale**2)
+            U[np.arange(C)[:, None], np.arange(6), np.arange(C)[:, None], np.arange(6)] += sure / scale**2
+            by_camera[:, :6] += sure * step / scale
+        U = U.reshape(C * P, C * P)
+        if unknowns.lens_sigma is not None:
+            precision = np.pad(1.0 / unknowns.lens_sigma**2, ((0, 0), (6, 1)))
+            pull = precision * np.pad(task.lens_change(cameras), ((0, 0), (6, 1)))
+            U[range(C * P), range(C * P)] += precision[:, task.columns].ravel()
+            by_camera = by_camera + pull[:, task.columns]
+        return cls(U, V, pair.reshape(B, C * P, J_body.shape[-1]), by_camera.ravel(), by_body)
+
+    def solved(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the damped step of all cameras (CP,) and bodies (B, 6), or (B, 3)."""
+        V_inverse, W, S, g = self._reduced(free, damping)
+        diagonal = np.einsum("ii->i", S)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(free.T @ self.U @ free), 1e-12))
+        diagonal += damping / scale**2 + 1e-12
+        by_camera = -scale * np.linalg.solve(scale[:, None] * S * scale, scale * g)
+        right = self.by_body + np.einsum("bqi,q->bi", W, by_camera)
+        return free @ by_camera, -(V_inverse @ right[..., None])[..., 0]
+
+    def _reduced(self, free: np.ndarray, damping: float) -> tuple[np.ndarray, ...]:
+        V = self.V.copy()
+        diagonal = np.einsum("bii->bi", V)
+        diagonal += damping * diagonal + np.where(diagonal > 0, 1e-12 * diagonal.max(initial=1.0), 1.0)
+        V_inverse = np.linalg.inv(V)
+        W = np.swapaxes(np.swapaxes(self.W, 1, 2) @ free, 1, 2)
+        Y = W @ V_inverse
+        S = free.T @ self.U @ free - np.tensordot(Y, W, axes=((0, 2), (0, 2)))
+        g = free.T @ self.by_camera - np.einsum("bqi,bi->q", Y, self.by_body)
+        return V_inverse, W, S, g
+
+    def covariance(self, free: np.ndarray, gauge: int) -> np.ndarray:
+        """Return the inverse of the reduced equations without their ``gauge`` softest directions, (CP, CP)."""
+        _, _, S, _ = self._reduced(free, 0.0)
+        if not len(S):
+            return np.zeros_like(self.U)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(free.T @ self.U @ free), 1e-12))
+        values, vectors = np.linalg.eigh(scale[:, None] * S * scale)
+        kept = np.arange(len(values)) >= gauge
+        kept &= values > 1e-14
+        vectors = scale[:, None] * vectors[:, kept]
+        return free @ ((vectors / values[kept]) @ vectors.T) @ free.T
+
+
+def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C P, Q) which step each unknown stands for, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
+    C = len(unknowns.poses)
+    late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
+    free = np.concatenate([np.tile(unknowns.poses[:, None], (1, 6)), unknowns.lens, late[:, None]], axis=1)
+    tied = free[:, 6] & free[:, 7] & unknowns.one_focal
+    columns = np.flatnonzero(free.any(0))
+    alone = free.copy()
+    alone[tied, 7] = False
+    matrix = np.eye(free.size)[:, alone.ravel()]
+    for c in np.flatnonzero(tied):
+        matrix[c * CAMERA_PARAMETERS + 7] = matrix[c * CAMERA_PARAMETERS + 6]
+    kept = (np.arange(C)[:, None] * CAMERA_PARAMETERS + columns).ravel()
+    return matrix[kept], columns
+
+
+def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """Return the sums of values (N, ...) by their group: (count, ...)."""
+    total = np.zeros((count, *values.shape[1:]))
+    order = np.argsort(group, kind="stable")
+    firsts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    if len(firsts):
+        total[group[order][firsts]] = np.add.reduceat(values[order], firsts, axis=0)
+    return total

@@ -1,0 +1,239 @@
+"""A rig's calibration from a folder of board footage: lenses, then poses, then the world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens
+from solver_backend.camera_calibration.boards.board import Board
+from solver_backend.camera_calibration.boards.detection import BoardDetector, BoardSighting
+from solver_backend.camera_calibration.extrinsics.from_board import BoardRig, rig_from_board, zoom_doubts
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
+from solver_backend.camera_calibration.frames import VIDEOS, grey_frames
+from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
+from solver_backend.camera_calibration.intrinsics.coverage_picture import write_coverage_png
+from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
+from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.progress import Progress, silent
+
+Sightings = dict[int, BoardSighting]
+GOOD_RMSE_PX = 1.0
+"""Above, a board's calibration is doubtful."""
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """How a board session is calibrated."""
+
+    models: tuple[str, ...] = tuple(LENS_MODELS)
+    """Lens models to choose from."""
+    step: int = 1
+    """Every how many frames of lens videos are looked at; those of the rig are all looked at."""
+    fps: float | None = None
+    """Frames a second of the rig's videos, by which cameras' delays are found."""
+    origin_frame: int | None = None
+    """Frame at which the board lies on the floor, origin and axes of the world."""
+    refine_lenses: bool = False
+    """Lenses change with the poses."""
+
+
+def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tuple[int, int]]:
+    """Return the board's sightings in footage by frame, and the pictures' width and height.
+
+    Raises:
+        FileMissing, FileDamaged, BackendMissing: see ``grey_frames``.
+    """
+    detector = BoardDetector(board)
+    found: Sightings = {}
+    size = (0, 0)
+    for number, picture in grey_frames(path, step):
+        size = (picture.shape[1], picture.shape[0])
+        sighting = detector.find(picture)
+        if sighting is not None:
+            found[number] = sighting
+    return found, size
+
+
+def calibrate_lenses(
+    footage: dict[str, Path], board: Board, options: BoardOptions = BoardOptions(), progress: Progress = silent
+) -> tuple[dict[str, CameraLens], dict[str, list[BoardSighting]]]:
+    """Return each camera's lens and the sightings it was found from.
+
+    Raises:
+        CalibrationInvalid: a camera has too few pictures of the board; names it.
+    """
+    lenses, used = {}, {}
+    for done, (name, path) in enumerate(footage.items()):
+        progress(f"Lens of {name}", done, len(footage))
+        sightings, size = find_boards(path, board, options.step)
+        try:
+            lenses[name] = camera_lens(board, sightings, size, options.models)
+        except CalibrationInvalid as error:
+            raise CalibrationInvalid(error.message, where=f"camera {name}, {path}", hint=error.hint) from error
+        used[name] = [sightings[f] for f in lenses[name].frames]
+    return lenses, used
+
+
+def calibrate_by_board(
+    footage: BoardFootage,
+    board: Board,
+    known: dict[str, Lens],
+    options: BoardOptions = BoardOptions(),
+    progress: Progress = silent,
+    *,
+    coverage: Path | None = None,
+) -> RigCalibration:
+    """Return the cameras that a board was carried through.
+
+    Args:
+        footage: of the rig, and of lenses that are not known.
+        board: what was filmed.
+        known: lenses by the camera's name.
+        options: how.
+        progress: called with what is done.
+        coverage: folder to write pictures of where each camera saw the board, SVG and PNG.
+
+    Raises:
+        CalibrationMissing: there is no footage of the rig.
+        CalibrationInvalid: a lens or a pose cannot be found; names the camera.
+    """
+    if len(footage.rig) < 2:
+        raise CalibrationMissing(
+            f"{len(footage.rig)} cameras filmed the board at once; two are needed.",
+            hint="Put one video a camera into the folder extrinsics.",
+        )
+    names = tuple(footage.rig)
+    seen, sizes = [], []
+    for done, (name, path) in enumerate(footage.rig.items()):
+        progress(f"Board before {name}", done, len(names))
+        sightings, size = find_boards(path, board)
+        seen.append(sightings)
+        sizes.append(size)
+    if coverage is not None:
+        for name, sightings, size in zip(names, seen, sizes, strict=True):
+            picture = coverage_svg(list(sightings.values()), size, name)
+            write_text(coverage / f"{name}.svg", picture, overwrite=True)
+            write_coverage_png(list(sightings.values()), size, coverage / f"{name}.png")
+    lenses = _lenses(footage, board, known, seen, sizes, options, progress)
+    findings = _mirrored(names, seen)
+    ordered = _one_model([lenses[n][0] for n in names], names)
+    progress("All cameras at once", 0, 1)
+    moving = options.fps is not None and all(p.suffix.lower() in VIDEOS for p in footage.rig.values())
+    rig = rig_from_board(
+        names, ordered, board, seen, free_lenses=options.refine_lenses, fps=options.fps if moving else None
+    )
+    found = result_of("board", rig.adjusted)
+    R, t, note = _world(rig, options.origin_frame)
+    told: dict[str, dict[str, object]] = {n: lenses[n][1] for n in names if lenses[n][1]}
+    words = [f"{n}: {word}" for n in names for word in _list(lenses[n][1].get("advice"))]
+    return replace(
+        moved_world(found, R, t),
+        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *words),
+        notes=(
+            note,
+            f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict, are left out.",
+        ),
+        lenses=told,
+    )  # fmt: skip
+
+
+def _lenses(
+    footage: BoardFootage, board: Board, known: dict[str, Lens], seen: Sequence[Sightings],
+    sizes: Sequence[tuple[int, int]], options: BoardOptions, progress: Progress,
+) -> dict[str, tuple[Lens, dict[str, object]]]:  # fmt: skip
+    """Return lens and facts of each camera: known, from footage of its own, or from the rig's."""
+    own = {n: p for n, p in footage.lens.items() if n in footage.rig and n not in known}
+    found, _ = calibrate_lenses(own, board, options, progress)
+    lenses: dict[str, tuple[Lens, dict[str, object]]] = {}
+    for i, name in enumerate(footage.rig):
+        if name in known:
+            lenses[name] = known[name], {}
+            continue
+        if name not in found:
+            try:
+                found[name] = camera_lens(board, seen[i], sizes[i], options.models)
+            except CalibrationInvalid as error:
+                raise CalibrationInvalid(error.message, where=f"camera {name}", hint=error.hint) from error
+        lens = found[name]
+        lenses[name] = lens.lens, {
+            "model": lens.choice.fit.model.name, "held_out_px": lens.choice.held_out, "pictures": len(lens.frames),
+            "focal_sigma_px": lens.choice.fit.focal_sigma_px, "advice": list(lens.advice),
+        }  # fmt: skip
+    return lenses
+
+
+def _one_model(lenses: Sequence[Lens], names: Sequence[str]) -> list[Lens]:
+    """Return the lenses with one distortion model, as ``Cameras`` has one; a mixture is refused by name."""
+    models = {lens.distortion_model for lens in lenses}
+    if len(models) == 1:
+        return list(lenses)
+    fish = [n for n, lens in zip(names, lenses, strict=True) if lens.distortion_model == "fisheye"]
+    raise CalibrationInvalid(
+        f"Fisheye and other lenses are mixed; fisheye are {', '.join(fish)}.",
+        hint="Choose one model for all: --lens rational8 or --lens fisheye.",
+    )
+
+
+def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[str, ...]:
+    words = []
+    for name, sightings in zip(names, seen, strict=True):
+        mirrored = sum(s.mirrored for s in sightings.values())
+        if sightings and mirrored > len(sightings) / 2:
+            raise CalibrationInvalid(
+                f"The board is mirrored in {mirrored} of {len(sightings)} pictures.",
+                where=f"camera {name}",
+                hint="Switch the camera's mirroring (selfie view) off, or turn the printed sheet over.",
+            )
+        if mirrored:
+            words.append(f"{name} shows the board mirrored in {mirrored} pictures, as in a mirror or a window.")
+    return tuple(words)
+
+
+def _doubts(names: Sequence[str], found: RigCalibration, rig: BoardRig) -> tuple[str, ...]:
+    words = []
+    for c, name in enumerate(names):
+        if found.camera_rmse_px[c] > GOOD_RMSE_PX:
+            words.append(
+                f"{name} errs by {found.camera_rmse_px[c]:.1f} px: its lens was filmed in another zoom or mode, it was "
+                "moved, or the board was not held still."
+            )
+        if abs(found.delays_s[c]) > 0.005:
+            words.append(
+                f"{name} is {'later' if found.delays_s[c] > 0 else 'earlier'} than {names[0]} by "
+                f"{abs(found.delays_s[c]) * 1000:.0f} ms; the takes are too: synchronise them."
+            )
+    share = rig.left_out / max(len(rig.seen.px) + rig.left_out, 1)
+    if share > 0.1:
+        words.append(f"{share:.0%} of the corners contradict the others; a camera was moved or is not synchronous.")
+    return tuple(words)
+
+
+def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, str]:
+    """Return the move into a world with Z up: by the board on the floor, else by the cameras' own upright."""
+    bodies = rig.adjusted.bodies
+    if origin is not None:
+        if origin not in rig.moments:
+            raise CalibrationInvalid(
+                f"The board is not seen at frame {origin}.", hint=f"It is at {rig.moments[0]} to {rig.moments[-1]}."
+            )
+        i = rig.moments.index(origin)
+        R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
+        return R, -R @ bodies.t[i], f"Origin, axes and floor are the board's at frame {origin}."
+    cameras = rig.adjusted.cameras
+    up = -cameras.R[:, 1].mean(0)
+    z = up / max(float(np.linalg.norm(up)), 1e-9)
+    x = np.cross(cameras.R[0, 2], z)
+    x = x / max(float(np.linalg.norm(x)), 1e-9)
+    R = np.stack([x, np.cross(z, x), z])
+    centre = np.median(bodies.t, axis=0)
+    return R, -R @ centre, "Up is what the cameras' own upright says; lay the board on the floor to know it (--origin)."
+
+
+def _list(value: object) -> list[str]:
+    return [str(v) for v in value] if isinstance(value, list) else []

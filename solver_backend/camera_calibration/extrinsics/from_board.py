@@ -1,0 +1,192 @@
+"""Camera poses from a board that pairs of cameras see in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens, lens_of
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.boards.board import Board
+from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.boards.motion import point_velocities
+from solver_backend.camera_calibration.extrinsics.chained_poses import Pose, chained, composed, inverted, relative_pose
+from solver_backend.camera_calibration.intrinsics.lens_fit import CORNER_SIGMA_PX, board_poses
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.types import Cameras
+
+FEWEST_TOGETHER = 2
+"""Moments at which a pair must see the board together to be believed."""
+OUTLIER_SIGMAS = 6.0
+"""Moments of one camera whose error is larger, in median errors, are left out of the second adjustment."""
+
+ZOOM_GAIN = 0.25
+UNTOLD = 10.0
+"""How much less sure a point is whose velocity is unknown while delays are found."""
+
+
+@dataclass(frozen=True)
+class BoardRig:
+    """Cameras found by a board."""
+
+    adjusted: Adjusted
+    """Cameras and the board's poses, in the first camera's axes."""
+    moments: tuple[int, ...]
+    """Frame of each of the board's poses."""
+    seen: Sightings
+    """What was used."""
+    together: dict[tuple[int, int], int]
+    """How often each pair saw the board together."""
+    left_out: int
+    """Sightings that were left out as contradicting the others."""
+
+
+def rig_from_board(
+    names: Sequence[str],
+    lenses: Sequence[Lens],
+    board: Board,
+    sightings: Sequence[Mapping[int, BoardSighting]],
+    *,
+    free_lenses: bool = False,
+    fps: float | None = None,
+    watch: Callable[[int, float], None] = lambda step, cost: None,
+) -> BoardRig:
+    """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
+
+    Args:
+        names: C names.
+        lenses: C lenses with one distortion model.
+        board: what was filmed.
+        sightings: for each camera, what it saw by the frame's number; frames are synchronous.
+        free_lenses: lenses are refined too, those that saw the board at three moments or more.
+        fps: frames a second; where it is told, each camera's delay against the first is found too.
+        watch: see ``adjust``.
+
+    Raises:
+        CalibrationInvalid: cameras never see the board together, or the board's ends look alike.
+    """
+    if not board.tells_ends_apart:
+        raise CalibrationInvalid(
+            f"The {board} looks the same when half turned, so cameras cannot agree on its ends.",
+            hint="Use a Charuco board, or a checkerboard with an even and an odd number of squares.",
+        )
+    poses = [poses_seen(board, seen, lens) for seen, lens in zip(sightings, lenses, strict=True)]
+    together, relative = {}, {}
+    for i, j in combinations(range(len(names)), 2):
+        common = sorted(poses[i].keys() & poses[j].keys())
+        if len(common) >= FEWEST_TOGETHER:
+            together[i, j] = len(common)
+            relative[i, j] = relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common])
+    camera_poses = chained(names, together, relative)
+    cameras = _cameras(names, lenses, camera_poses)
+    moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
+    bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
+    late = np.arange(len(names)) > 0 if fps is not None else None
+    fixed = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool), delays=late)
+    found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0, watch=watch)
+    error = np.linalg.norm(found.error, axis=-1)
+    kept = error < OUTLIER_SIGMAS * max(float(np.nanmedian(error)), CORNER_SIGMA_PX)
+    unknowns = replace(lens_unknowns(found.cameras, lenses), delays=late) if free_lenses else fixed
+    found = adjust(
+        found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0, watch=watch
+    )
+    return BoardRig(found, moments, seen.where(kept), together, int((~kept).sum()))
+
+
+def zoom_doubts(rig: BoardRig) -> tuple[str, ...]:
+    """Return a sentence on each camera whose lens was found in another zoom or mode: another focal length fits better.
+
+    All lenses are freed; told are focal lengths that change by more than 3 % and five standard deviations where the
+    error then falls by a quarter or more.
+    """
+    names, told = rig.adjusted.cameras.names, rig.adjusted.cameras
+    lenses = [lens_of(told, c) for c in range(len(names))]
+    unknowns = replace(lens_unknowns(told, lenses), lens_sigma=None)
+    lens = np.zeros_like(unknowns.lens)
+    lens[:, list(FOCAL)] = True
+    late = rig.adjusted.delays != 0
+    free = adjust(
+        told, rig.adjusted.bodies, rig.seen, Unknowns(unknowns.poses, lens, delays=late), delays=rig.adjusted.delays,
+        robust_scale=8.0, tolerance=1e-4, steps=25,
+    )  # fmt: skip
+    if free.rmse_px > (1.0 - ZOOM_GAIN) * rig.adjusted.rmse_px:
+        return ()
+    sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
+    focal = [cameras.K[:, 0, 0] for cameras in (told, free.cameras)]
+    change = np.log(focal[1] / focal[0])
+    far = (np.abs(change) > 0.03) & (np.abs(change) > 5.0 * sigma)
+    worst = np.abs(change) > 0.5 * np.abs(change).max()
+    return tuple(
+        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as told: its lens was "
+        "filmed in another zoom or mode. Film the board again in the mode of the takes."
+        for c in np.flatnonzero(far & worst)
+    )
+
+
+def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
+    """Return all poses and the lenses as unknown: focal length, centre, and those coefficients that are not zero."""
+    lens = np.zeros((len(cameras), PARAMETERS), bool)
+    lens[:, [*FOCAL, *CENTRE]] = True
+    for c, one in enumerate(lenses):
+        used = np.flatnonzero(one.distortion)
+        lens[c, 4 + used] = True
+        if not len(used):
+            lens[c, [4 + i for i in LENS_MODELS["radial2"].fitted]] = True
+    sigma = np.tile(np.array([0.03] * 2 + [0.03] * 2 + [0.3] * 8), (len(cameras), 1))
+    return Unknowns(np.ones(len(cameras), bool), lens, True, sigma)
+
+
+def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
+    """Return the board's pose in a camera's axes at each moment the camera sees it."""
+    if not seen:
+        return {}
+    R, t = board_poses(board, list(seen.values()), lens)
+    return {frame: (R[i], t[i]) for i, frame in enumerate(seen)}
+
+
+def _cameras(names: Sequence[str], lenses: Sequence[Lens], poses: Sequence[Pose]) -> Cameras:
+    return Cameras(
+        tuple(names),
+        np.stack([lens.K for lens in lenses]),
+        np.stack([lens.distortion for lens in lenses]),
+        np.stack([R for R, _ in poses]),
+        np.stack([t for _, t in poses]),
+        np.array([lens.image_size for lens in lenses]),
+        lenses[0].distortion_model,
+    )
+
+
+def placed_boards(
+    board: Board,
+    sightings: Sequence[Mapping[int, BoardSighting]],
+    poses: Sequence[Mapping[int, Pose]],
+    cameras: Sequence[Pose],
+    moments: Sequence[int],
+    fps: float | None,
+) -> tuple[Bodies, Sightings]:
+    """Return the board's poses, each by the camera that sees most of it, and all sightings.
+
+    Where delays are asked for, points whose velocity is unknown count little.
+    """
+    number = {frame: i for i, frame in enumerate(moments)}
+    best: dict[int, tuple[int, Pose]] = {}
+    rows = []
+    for c, by_frame in enumerate(sightings):
+        for frame, view in by_frame.items():
+            world = composed(inverted(cameras[c]), poses[c][frame])
+            if frame not in best or len(view.ids) > best[frame][0]:
+                best[frame] = len(view.ids), world
+            n = len(view.ids)
+            velocity = np.zeros((n, 2)) if fps is None else point_velocities(by_frame, frame, fps)
+            rows.append((np.full(n, c), np.full(n, number[frame]), board.points[view.ids], view.px, velocity))
+    camera, body, local, px, velocity = (np.concatenate(part) for part in zip(*rows, strict=True))
+    told = np.isfinite(velocity).all(-1)
+    sigma = np.where(told, CORNER_SIGMA_PX, UNTOLD * CORNER_SIGMA_PX)
+    velocity = np.where(told[:, None], velocity, 0.0) if fps is not None else None
+    placed = [best[frame][1] for frame in moments]
+    bodies = Bodies(np.stack([R for R, _ in placed]), np.stack([t for _, t in placed]))
+    return bodies, Sightings(camera, body, local, px, sigma, velocity)

@@ -1,0 +1,251 @@
+"""Camera poses from a person's keypoints alone, up to the scale and the place of the world."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, lens_of
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.extrinsics.resection import resected_pose
+from solver_backend.camera_calibration.extrinsics.two_views import essential_matrix, intersected, pose_from_essential
+from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
+from solver_backend.types import Cameras, Keypoints2D
+
+START_FRAMES, FINAL_FRAMES = 60, 160
+"""Frames at most, spread over the take, by which cameras are started and adjusted."""
+LEAST_CONFIDENCE = 0.3
+"""Keypoints below are not used."""
+START_SIGMA_PX = 6.0
+"""What a keypoint is expected to err by before anything is known."""
+LEAST_MOMENTS = 30
+"""Fewer pictures of a person fit many cameras."""
+FEWEST_COMMON = 60
+"""Keypoints that two cameras must both see."""
+FOCAL_SIGMA = 0.15
+"""Of a focal length that was guessed from the picture's size, as a share."""
+
+
+@dataclass(frozen=True)
+class PersonRig:
+    """Cameras found by a person; the first camera's axes, the unit is arbitrary."""
+
+    adjusted: Adjusted
+    """Cameras, points (as bodies) and errors."""
+    sigma_px: float
+    """What a keypoint errs by, per axis, measured from the residuals."""
+    frames: np.ndarray
+    """(F,) frames that were used."""
+    points: np.ndarray
+    """(F, K, 3) keypoints at these frames, NaN where fewer than two views saw them."""
+    inlier_share: float
+    """Share of keypoints within three standard deviations."""
+
+
+def rig_from_person(
+    names: Sequence[str],
+    lenses: Sequence[Lens],
+    keypoints: Keypoints2D,
+    *,
+    free_focal: bool = False,
+    seed: int = 0,
+    watch: Callable[[str], None] = lambda what: None,
+) -> PersonRig:
+    """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
+
+    Args:
+        names: C names.
+        lenses: C lenses with one distortion model.
+        keypoints: of one person in C views, synchronous.
+        free_focal: focal lengths are unknown too, as where they were guessed from the picture's size.
+        seed: of the samples.
+        watch: called with what is being done.
+
+    Raises:
+        NoDetections: no two cameras see enough in common.
+        CalibrationInvalid: a camera fits nowhere; names it.
+
+    Reference: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
+    "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
+    """
+    rng = np.random.default_rng(seed)
+    task = _Views.of(names, lenses, keypoints, START_FRAMES)
+    watch("Pairs of cameras")
+    pair, poses = task.best_pair(rng)
+    joined = list(pair)
+    found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
+    while len(joined) < len(names):
+        watch(f"Camera {len(joined) + 1} of {len(names)}")
+        joined, poses = task.with_next(joined, found, rng)
+        found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
+    watch("All cameras at once")
+    order = np.argsort(joined)
+    cameras = found.cameras.subset(order.tolist())
+    return _finished(_Views.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
+
+
+def refined_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> PersonRig:
+    """Return an earlier calibration adjusted to one person's keypoints; the world drifts a little with it.
+
+    Raises:
+        NoDetections: no two cameras see the person at the same moment.
+    """
+    lenses = [lens_of(cameras, c) for c in range(len(cameras))]
+    views = _Views.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
+    return _finished(views, cameras, START_SIGMA_PX, free_focal)
+
+
+def _finished(views: _Views, cameras: Cameras, sigma: float, free_focal: bool) -> PersonRig:
+    """Return the adjustment of all cameras over more frames, with the noise that its residuals show."""
+    everyone = list(range(len(cameras)))
+    found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal)
+    sigma = _sigma(found)
+    found, numbers = views.adjusted(
+        everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras
+    )  # fmt: skip
+    inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
+    return PersonRig(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Keypoints of C views at F frames, flat: N = F K points."""
+
+    lenses: Cameras
+    xy: np.ndarray
+    """(C, N, 2) px, NaN where not used."""
+    confidence: np.ndarray
+    """(C, N)."""
+    frames: np.ndarray
+    keypoints: int
+
+    @classmethod
+    def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _Views:
+        seen = (keypoints.confidence >= LEAST_CONFIDENCE).sum(2)
+        useful = np.flatnonzero((seen > 3).sum(0) >= 2)
+        if not len(useful):
+            raise NoDetections("No two cameras see the person at the same moment.", hint="Are the videos synchronous?")
+        if len(useful) < LEAST_MOMENTS:
+            raise NoDetections(
+                f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed.",
+                hint="Film her walking through the whole space for half a minute, or film a board.",
+            )
+        frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
+        xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
+        xy = np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan)
+        C = len(names)
+        cameras = Cameras(
+            tuple(names), np.stack([e.K for e in lenses]), np.stack([e.distortion for e in lenses]),
+            np.tile(np.eye(3), (C, 1, 1)), np.zeros((C, 3)), np.array([e.image_size for e in lenses]),
+            lenses[0].distortion_model,
+        )  # fmt: skip
+        return cls(cameras, xy.reshape(C, -1, 2), confidence.reshape(C, -1), frames, xy.shape[2])
+
+    def normalised(self, cameras: Cameras | None = None) -> np.ndarray:
+        c = cameras or self.lenses
+        return undistort(c.K, c.distortion, self.xy, c.distortion_model)
+
+    def scale(self, c: int) -> float:
+        return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
+
+    def best_pair(self, rng: np.random.Generator) -> tuple[tuple[int, int], tuple[np.ndarray, np.ndarray]]:
+        """Return the pair with most agreeing points seen under a wide angle, and both poses."""
+        n = self.normalised()
+        best: tuple[float, tuple[int, int], np.ndarray, np.ndarray] | None = None
+        for i, j in combinations(range(len(self.lenses)), 2):
+            both = np.isfinite(n[[i, j]]).all((0, -1))
+            if both.sum() < FEWEST_COMMON:
+                continue
+            a, b = n[i, both], n[j, both]
+            E, good = essential_matrix(a, b, 0.5 * (self.scale(i) + self.scale(j)), rng)
+            if good.sum() < FEWEST_COMMON // 2:
+                continue
+            R, t = pose_from_essential(E, a[good], b[good])
+            angle = _median_angle(a[good], b[good], R)
+            score = float(good.sum()) * min(angle, np.pi - angle, 1.0)
+            if best is None or score > best[0]:
+                best = score, (i, j), R, t
+        if best is None:
+            raise NoDetections(
+                f"No two cameras see {FEWEST_COMMON} keypoints in common.",
+                hint="Let the person walk where cameras see her together; check that the videos are synchronous.",
+            )
+        _, pair, R, t = best
+        return pair, (np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]))
+
+    def with_next(
+        self, joined: list[int], found: Adjusted, rng: np.random.Generator
+    ) -> tuple[list[int], tuple[np.ndarray, np.ndarray]]:
+        """Return the joined cameras with the one that sees most of the known points, and all poses."""
+        n = self.normalised()
+        X = intersected(found.cameras.R, found.cameras.t, n[joined])
+        known = np.isfinite(X).all(-1)
+        common = {c: known & np.isfinite(n[c]).all(-1) for c in range(len(n)) if c not in joined}
+        c = max(common, key=lambda k: int(common[k].sum()))
+        use = common[c]
+        name = self.lenses.names[c]
+        if use.sum() < FEWEST_COMMON // 2:
+            raise CalibrationInvalid(
+                f"The camera sees {int(use.sum())} keypoints that others see too; {FEWEST_COMMON // 2} are needed.",
+                where=f"camera {name}",
+                hint="Film the person where this camera and two others see her.",
+            )
+        R, t, share = resected_pose(X[use], n[c, use], self.scale(c), rng)
+        if share < 0.3:
+            raise CalibrationInvalid(
+                f"Only {share:.0%} of what the camera sees fits the other cameras.",
+                where=f"camera {name}",
+                hint="Is it synchronous, of another zoom, mirrored, or does it see somebody else?",
+            )
+        poses = np.concatenate([found.cameras.R, R[None]]), np.concatenate([found.cameras.t, t[None]])
+        return [*joined, c], poses
+
+    def adjusted(
+        self, which: list[int], poses: tuple[np.ndarray, np.ndarray], sigma: float, free_focal: bool,
+        lenses: Cameras | None = None,
+    ) -> tuple[Adjusted, np.ndarray]:  # fmt: skip
+        """Return the bundle adjustment of these cameras, and which of the N points its bodies are."""
+        base = (lenses or self.lenses.subset(which)).subset(list(range(len(which))))
+        cameras = Cameras(
+            base.names, base.K, base.distortion, poses[0], poses[1], base.image_size, base.distortion_model
+        )  # fmt: skip
+        X = intersected(cameras.R, cameras.t, undistort(base.K, base.distortion, self.xy[which], base.distortion_model))
+        seen = np.isfinite(self.xy[which]).all(-1) & np.isfinite(X).all(-1)
+        used = seen.any(0)
+        number = np.cumsum(used) - 1
+        camera, point = np.nonzero(seen)
+        spread = sigma / np.sqrt(np.clip(self.confidence[which][camera, point], 0.1, 1.0))
+        sightings = Sightings(camera, number[point], np.zeros((len(point), 3)), self.xy[which][camera, point], spread)
+        bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), X[used])
+        lens = np.zeros((len(which), PARAMETERS), bool)
+        lens_sigma = None
+        if free_focal:
+            lens[:, list(FOCAL)] = True
+            lens_sigma = np.full((len(which), PARAMETERS), 1.0)
+            lens_sigma[:, list(FOCAL)] = FOCAL_SIGMA
+        unknowns = Unknowns(np.ones(len(which), bool), lens, True, lens_sigma)
+        found = adjust(cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40)
+        return found, np.flatnonzero(used)
+
+    def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
+        """Return the adjusted keypoints (F, K, 3), NaN where fewer than two cameras see them."""
+        points = np.full((self.xy.shape[1], 3), np.nan)
+        points[numbers] = found.bodies.t
+        return points.reshape(len(self.frames), self.keypoints, 3)
+
+
+def _median_angle(a: np.ndarray, b: np.ndarray, R: np.ndarray) -> float:
+    """Return the median angle between the rays of both cameras, radians."""
+    rays = [np.concatenate([x, np.ones_like(x[:, :1])], axis=1) for x in (a, b)]
+    u, v = (r / np.linalg.norm(r, axis=1, keepdims=True) for r in (rays[0], rays[1] @ R))
+    return float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
+
+
+def _sigma(found: Adjusted) -> float:
+    """Return the standard deviation per axis in px, from the median of the distances (Rayleigh's), for lost freedom."""
+    return max(float(np.nanmedian(np.linalg.norm(found.error, axis=-1))) / 1.1774 * 1.2, 0.05)

@@ -1,0 +1,154 @@
+"""A rig's calibration from points clicked in its pictures, some of them with known places."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens
+from solver_backend.camera_calibration.adjustment.planar import planar_pose
+from solver_backend.camera_calibration.adjustment.problem import Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.extrinsics.resection import resected_pose
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration, result_of
+from solver_backend.camera_calibration.extrinsics.two_views import intersected
+from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
+from solver_backend.io.files import read_text
+from solver_backend.types import Cameras
+
+CLICK_SIGMA_PX = 1.5
+"""How far a hand clicks beside a point."""
+PLACE_SIGMA_M = 0.003
+"""How well the places of points are measured."""
+FLAT = 0.02
+"""Points are in a plane where they leave it by less than this share of their spread."""
+
+
+@dataclass(frozen=True)
+class Clicks:
+    """Points by name: where they are in pictures, and in the world where that is known."""
+
+    px: dict[str, dict[str, tuple[float, float]]]
+    """Pixels by camera and point."""
+    places: dict[str, tuple[float, float, float]]
+    """Metres, Z up."""
+
+
+def read_clicks(path: Path) -> Clicks:
+    """Return the points of a table: ``point,camera,x,y`` a click, and ``point,world,x,y,z`` a known place.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: a row has too few fields or no numbers; names its line.
+    """
+    px: dict[str, dict[str, tuple[float, float]]] = {}
+    places: dict[str, tuple[float, float, float]] = {}
+    try:
+        rows = list(csv.reader(read_text(path).splitlines()))
+    except csv.Error as error:
+        raise FileDamaged(f"The file is no table of points ({error}).", where=str(path)) from error
+    for number, row in enumerate(rows, start=1):
+        fields = [field.strip() for field in row]
+        if not any(fields) or fields[0].startswith("#") or fields[:2] == ["point", "camera"]:
+            continue
+        try:
+            values = [float(v) for v in fields[2:] if v]
+            if not np.isfinite(values).all():
+                raise ValueError("not finite")
+            if fields[1] == "world":
+                x, y, z = values
+                places[fields[0]] = x, y, z
+            else:
+                u, v = values
+                px.setdefault(fields[1], {})[fields[0]] = u, v
+        except (ValueError, IndexError) as error:
+            raise FileDamaged(
+                f"Line {number} is not point,camera,x,y or point,world,x,y,z.", where=str(path)
+            ) from error
+    return Clicks(px, places)
+
+
+def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> RigCalibration:
+    """Return cameras in the world of the known points; points that are not known take part where two cameras see them.
+
+    Args:
+        clicks: at least four known points in each camera, six where they are not in one plane.
+        lenses: by the camera's name, of one distortion model.
+
+    Raises:
+        CalibrationInvalid: a camera sees too few known points or has no lens, or the points are in a line.
+    """
+    names = tuple(clicks.px)
+    if len(names) < 2:
+        raise CalibrationInvalid(f"Points were clicked in {len(names)} pictures; two cameras are needed.")
+    rng = np.random.default_rng(0)
+    poses = []
+    for name in names:
+        if name not in lenses:
+            raise CalibrationInvalid("The camera has no lens.", where=f"camera {name}", hint="Tell it with --lenses.")
+        poses.append(_pose(name, clicks, lenses[name], rng))
+    chosen = [lenses[name] for name in names]
+    cameras = Cameras(
+        names, np.stack([e.K for e in chosen]), np.stack([e.distortion for e in chosen]),
+        np.stack([R for R, _ in poses]), np.stack([t for _, t in poses]), np.array([e.image_size for e in chosen]),
+        chosen[0].distortion_model,
+    )  # fmt: skip
+    points = sorted({p for by_point in clicks.px.values() for p in by_point})
+    xy = np.array([[clicks.px[c].get(p, (np.nan, np.nan)) for p in points] for c in names])
+    known = np.array([clicks.places.get(p, (np.nan,) * 3) for p in points])
+    located = intersected(cameras.R, cameras.t, undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model))
+    start = np.where(np.isfinite(known), known, located)
+    used = np.isfinite(start).all(-1)
+    camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
+    seen = Sightings(
+        camera, np.cumsum(used)[point] - 1, np.zeros((len(point), 3)), xy[camera, point],
+        np.full(len(point), CLICK_SIGMA_PX),
+    )  # fmt: skip
+    bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), start[used], known[used], PLACE_SIGMA_M)
+    unknowns = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool))
+    found = adjust(cameras, bodies, seen, unknowns, robust_scale=3.0, gauge=0)
+    return replace(
+        result_of("points", found),
+        findings=_far_clicks(found.error, seen, names, [p for p, u in zip(points, used, strict=True) if u]),
+        notes=(f"{int(used.sum())} points, {int(np.isfinite(known).all(-1).sum())} of them with known places.",),
+    )
+
+
+def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return a camera's pose by the known points it sees: by a homography where they lie in a plane."""
+    seen = [p for p in clicks.px[name] if p in clicks.places]
+    world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
+    px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
+    xy = undistort(lens.K[None], lens.distortion[None], px[None], lens.distortion_model)[0]
+    middle = world.mean(0) if len(world) else np.zeros(3)
+    spread, axes = np.linalg.svd(world - middle, full_matrices=True)[1:] if len(world) > 2 else (np.zeros(3), np.eye(3))
+    flat = spread[2] < FLAT * spread[0]
+    least = 4 if flat else 6
+    if len(seen) < least or spread[1] < FLAT * spread[0] or spread[0] == 0:
+        raise CalibrationInvalid(
+            f"{len(seen)} points with known places were clicked, "
+            f"{'in a plane' if flat else 'not in a plane'}; {least} that are not in a line are needed.",
+            where=f"camera {name}",
+            hint="Click more known points, spread over the whole picture and over different depths.",
+        )
+    if not flat:
+        R, t, _ = resected_pose(world, xy, 3.0 * CLICK_SIGMA_PX / float(lens.K[0, 0]), rng)
+        return R, t
+    axes = axes * np.array([[1.0], [1.0], [np.sign(np.linalg.det(axes))]])
+    R, t = planar_pose((world - middle) @ axes[:2].T, xy)
+    return R @ axes, t - R @ axes @ middle
+
+
+def _far_clicks(error: np.ndarray, seen: Sightings, names: tuple[str, ...], points: list[str]) -> tuple[str, ...]:
+    """Return a sentence on each click that is far from where the others have it."""
+    far = np.linalg.norm(error, axis=-1)
+    bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
+    return tuple(
+        f"{points[seen.body[i]]} was clicked {far[i]:.0f} px from where it should be in {names[seen.camera[i]]}."
+        for i in np.flatnonzero(far > bar)
+    )

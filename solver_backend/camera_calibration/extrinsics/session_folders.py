@@ -1,0 +1,76 @@
+"""Which files of a folder are a camera's pictures of a board, for its lens and for where it stands."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from solver_backend.camera_calibration.frames import PICTURES, VIDEOS, is_footage
+from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
+from solver_backend.io.recognition.camera_names import natural_key
+
+_LENS = ("intrinsics", "intrinsic", "lens", "lenses")
+_RIG = ("extrinsics", "extrinsic", "calibration", "board", "rig")
+
+
+@dataclass(frozen=True)
+class BoardFootage:
+    """Footage by the camera's name."""
+
+    lens: dict[str, Path]
+    """Of the board for each camera's lens; may be empty."""
+    rig: dict[str, Path]
+    """Of the board seen by several cameras at once; may be empty."""
+
+
+def board_footage(folder: Path) -> BoardFootage:
+    """Return the footage of a folder: ``intrinsics/`` and ``extrinsics/`` in it or below, or its videos themselves.
+
+    A camera is a video, or a folder of pictures; ``int_cam01_img`` is camera ``cam01``.
+
+    Raises:
+        FileMissing: there is no such folder.
+        CaptureNotRecognised: it holds no videos and no pictures.
+    """
+    if not folder.is_dir():
+        raise FileMissing("There is no such folder.", where=str(folder))
+    lens, rig = _below(folder, _LENS), _below(folder, _RIG)
+    if not lens and not rig:
+        rig = _cameras(folder)
+    if not lens and not rig:
+        raise CaptureNotRecognised(
+            "The folder holds no pictures of a board.",
+            where=str(folder),
+            hint="Put one video a camera into it, or into its folders intrinsics and extrinsics.",
+        )
+    return BoardFootage(lens, rig)
+
+
+def _below(folder: Path, names: tuple[str, ...], levels: int = 2) -> dict[str, Path]:
+    folders = sorted(p for p in folder.iterdir() if p.is_dir())
+    for path in folders:
+        if path.name.lower() in names and (found := _cameras(path)):
+            return found
+    if levels > 1:
+        for path in folders:
+            if found := _below(path, names, levels - 1):
+                return found
+    return {}
+
+
+def _cameras(folder: Path) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
+        if path.name.startswith(".") or path.suffix.lower() in PICTURES:
+            continue
+        if (path.suffix.lower() in VIDEOS and path.is_file()) or (path.is_dir() and is_footage(path)):
+            found[camera_name(path)] = path
+    return found
+
+
+def camera_name(path: Path) -> str:
+    """Return the camera's name in a file's or folder's name."""
+    stem = path.stem if path.suffix.lower() in VIDEOS else path.name
+    plain = re.sub(r"^(int|ext|intrinsics?|extrinsics?|calib)[_\-]", "", stem, flags=re.IGNORECASE)
+    return re.sub(r"[_\-](img|imgs|int|ext|images|calib)$", "", plain, flags=re.IGNORECASE) or stem

@@ -1,0 +1,189 @@
+"""A rig's calibration from several sources in one bundle adjustment, each weighed by the noise it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Held, Sightings, Unknowns
+from solver_backend.camera_calibration.extrinsics.evidence import Evidence
+from solver_backend.camera_calibration.extrinsics.points_session import PLACE_SIGMA_M
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.geometry.alignment import nearest_rotation
+from solver_backend.types import Cameras
+
+HELD_REACH_M = 3.0
+"""A camera whose centre is known to a length is turned by no more than moves a point so far away by the same."""
+CONTRADICTION = 2.0
+"""A camera whose error in one source grows by this factor beside the others contradicts them."""
+LEAST_CONTRADICTION_PX = 3.0
+"""Less is nothing that harms a take; few points fit anything alone."""
+WORST_SHARE = 0.6
+"""A moved camera draws the others along; named are those whose errors grew by this share of the most."""
+FREEDOM = 1.2
+"""What a fit of many points takes from the residuals, as in ``from_person``."""
+LEAST_SIGMA_PX = 0.05
+_ROBUST = 3.0
+
+
+def calibrate_together(
+    start: Cameras, sources: Sequence[Evidence], *, hold_m: float | None = None, origin_frame: int | None = None
+) -> RigCalibration:
+    """Return cameras that fit all sources at once, with the covariance of all.
+
+    Twice adjusted: with the noise that sources are expected to have, then with what their residuals show (a variance of
+    each source, lessened by sightings that err alike). The world is that of known places, else the board's at
+    ``origin_frame``, else the start's.
+
+    Args:
+        start: C cameras near the solution, in the world of known places where there are any.
+        sources: what tells, at least one.
+        hold_m: the start is a source too, its centres known to so many metres.
+        origin_frame: frame at which the board lies on the floor.
+
+    Raises:
+        CalibrationInvalid: there is no source, a camera is in none, or the board is not seen at the origin's frame.
+
+    Reference: Triggs et al. 2000; Foerstner 1979 (variance components).
+    """
+    if not sources:
+        raise CalibrationInvalid("There is nothing to calibrate by.", hint="Tell a board, a take or clicks.")
+    unseen = set(range(len(start))) - set(np.concatenate([e.seen.camera for e in sources]).tolist())
+    if unseen and hold_m is None:
+        names = ", ".join(start.names[c] for c in sorted(unseen))
+        raise CalibrationInvalid(f"Nothing was seen by {names}.", hint="Film a board or a person before it too.")
+    unknowns = _unknowns(start, sources, hold_m)
+    alone = [_by_camera(_adjusted(start, [e], unknowns), [e])[0] for e in sources] if len(sources) > 1 else []
+    first = _adjusted(start, sources, unknowns)
+    sigmas = _measured(first, sources)
+    weighed = [
+        replace(e, seen=replace(e.seen, sigma=e.seen.sigma * s * np.sqrt(e.alike)))
+        for e, s in zip(sources, sigmas, strict=True)
+    ]
+    found = _adjusted(first.cameras, weighed, unknowns)
+    errors = _measured(found, sources)
+    words = [
+        word
+        for e, before, after in zip(sources, alone, _by_camera(found, sources), strict=False)
+        for word in _contradictions(e.name, start.names, before, after)
+    ]
+    notes = [
+        f"{e.name}: {len(e.seen.px)} points, err by {s * float(np.median(e.seen.sigma)):.2f} px per axis."
+        for e, s in zip(sources, errors, strict=True)
+    ]
+    result = result_of("together", found, measured=True)
+    result, where = _in_world(result, found, start, sources, held=hold_m is not None, origin=origin_frame)
+    if hold_m is not None:
+        moved = np.linalg.norm(result.cameras.centres - start.centres, axis=1)
+        words += [
+            f"{name} stands {1000 * far:.0f} mm from where it was calibrated; it was moved, or was calibrated badly."
+            for name, far in zip(start.names, moved, strict=True)
+            if far > _ROBUST * hold_m
+        ]
+    return replace(result, findings=tuple(words), notes=(*notes, where))
+
+
+def _unknowns(start: Cameras, sources: Sequence[Evidence], hold_m: float | None) -> Unknowns:
+    late = None
+    if any(e.seen.velocity is not None for e in sources):
+        late = np.arange(len(start)) > 0
+    held = None if hold_m is None else Held(start, hold_m / HELD_REACH_M, hold_m)
+    return Unknowns(np.ones(len(start), bool), np.zeros((len(start), PARAMETERS), bool), delays=late, held=held)
+
+
+def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns) -> Adjusted:
+    bodies, seen = _joined(sources)
+    placed = bodies.known is not None and int(np.isfinite(bodies.known).all(-1).sum()) >= 3
+    gauge = 0 if placed or unknowns.held is not None else 6 if any(e.metric for e in sources) else 7
+    return adjust(cameras, bodies, seen, unknowns, robust_scale=_ROBUST, gauge=gauge, tolerance=1e-7)
+
+
+def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, Sightings]:
+    """Return all sources' bodies in a row, and the sightings with the numbers they have there."""
+    counts = [len(e.bodies.t) for e in sources]
+    firsts = np.cumsum([0, *counts[:-1]])
+    known = None
+    if any(e.bodies.known is not None for e in sources):
+        nowhere = [np.full((n, 3), np.nan) if e.bodies.known is None else e.bodies.known
+                   for e, n in zip(sources, counts, strict=True)]  # fmt: skip
+        known = np.concatenate(nowhere)
+    velocity = None
+    if any(e.seen.velocity is not None for e in sources):
+        velocity = np.concatenate(
+            [np.zeros_like(e.seen.px) if e.seen.velocity is None else e.seen.velocity for e in sources]
+        )
+    R, t = (np.concatenate([getattr(e.bodies, k) for e in sources]) for k in ("R", "t"))
+    bodies = Bodies(R, t, known, PLACE_SIGMA_M)
+    body = np.concatenate([e.seen.body + first for e, first in zip(sources, firsts, strict=True)])
+    camera, local, px, sigma = (np.concatenate([getattr(e.seen, k) for e in sources])
+                                for k in ("camera", "local", "px", "sigma"))  # fmt: skip
+    return bodies, Sightings(camera, body, local, px, sigma, velocity)
+
+
+def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
+    """Return by what factor each source errs more than its sightings' deviations say (median of Rayleigh's)."""
+    parts = np.split(found.error, np.cumsum([len(e.seen.px) for e in sources])[:-1])
+    told = [
+        FREEDOM * float(np.nanmedian(np.linalg.norm(error, axis=-1) / e.seen.sigma)) / 1.1774
+        for error, e in zip(parts, sources, strict=True)
+    ]
+    return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for s, e in zip(told, sources, strict=True)]
+
+
+def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[str]:
+    """Return a sentence on the cameras whose errors (C,) px in a source grew beside the others, the worst alone."""
+    grown = np.nan_to_num(after - before)
+    far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
+    return [
+        f"What {names[c]} saw of the {source} is {after[c]:.1f} px off beside the other sources, {before[c]:.1f} px "
+        "alone: the camera was moved between them, or one of them is of another rig or size."
+        for c in np.flatnonzero(far)
+    ]
+
+
+def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
+    """Return (C,) median distances in px of each source, NaN where a camera did not see it."""
+    parts = np.split(np.linalg.norm(found.error, axis=-1), np.cumsum([len(e.seen.px) for e in sources])[:-1])
+    cameras = range(len(found.cameras))
+    return [
+        np.array([np.nanmedian(far[e.seen.camera == c]) if (e.seen.camera == c).any() else np.nan for c in cameras])
+        for far, e in zip(parts, sources, strict=True)
+    ]
+
+
+def _in_world(
+    result: RigCalibration, found: Adjusted, start: Cameras, sources: Sequence[Evidence], *, held: bool,
+    origin: int | None,
+) -> tuple[RigCalibration, str]:  # fmt: skip
+    """Return the calibration in its world, and a sentence on which that is."""
+    if any(e.bodies.known is not None and np.isfinite(e.bodies.known).any() for e in sources):
+        return result, "Origin, axes and floor are those of the known places."
+    if origin is not None:
+        first = 0
+        for e in sources:
+            if e.moments:
+                if origin not in e.moments:
+                    raise CalibrationInvalid(
+                        f"The board is not seen at frame {origin}.", hint=f"It is at {e.moments[0]} to {e.moments[-1]}."
+                    )
+                i = first + e.moments.index(origin)
+                R = np.diag([1.0, -1.0, -1.0]) @ found.bodies.R[i].T
+                return moved_world(result, R, -R @ found.bodies.t[i]), (
+                    f"Origin, axes and floor are the board's at frame {origin}."
+                )
+            first += len(e.bodies.t)
+        raise CalibrationInvalid("Only a board gives an origin.", hint="Tell its footage, or leave --origin out.")
+    if held:
+        return result, "The world is that of the calibration that is held."
+    metric, cameras = any(e.metric for e in sources), result.cameras
+    spread = [float(np.linalg.norm(c.centres - c.centres.mean(0))) for c in (start, cameras)]
+    scale = 1.0 if metric else spread[0] / max(spread[1], 1e-9)
+    R = np.asarray(nearest_rotation((np.swapaxes(start.R, 1, 2) @ cameras.R).sum(0)))
+    t = (start.centres - scale * cameras.centres @ R.T).mean(0)
+    told = "the sources'" if metric else "the start's"
+    return moved_world(result, R, t, scale), f"The world is the start's; scale is {told}."

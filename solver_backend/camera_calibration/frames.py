@@ -1,0 +1,74 @@
+"""Grey pictures of a video or of a folder of pictures, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.camera_calibration.opencv import opencv
+from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.io.recognition.camera_names import natural_key
+
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+
+def is_footage(path: Path) -> bool:
+    """Whether a path is a video, a picture, or a folder with pictures directly in it."""
+    if path.is_dir():
+        return any(p.suffix.lower() in PICTURES for p in path.iterdir())
+    return path.suffix.lower() in (*VIDEOS, *PICTURES)
+
+
+def grey_frames(path: Path, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the number of each frame that is looked at, from 0, and its grey picture (H, W) uint8.
+
+    Args:
+        path: a video, a picture, or a folder of pictures.
+        step: every how many frames; videos are read through, as seeking in them is not exact.
+
+    Raises:
+        FileMissing: there is nothing at the path.
+        FileDamaged: nothing of it can be decoded.
+        BackendMissing: OpenCV is not installed.
+    """
+    if not path.exists():
+        raise FileMissing("There is no video, picture or folder of pictures here.", where=str(path))
+    found = _of_pictures(path, step) if path.is_dir() or path.suffix.lower() in PICTURES else _of_video(path, step)
+    any_frame = False
+    for item in found:
+        any_frame = True
+        yield item
+    if not any_frame:
+        raise FileDamaged(
+            "No picture can be decoded.", where=str(path), hint="Play it in a video player, or export it again as MP4."
+        )
+
+
+def _of_pictures(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
+    cv2 = opencv()
+    files = [path]
+    if path.is_dir():
+        pictures = (p for p in path.iterdir() if p.suffix.lower() in PICTURES)
+        files = sorted(pictures, key=lambda p: natural_key(p.name))
+    for number, file in enumerate(files[::step]):
+        picture = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
+        if picture is not None:
+            yield number * step, picture
+
+
+def _of_video(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
+    cv2 = opencv()
+    video = cv2.VideoCapture(str(path))
+    try:
+        number = 0
+        while video.grab():
+            if number % step == 0:
+                good, picture = video.retrieve()
+                if good:
+                    yield number, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+            number += 1
+    finally:
+        video.release()

@@ -1,0 +1,157 @@
+"""Acquisition of one sensor: frame in, markers with covariances out (thesis 5.3.2; paper, appendix K)."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from solver_backend.sensors.acquisition.blobs import Blobs, Shapes, find_blobs, shapes_of
+from solver_backend.sensors.acquisition.ring import Ring, RingDepths, ring_depths, ring_of, slivers_of
+from solver_backend.sensors.acquisition.sensor_lens import SensorLens
+from solver_backend.sensors.acquisition.settings import DEFAULT, AcquisitionSettings
+from solver_backend.sensors.acquisition.sightings import Sightings, no_sightings
+from solver_backend.sensors.acquisition.split import split_merged
+from solver_backend.sensors.acquisition.threshold import full_counts, threshold_of
+from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.errors import PicturesDiffer, SensorUnknown
+from solver_backend.types import Cameras
+
+SUNLIGHT = "too much of the picture is bright"
+"""Finding where there are no markers for sunlight, a window or a lamp."""
+MEDIAN_LOSS = 1.25
+"""Standard deviation of a median by that of a mean; the ring's mean about it is no worse."""
+
+
+class Acquisition:
+    """Finds markers in the frames of one sensor.
+
+    Args:
+        cameras: the calibration.
+        sensor: name of the sensor in it.
+        mask: (h, w) bool of what is bright with nobody there, see ``learned_mask``.
+        settings: the constants.
+
+    Raises:
+        SensorUnknown: the calibration does not name the sensor.
+    """
+
+    def __init__(
+        self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None, settings: AcquisitionSettings = DEFAULT
+    ) -> None:
+        if sensor not in cameras.names:
+            raise SensorUnknown(
+                f"The calibration does not name the sensor '{sensor}'.", where=sensor,
+                hint=f"It names {', '.join(cameras.names)}: rename the sensor, or calibrate again.",
+            )  # fmt: skip
+        self.index = cameras.names.index(sensor)
+        self.lens = SensorLens(cameras, self.index)
+        self.settings = settings
+        self._mask, self._halo = mask, settings.halo_px
+        self._beyond: deque[float] = deque(maxlen=settings.round_kept)
+        width, height = self.lens.size
+        if mask is not None and mask.shape != (height, width):
+            raise PicturesDiffer(
+                f"The mask is {mask.shape[1]} x {mask.shape[0]} pixels, the sensor {width} x {height}.", where=sensor,
+                hint="Film the empty scene again with the mode that is recorded in.",
+            )  # fmt: skip
+        self._scratch = np.zeros(width * height, np.int32)
+
+    def __call__(self, frame: Frame) -> Sightings:
+        """Return the markers of a frame.
+
+        Raises:
+            PicturesDiffer: infrared, depth and calibration are of different sizes, or of a type that is none of ours.
+        """
+        self._require_size(frame)
+        infrared, settings = frame.infrared, self.settings
+        threshold = threshold_of(infrared, settings)
+        blobs = find_blobs(infrared, threshold, self._mask, settings)
+        if blobs is None or not blobs.count:
+            return no_sightings(
+                self.index, frame.device_s, self.lens.centre, SUNLIGHT if blobs is None else "",
+                number=frame.number, host_s=frame.host_s,
+            )  # fmt: skip
+        shapes, rings, parts = self._measured(frame, blobs)
+        return self._lifted(frame, shapes, rings, parts)
+
+    def _require_size(self, frame: Frame) -> None:
+        width, height = self.lens.size
+        sizes = {"infrared": frame.infrared.shape, "calibration": (height, width)}
+        if frame.depth is not None:
+            sizes["depth"] = frame.depth.shape
+        if len(set(sizes.values())) > 1:
+            said = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
+            raise PicturesDiffer(
+                f"A sensor's pictures are of different sizes: {said}.", where=frame.sensor,
+                hint="Record infrared and depth in one mode, aligned, and calibrate in the same.",
+            )  # fmt: skip
+        if frame.infrared.dtype not in (np.uint8, np.uint16) or (
+            frame.depth is not None and frame.depth.dtype != np.uint16
+        ):
+            raise PicturesDiffer(
+                f"Infrared is {frame.infrared.dtype}; 8 or 16 bits are read, and depth of 16.", where=frame.sensor,
+                hint="Record whole millimetres and counts.",
+            )  # fmt: skip
+
+    def _measured(self, frame: Frame, blobs: Blobs) -> tuple[Shapes, RingDepths, np.ndarray]:
+        """Return moments and depths of blobs, merged ones taken apart, and which are parts."""
+        settings, shapes = self.settings, shapes_of(blobs)
+        if frame.depth is None:
+            nothing = np.full(blobs.count, np.nan)
+            return (
+                shapes,
+                RingDepths(nothing, np.zeros(blobs.count), nothing, nothing),
+                np.zeros(blobs.count, dtype=bool),
+            )
+        counts = frame.infrared.reshape(-1)[blobs.pixel]
+        saturated = counts >= settings.saturated * full_counts(frame.infrared, settings)
+        ring = ring_of(blobs, frame.depth, saturated, self._scratch, settings)
+        rings = ring_depths(ring, blobs.count, settings)
+        self._learn_halo(shapes, rings.depth)
+        blobs, ring, parts = split_merged(blobs, shapes, ring, self._blob_radius(rings.rough), settings)
+        if parts.any():
+            changed = parts[ring.owner]
+            of_parts = Ring(ring.pixel[changed], ring.owner[changed], ring.depth[changed])
+            shapes = shapes_of(blobs)
+            rings = rings.with_parts(ring_depths(of_parts, blobs.count, settings), parts)
+        return shapes, rings.without(slivers_of(blobs, saturated)), parts
+
+    def _learn_halo(self, shapes: Shapes, depth: np.ndarray) -> None:
+        """Keep how much larger than their spheres round blobs are: it goes with exposure, blur and threshold."""
+        settings = self.settings
+        disc = np.sqrt(shapes.area / np.pi)
+        known = (shapes.long < settings.round * shapes.area / (4.0 * np.pi)) & np.isfinite(depth)
+        self._beyond.extend((disc - self.lens.focal.mean() * settings.marker_radius_m / depth)[known].tolist())
+        if self._beyond:
+            self._halo = max(float(np.median(self._beyond)), 0.0)
+
+    def _blob_radius(self, depth: np.ndarray) -> np.ndarray:
+        """Return the radius in pixels of a single marker's blob at depths in metres."""
+        return self.lens.focal.mean() * self.settings.marker_radius_m / depth + self._halo
+
+    def _lifted(self, frame: Frame, shapes: Shapes, rings: RingDepths, parts: np.ndarray) -> Sightings:
+        settings, lens = self.settings, self.lens
+        flat = lens.undistorted(shapes.centre)
+        length = np.sqrt(1.0 + (flat**2).sum(1))
+        depth = rings.depth + settings.surface_radii * settings.marker_radius_m / length
+        radius = self._blob_radius(rings.rough)
+        with np.errstate(invalid="ignore"):
+            share = shapes.area / (np.pi * radius**2)
+            near, far = settings.range_m
+            believed = (depth >= near) & (depth <= far) & (share >= settings.least_share)
+            depth = np.where(believed, depth, np.nan)
+            odd = (share > settings.too_large) | (share < settings.too_small)
+        keep = ~odd & np.isfinite(flat).all(1)
+        hidden = np.nan_to_num(np.clip(1.0 - share, 0.0, 1.0), nan=0.0)
+        sigma_px = settings.sigma_px + settings.split_sigma_px * parts
+        sigma_px = sigma_px + settings.hidden_sigma * hidden * np.nan_to_num(radius, nan=0.0)
+        pixel = MEDIAN_LOSS * np.maximum(settings.depth_sigma(rings.depth), rings.spread)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            sigma_depth = np.hypot(pixel / np.sqrt(rings.count), settings.depth_floor_m)
+        flat, depth, sigma_px, sigma_depth = flat[keep], depth[keep], sigma_px[keep], sigma_depth[keep]
+        return Sightings(
+            self.index, frame.device_s, shapes.centre[keep], depth, lens.points(flat, depth),
+            lens.covariances(flat, depth, sigma_px, sigma_depth), lens.centre, lens.directions(flat),
+            sigma_px / lens.focal.mean(), "", frame.number, frame.host_s,
+        )  # fmt: skip

@@ -1,0 +1,133 @@
+"""OAK-D and OAK-4 cameras over depthai 3: infrared under a flood light, and stereo depth on its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from solver_backend.sensors.devices.device import Frame, OpenedDevice
+from solver_backend.sensors.devices.oak_module import depthai
+from solver_backend.sensors.devices.oak_settings import OakSettings
+from solver_backend.sensors.devices.oak_stream import PairStream, paired
+from solver_backend.sensors.errors import SensorFailed, SensorUnknown
+
+
+def listed_oaks() -> list[str]:
+    """Return the identifiers of the OAKs that are plugged in or on the network, sorted.
+
+    Raises:
+        BackendMissing: depthai is not installed.
+    """
+    return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
+
+
+@dataclass
+class Oak(OpenedDevice):
+    """One OAK; its infrared picture is the rectified left one, to whose pixels depth is aligned."""
+
+    name: str
+    """The sensor's name, as in the calibration."""
+    identifier: str
+    """The device's identifier, IP address or USB port."""
+    settings: OakSettings = field(default_factory=OakSettings)
+    """How it is set."""
+    _pipeline: Any = field(default=None, init=False, repr=False)
+    _stream: PairStream | None = field(default=None, init=False, repr=False)
+
+    def open(self) -> None:
+        """Connect, fix exposure and flood, and start.
+
+        Raises:
+            BackendMissing: depthai is not installed.
+            SensorFailed: the device is not there, in use, or refuses a setting.
+            SensorUnknown: it has no pair of mono cameras.
+        """
+        dai, settings = depthai(), self.settings
+        if self._stream is not None:
+            return
+        try:
+            device = dai.Device(dai.DeviceInfo(self.identifier))
+        except RuntimeError as error:
+            found = ", ".join(listed_oaks()) or "none"
+            raise SensorFailed(
+                f"The OAK '{self.identifier}' cannot be opened: {error}.", where=f"sensor {self.name}",
+                hint=f"Found are: {found}. Another program may use it; on Linux USB needs Luxonis' udev rule.",
+            ) from error  # fmt: skip
+        try:
+            pipeline = dai.Pipeline(device)
+            self._require_stereo(dai, device)
+            self._set_light(device)
+            self._set_role(dai, device)
+            infrared, depth = self._cameras(dai, pipeline)
+            queue = paired(dai, pipeline, infrared, depth, settings.fps, settings.queue)
+            pipeline.start()
+        except BaseException:
+            device.close()
+            raise
+        self._pipeline = pipeline
+        self._stream = PairStream(
+            dai, self.name, queue, lambda: bool(pipeline.isRunning()), settings.silent_s, settings.sync == "ptp"
+        )
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames until the device is closed.
+
+        Raises:
+            SensorFailed: it is not open, went away, fell silent, or its clock jumped.
+            PicturesDiffer: infrared and depth are of different sizes.
+        """
+        if self._stream is None:
+            raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
+        yield from self._stream.frames()
+
+    def close(self) -> None:
+        """End; may be called several times."""
+        pipeline, self._pipeline, self._stream = self._pipeline, None, None
+        if pipeline is not None:
+            pipeline.stop()
+
+    def _require_stereo(self, dai: Any, device: Any) -> None:
+        sockets = device.getConnectedCameras()
+        if dai.CameraBoardSocket.CAM_B not in sockets or dai.CameraBoardSocket.CAM_C not in sockets:
+            raise SensorUnknown(
+                f"{device.getProductName()} has no pair of mono cameras for infrared and depth.",
+                where=f"sensor {self.name}", hint="An OAK-D Pro (USB or PoE) or OAK-4 D Pro has, and the flood light.",
+            )  # fmt: skip
+
+    def _set_light(self, device: Any) -> None:
+        settings = self.settings
+        if not device.setIrFloodLightIntensity(settings.flood) and settings.flood > 0:
+            raise SensorUnknown(
+                f"{device.getProductName()} has no infrared flood light, without which markers stay dark.",
+                where=f"sensor {self.name}", hint="Use a Pro model, or a ring of infrared lights with --flood 0.",
+            )  # fmt: skip
+        # Its dots would be taken for markers.
+        device.setIrLaserDotProjectorIntensity(0.0)
+
+    def _set_role(self, dai: Any, device: Any) -> None:
+        roles = dai.ExternalFrameSyncRole
+        role = {"master": roles.MASTER, "slave": roles.SLAVE}.get(self.settings.sync)
+        if role is None:
+            return
+        done, why = device.setExternalFrameSyncRole(role)
+        if not done:
+            raise SensorFailed(
+                f"The device cannot be {self.settings.sync} of the sync wire: {why}.", where=f"sensor {self.name}",
+                hint="Models with an M8 plug or FSIN pins can; else use sync none, and the wand tells the clocks.",
+            )  # fmt: skip
+
+    def _cameras(self, dai: Any, pipeline: Any) -> tuple[Any, Any]:
+        """Return the outputs of rectified infrared and of depth on its pixels."""
+        settings, outputs = self.settings, []
+        for socket in (dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C):
+            camera = pipeline.create(dai.node.Camera).build(socket, sensorFps=settings.fps)
+            camera.initialControl.setManualExposure(settings.exposure_us, settings.iso)
+            if settings.sync == "ptp":
+                camera.initialControl.setFrameSyncMode(dai.CameraControl.FrameSyncMode.TIME_PTP)
+            outputs.append(camera.requestOutput(settings.size, dai.ImgFrame.Type.GRAY8, fps=settings.fps))
+        stereo = pipeline.create(dai.node.StereoDepth).build(*outputs)
+        stereo.setDepthAlign(dai.StereoDepthConfig.AlgorithmControl.DepthAlign.RECTIFIED_LEFT)
+        stereo.setLeftRightCheck(True)
+        stereo.setSubpixel(True)
+        return stereo.rectifiedLeft, stereo.depth

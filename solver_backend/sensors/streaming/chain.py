@@ -1,0 +1,200 @@
+"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and says so.
+
+Where no sensor is live, all of them can wait: every frame is taken, however long it takes.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from types import TracebackType
+from typing import Any
+
+from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.devices.record import Recording
+from solver_backend.sensors.fusion.clusters import fuse
+from solver_backend.sensors.fusion.gather import Finding, Gatherer
+from solver_backend.sensors.fusion.settings import DEFAULT, FusionSettings
+from solver_backend.sensors.fusion.tracks import MarkerTracks, TrackedPoints
+from solver_backend.sensors.streaming.statistics import ChainStatistics
+from solver_backend.sensors.streaming.worker import SensorEnd, SensorTask, run_sensor
+from solver_backend.types import Cameras
+
+WAIT_S = 0.012
+"""A moment waits this long for its last sensor."""
+LISTEN_S = 0.005
+MOST_WAITING = 1
+"""Complete moments that are fused at once; of more, the newest, for what is late makes all that follows late."""
+MOST_AHEAD = 8
+"""Frames of a sensor that wait for the others where all can wait."""
+READY_S, AHEAD_S = 60.0, 0.05
+"""Time that sensors' processes have for starting, and from when all are ready until a replay begins."""
+END_S = 5.0
+"""Time that a sensor's process has for ending."""
+
+
+@dataclass(frozen=True)
+class LiveMoment:
+    """What came out of one moment."""
+
+    tracked: TrackedPoints
+    arrived: float
+    """Host's seconds when its first frame arrived."""
+    seen: tuple[Sightings, ...] = ()
+    """What each sensor saw, in pixels too."""
+
+
+class MarkerChain:
+    """Devices, acquisition and fusion, running; a context manager that ends its processes.
+
+    Args:
+        tasks: one a sensor, all of one calibration.
+        fps: frames per second of the sensors.
+        fusion: the constants.
+        recording: where the sensors' frames are recorded, None where they are not.
+    """
+
+    def __init__(
+        self, tasks: list[SensorTask], fps: float, fusion: FusionSettings = DEFAULT, recording: Recording | None = None
+    ) -> None:
+        self._tasks, self._fusion, self._recording = tasks, fusion, recording
+        names = tasks[0].cameras.names
+        self._patient = not any(task.live for task in tasks)
+        self._gatherer = Gatherer(names, 1.0 / fps, None if self._patient else WAIT_S)
+        present = {task.device.name for task in tasks}
+        for index, name in enumerate(names):
+            if name not in present:
+                self._gatherer.ended(index)
+        self._tracks = MarkerTracks(fusion)
+        self._number: dict[int, int] = {}
+        self._open: dict[Connection, int] = {}
+        self._processes: list[Any] = []
+        self._waited_for: set[Connection] = set()
+        self._ending = False
+        self.start = 0.0
+        """Host's seconds at which sensors began."""
+        self.statistics = ChainStatistics()
+        self.ends: dict[str, SensorEnd] = {}
+        """How each sensor's process ended."""
+        self.cpu_s = 0.0
+        """Time that fusion computed for."""
+
+    @property
+    def cameras(self) -> Cameras:
+        """The sensors, as they are calibrated."""
+        return self._tasks[0].cameras
+
+    def __enter__(self) -> MarkerChain:
+        context = multiprocessing.get_context("spawn")
+        for index, task in enumerate(self._tasks):
+            here, there = context.Pipe()
+            process = context.Process(target=run_sensor, args=(task, there), daemon=True)
+            process.start()
+            there.close()
+            self._open[here] = index
+            self._processes.append(process)
+        self._waited_for = set(self._open)
+        deadline = time.monotonic() + READY_S
+        while self._waited_for & set(self._open) and time.monotonic() < deadline:
+            self._listen(0.1)
+        self.start = time.perf_counter() + AHEAD_S
+        for connection in self._open:
+            with suppress(OSError):
+                connection.send(self.start)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ending = True
+        for connection in self._open:
+            with suppress(OSError):
+                connection.send("stop")
+        deadline = time.monotonic() + END_S
+        while self._open and time.monotonic() < deadline:
+            self._listen(0.1)
+        for process in self._processes:
+            process.join(max(0.1, deadline - time.monotonic()))
+            if process.is_alive():
+                process.terminate()
+                process.join()
+
+    def moments(self) -> Iterator[LiveMoment | Finding]:
+        """Yield moments, and what happened to sensors, until all of them have ended."""
+        while self._open:
+            self._listen(LISTEN_S)
+            yield from self._fused(time.perf_counter())
+        yield from self._fused(float("inf"))
+
+    def _fused(self, now: float) -> Iterator[LiveMoment | Finding]:
+        ready = self._gatherer.moments(None if self._patient else now)
+        findings, self._gatherer.findings = self._gatherer.findings, []
+        yield from findings
+        if len(ready) > MOST_WAITING and not self._patient:
+            self.statistics.skipped += len(ready) - MOST_WAITING
+            ready = ready[-MOST_WAITING:]
+        for moment in ready:
+            begin = time.process_time()
+            tracked = self._tracks.update(fuse(moment, self._fusion))
+            self.cpu_s += time.process_time() - begin
+            arrived, done = min(s.host_s for s in moment), time.perf_counter()
+            self.statistics.add(done - arrived, len(tracked.points), done)
+            yield LiveMoment(tracked, arrived, tuple(moment))
+
+    def _listen(self, seconds: float) -> None:
+        """Take all that sensors have sent, or wait for it; a patient chain lets those wait that are far ahead."""
+        heard = [c for c in self._open if not self._is_ahead(c)]
+        if not heard:
+            time.sleep(seconds)  # where nobody is waited for, ``wait`` returns at once on some systems
+        for connection in wait(heard, seconds) if heard else ():
+            assert isinstance(connection, Connection)
+            try:
+                while connection.poll() and not self._is_ahead(connection):
+                    self._take(connection.recv(), connection)
+            except (EOFError, OSError):
+                self._gone(connection)
+
+    def _is_ahead(self, connection: Connection) -> bool:
+        """Return whether a sensor that can wait has sent enough until the others come; nobody has at the end."""
+        if not self._patient or self._ending:
+            return False
+        task = self._tasks[self._open[connection]]
+        names = task.cameras.names
+        return task.device.name in names and self._gatherer.waiting(names.index(task.device.name)) >= MOST_AHEAD
+
+    def _take(self, message: tuple[Any, ...], connection: Connection) -> None:
+        what, name = message[0], self._tasks[self._open[connection]].device.name
+        if what == "ready":
+            self._waited_for.discard(connection)
+        elif what == "seen":
+            self._count(message[1], name)
+            self._gatherer.push(message[1])
+        elif what == "like" and self._recording is not None:
+            self._recording.add(message[1])
+        elif what == "trouble":
+            self._tell(message[1], name, message[2])
+        elif what == "end":
+            self.ends[name] = message[1]
+
+    def _count(self, seen: Sightings, name: str) -> None:
+        self.statistics.frames[name] += 1
+        before = self._number.get(seen.sensor)
+        self._number[seen.sensor] = seen.number
+        if before is not None and seen.number > before + 1:
+            self.statistics.lost[name] += seen.number - before - 1
+
+    def _gone(self, connection: Connection) -> None:
+        task = self._tasks[self._open.pop(connection)]
+        connection.close()
+        if task.device.name in task.cameras.names:
+            self._gatherer.ended(task.cameras.names.index(task.device.name))
+        if task.device.name not in self.ends:
+            self._tell("sensor_failed", task.device.name, "its process ended without a word; the others go on")
+
+    def _tell(self, kind: str, name: str, said: str) -> None:
+        index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
+        self._gatherer.findings.append(Finding(kind, index, float("nan"), f"Sensor {name}: {said}"))

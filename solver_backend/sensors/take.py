@@ -1,0 +1,133 @@
+"""A folder of sensors to a point cloud, as fast as it goes: acquisition and fusion of every frame."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.sensors.acquisition.acquire import Acquisition
+from solver_backend.sensors.acquisition.settings import DEFAULT as ACQUISITION
+from solver_backend.sensors.acquisition.settings import AcquisitionSettings
+from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.threshold import learned_mask
+from solver_backend.sensors.devices.source import SensorFolder
+from solver_backend.sensors.errors import NoMarkers, SensorFailed
+from solver_backend.sensors.fusion.cloud import CloudBuilder
+from solver_backend.sensors.fusion.clusters import fuse
+from solver_backend.sensors.fusion.gather import Finding, Gatherer
+from solver_backend.sensors.fusion.settings import DEFAULT as FUSION
+from solver_backend.sensors.fusion.settings import FusionSettings
+from solver_backend.sensors.fusion.tracks import MarkerTracks
+from solver_backend.types import Capture, MarkerCloud
+
+
+@dataclass(frozen=True)
+class SensorTake:
+    """What a folder of sensors shows."""
+
+    cloud: MarkerCloud
+    """Points without names, with covariances; the residual is each point's standard deviation."""
+    frames: dict[str, int]
+    """Frames of each sensor."""
+    findings: tuple[str, ...]
+    """What was wrong, one sentence each."""
+
+
+def cloud_of(
+    folder: SensorFolder, *, masks: Mapping[str, np.ndarray] = MappingProxyType({}),
+    acquisition: AcquisitionSettings = ACQUISITION, fusion: FusionSettings = FUSION, progress: Progress = silent,
+) -> SensorTake:  # fmt: skip
+    """Return the point cloud of a folder of sensors.
+
+    Args:
+        folder: recorded or rendered sensors.
+        masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
+        acquisition: the constants of acquisition.
+        fusion: those of fusion.
+        progress: called as frames are done.
+
+    Raises:
+        NoMarkers: no sensor saw a marker in any frame.
+        PicturesDiffer: infrared, depth and calibration are of different sizes.
+        RecordingInvalid: an index cannot be read.
+    """
+    finders = [Acquisition(folder.cameras, d.name, masks.get(d.name), acquisition) for d in folder.devices]
+    gatherer = Gatherer(folder.cameras.names, 1.0 / folder.fps)
+    tracks, builder = MarkerTracks(fusion), CloudBuilder()
+    frames: Counter[str] = Counter()
+    ended: list[str] = []
+    expected = max((device.count() for device in folder.devices), default=0)
+    for moment in _moments(folder, gatherer, finders, frames, ended):
+        builder.add(tracks.update(fuse(moment, fusion)))
+        progress("Markers from sensors", len(builder.moments), max(len(builder.moments), expected))
+    cloud = builder.cloud(folder.fps)
+    if not cloud.positions.shape[1]:
+        raise NoMarkers(
+            "No sensor saw a marker in any frame.", where=str(folder.path),
+            hint="; ".join(said_of(gatherer.findings)) or "Check that the markers are retro-reflective and lit.",
+        )  # fmt: skip
+    missing = [f"Sensor {name} is in the calibration and not in the folder." for name in folder.missing]
+    return SensorTake(cloud, dict(frames), (*missing, *ended, *said_of(gatherer.findings)))
+
+
+def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
+    """Return the capture of a take: its points without names, its cameras, and what was wrong."""
+    return Capture(
+        name, cameras=folder.cameras, markers=take.cloud, sources=(str(folder.path),), problems=take.findings
+    )  # fmt: skip
+
+
+def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
+    """Return the capture of a folder of sensors, named as it is; raises what ``cloud_of`` raises."""
+    return capture_from(folder, cloud_of(folder, progress=progress), folder.path.name)
+
+
+def said_of(findings: list[Finding]) -> list[str]:
+    """Return what was found as sentences, each once, with how often."""
+    count = Counter((finding.kind, finding.said) for finding in findings)
+    first = {(f.kind, f.said): f.time for f in reversed(findings)}
+    return [
+        f"{said} (at {first[kind, said]:.2f} s{f', {number} times' if number > 1 else ''})"
+        for (kind, said), number in count.items()
+    ]
+
+
+def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -> dict[str, np.ndarray]:
+    """Return each sensor's mask of what is bright in a recording of the scene with nobody there."""
+    return {
+        device.name: learned_mask((frame.infrared for frame in device.frames()), settings)
+        for device in empty.devices
+        if device.count()
+    }
+
+
+def _moments(
+    folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[str]
+) -> Iterator[list[Sightings]]:
+    """Yield the moments of a folder; a sensor that fails in mid-take ends, the others go on."""
+    for name in folder.missing:
+        gatherer.ended(folder.cameras.names.index(name))
+    going = {finder: iter(device.frames()) for finder, device in zip(finders, folder.devices, strict=True)}
+    clock = dict.fromkeys(going, -np.inf)
+    while going:
+        # The sensor that is farthest behind is asked next, so that little waits.
+        finder = min(going, key=lambda f: clock[f])
+        try:
+            frame = next(going[finder])
+        except StopIteration:
+            del going[finder]
+            gatherer.ended(finder.index)
+        except SensorFailed as error:
+            ended.append(f"Sensor {finder.lens.name} ended: {error}")
+            del going[finder]
+            gatherer.ended(finder.index)
+        else:
+            clock[finder] = frame.device_s
+            frames[frame.sensor] += 1
+            gatherer.push(finder(frame))
+        yield from gatherer.moments()

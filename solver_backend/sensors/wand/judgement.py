@@ -1,0 +1,113 @@
+"""How good a calibration by wand is: in metres, on time that it did not see, and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.problem import Adjusted
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.sensors.wand.depth_scale import depth_scale
+from solver_backend.sensors.wand.errors import WandInvalid
+from solver_backend.sensors.wand.leds import distances
+from solver_backend.sensors.wand.result import WandOptions
+from solver_backend.sensors.wand.solve import (
+    WandTask,
+    adjusted,
+    held_out,
+    refitted,
+    reprojection_px,
+    triangulated,
+)
+from solver_backend.sensors.wand.start import LEAST_TOGETHER
+from solver_backend.sensors.wand.views import Moments, WandView
+from solver_backend.videos.sync.clocks import Clocks
+
+MOST_PX = 8.0
+"""Median error with which nothing fits."""
+GOOD_PX = 1.0
+LATE_S = 0.001
+"""Worse errors and larger delays are told."""
+
+
+def require_fit(found: Adjusted) -> None:
+    """Refuse what does not fit together.
+
+    Raises:
+        WandInvalid: the median error is beyond ``MOST_PX``.
+    """
+    usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
+    if not usual < MOST_PX:
+        raise WandInvalid(
+            f"What the sensors saw does not fit together: {usual:.0f} px off at the middle.",
+            where=", ".join(found.cameras.names),
+            hint="Do their clocks agree (--trigger), are lenses of this mode, and was there one wand alone?",
+        )  # fmt: skip
+
+
+def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[RigCalibration, float]:
+    """Return the calibration in metres with its deviations, and how far depths scatter."""
+    rig = result_of("wand", found)
+    if options.wand is not None:
+        return rig, float("nan")
+    told = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
+    rig = moved_world(rig, np.eye(3), np.zeros(3), told.scale)
+    way = np.linalg.norm(rig.cameras.centres, axis=1)
+    return replace(rig, centre_sigma_m=np.hypot(rig.centre_sigma_m, told.sigma * way)), told.rmse_m
+
+
+def judged(task: WandTask, found: Adjusted, moments: Moments, options: WandOptions) -> tuple[float, np.ndarray]:
+    """Return errors of stretches of time that a fit of its own did not see: px, and of the lights' distances (3,).
+
+    Delays, one number a sensor, are those of the whole recording.
+    """
+    out = held_out(moments.px.shape[1])
+    if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
+        return float("nan"), np.full(3, np.nan)
+    fitted, _ = adjusted(refitted(task, found, moments), moments.where(~out))
+    kept = moments.where(out)
+    at = triangulated(fitted.cameras, kept, found.delays)
+    error = reprojection_px(fitted.cameras, kept, found.delays, at)
+    px = float(np.sqrt(np.nanmean(error**2)))
+    if options.wand is None:
+        return px, np.full(3, np.nan)
+    off = distances(at) - options.wand.distances_m
+    return px, np.sqrt(np.nanmean(off**2, axis=0))
+
+
+def findings_of(
+    views: Sequence[WandView], rig: RigCalibration, clocks: Clocks, options: WandOptions
+) -> tuple[str, ...]:
+    """Return what the user should know of a calibration, one sentence each."""
+    words = [word for view in views for word in view.findings]
+    words += [
+        f"{view.name}: in {view.crowded} of {len(view)} frames more than the wand shone; they were left out."
+        for view in views if view.crowded
+    ]  # fmt: skip
+    for c, name in enumerate(rig.cameras.names):
+        if rig.camera_rmse_px[c] > GOOD_PX:
+            words.append(
+                f"{name} errs by {rig.camera_rmse_px[c]:.1f} px: its lens was calibrated in another mode, it was "
+                "moved, or its exposures are long for how fast the wand was waved."
+            )
+        ahead = clocks.offset_s[c]
+        if options.clocks is None and abs(ahead) > LATE_S:
+            words.append(
+                f"The clock of {name} is {'ahead of' if ahead > 0 else 'behind'} that of {rig.cameras.names[0]} by "
+                f"{1e3 * abs(ahead):.1f} ms."
+            )
+    return tuple(words)
+
+
+def notes_of(moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions) -> tuple[str, ...]:
+    """Return what was done, one sentence each."""
+    i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
+    what = "a marker and its depth" if options.wand is None else (
+        f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m"
+    )  # fmt: skip
+    return (
+        f"By {what} at {moments.px.shape[1]} moments; {names[i]} and {names[j]} saw least together, {together[i, j]}.",
+        f"The world is {names[0]}'s own axes, Z along its sight, until a Γ tells up.",
+    )

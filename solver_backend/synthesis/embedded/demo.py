@@ -1,0 +1,79 @@
+"""The embedded capture of the demo: four cameras around an authored motion, seen by a detector that errs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.cameras.projection import project
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.embedded.choreography import author_motion
+from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.types import NUM_JOINTS, Cameras, Capture, JointSet, Keypoints2D
+
+DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])
+"""Shape of the person in the demo capture."""
+
+
+def demo_capture(
+    num_frames: int = 360, fps: float = 60.0, seed: int = 7, noise: DetectorNoise = DetectorNoise()
+) -> Capture:
+    """Return the demo capture with its truth.
+
+    Args:
+        num_frames: F.
+        fps: frames per second.
+        seed: of the detector's noise; the motion is the same for all seeds.
+        noise: the detector.
+    """
+    body = load_body()
+    motion = author_motion(body, DEMO_BETAS, num_frames, fps)
+    joint_set = JointSet.BODY_25
+    landmarks = keypoint_landmarks(body, joint_set)
+    posed = pose_landmarks(
+        body, landmarks, DEMO_BETAS, exp_so3(motion.global_orient), exp_so3(motion.body_pose), motion.transl
+    )
+    centre = posed.skeleton.joints[:, 0].mean(axis=0)
+    cameras = tripods(np.array([centre[0], centre[1], 0.95]))
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
+    xy, confidence = detect(px, cameras.image_size, noise, np.random.default_rng(seed))
+    body_pose = np.zeros((num_frames, 3 * (NUM_JOINTS - 1)))
+    body_pose[:, : motion.body_pose[0].size] = motion.body_pose.reshape(num_frames, -1)
+    truth = {
+        "betas": DEMO_BETAS, "global_orient": motion.global_orient, "body_pose": body_pose, "transl": motion.transl,
+        "joints": posed.skeleton.joints, "keypoints3d": posed.points,
+    }  # fmt: skip
+    return Capture(
+        name="demo",
+        cameras=cameras,
+        keypoints=Keypoints2D(xy, confidence, joint_set, fps),
+        footage=(None,) * len(cameras),
+        sources=("embedded demo capture",),
+        notes=("Synthetic capture: authored motion, four cameras, detector-like noise; the truth is known.",),
+        truth=truth,
+    )
+
+
+def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2, height_m: float = 1.6) -> Cameras:
+    """Return cameras on tripods around a target, 1920 x 1080, with mild lens distortion."""
+    angles = (
+        np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
+    )
+    heights = height_m + 0.25 * np.cos(2.3 * np.arange(count))
+    centres = np.stack([radius_m * np.cos(angles), radius_m * np.sin(angles), heights], axis=1)
+    centres[:, :2] += target[:2]
+    forward = target - centres
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.cross(forward, np.array([0.0, 0.0, 1.0]))
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    focal = 1350.0 + 25.0 * np.arange(count)
+    K = np.zeros((count, 3, 3))
+    K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = focal, focal * 1.002, 1.0
+    K[:, 0, 2], K[:, 1, 2] = 960.0 + 6.0 * np.arange(count), 540.0 - 4.0 * np.arange(count)
+    distortion = np.tile([-0.08, 0.03, 0.0004, -0.0003, 0.0, 0.0, 0.0, 0.0], (count, 1))
+    names = tuple(f"cam{i + 1:02d}" for i in range(count))
+    t = -np.einsum("cij,cj->ci", R, centres)
+    return Cameras(names, K, distortion, R, t, np.tile([1920, 1080], (count, 1)))

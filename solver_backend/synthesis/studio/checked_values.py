@@ -1,0 +1,111 @@
+"""Values of a JSON description, each checked, with errors that name the place and what would be valid."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from solver_backend.synthesis.studio.errors import StudioInvalid
+
+_LARGEST = sys.float_info.max
+"""Whole numbers of JSON may be larger; infinite and missing ones are not between."""
+
+
+class CheckedValues:
+    """One object of a description.
+
+    Args:
+        values: the object as read.
+        where: how errors name it.
+        known: every key that it may have.
+
+    Raises:
+        StudioInvalid: it is no object, or has a key that is not known.
+    """
+
+    def __init__(self, values: Any, where: str, known: Iterable[str]) -> None:
+        keys = sorted(known)
+        if not isinstance(values, Mapping):
+            raise StudioInvalid(f"{where} is {_kind(values)}; an object with keys is expected.", where=where)
+        unknown = sorted(map(str, set(values) - set(keys)))
+        if unknown:
+            raise StudioInvalid(
+                f"Unknown key {', '.join(unknown)}.", where=where, hint=f"Known keys: {', '.join(keys)}."
+            )
+        self._values, self.where = values, where
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def raw(self, key: str, default: Any = None) -> Any:
+        """Return a value as it was read."""
+        return self._values.get(key, default)
+
+    def number(self, key: str, default: float, low: float, high: float) -> float:
+        """Return a number from low to high."""
+        value = self._values.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise self._bad(key, value, f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    def whole(self, key: str, default: int, low: int, high: int) -> int:
+        """Return a whole number from low to high."""
+        value = self._values.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self._bad(key, value, f"a whole number from {low} to {high}")
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        value = self._values.get(key, default)
+        if not isinstance(value, bool):
+            raise self._bad(key, value, "true or false")
+        return value
+
+    def text(self, key: str, default: str) -> str:
+        """Return a text that is not empty, unless its default is."""
+        value = self._values.get(key, default)
+        if not isinstance(value, str) or (not value and default):
+            raise self._bad(key, value, "a text")
+        return value
+
+    def choice(self, key: str, default: str, known: Iterable[str]) -> str:
+        """Return one of the known names."""
+        value, names = self._values.get(key, default), tuple(known)
+        if value not in names:
+            raise self._bad(key, value, f"one of {', '.join(names)}")
+        return value
+
+    def choices(self, key: str, default: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
+        """Return some of the known names, each once."""
+        value, names = self._values.get(key, list(default)), tuple(known)
+        if not isinstance(value, list) or any(item not in names for item in value):
+            raise self._bad(key, value, f"a list of {', '.join(names)}")
+        return tuple(dict.fromkeys(value))
+
+    def numbers(self, key: str, count: int) -> np.ndarray:
+        """Return a list of so many finite numbers."""
+        value = self._values.get(key)
+        good = isinstance(value, list) and len(value) == count
+        good = good and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value or ())
+        if not good or not all(-_LARGEST <= v <= _LARGEST for v in value or ()):
+            raise self._bad(key, value, f"{count} numbers")
+        return np.array(value, dtype=np.float64)
+
+    def size(self, key: str, default: tuple[int, int]) -> tuple[int, int]:
+        """Return width and height in pixels, 16 to 8192 each."""
+        value = self._values.get(key, list(default))
+        good = isinstance(value, list) and len(value) == 2
+        if not good or not all(isinstance(v, int) and not isinstance(v, bool) and 16 <= v <= 8192 for v in value):
+            raise self._bad(key, value, "a width and a height from 16 to 8192 pixels, such as [640, 480]")
+        return int(value[0]), int(value[1])
+
+    def _bad(self, key: str, value: Any, expected: str) -> StudioInvalid:
+        return StudioInvalid(f"{key} = {value!r} is not valid; {expected} is expected.", where=f"{self.where}: {key}")
+
+
+def _kind(value: Any) -> str:
+    return "missing" if value is None else f"a {type(value).__name__}"

@@ -1,0 +1,236 @@
+"""A data set on disk: its folder claimed, room for it asked, its shots made one after the other, resumable."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from solver_backend import __version__
+from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.exchange.outputs import check_output, is_free, write_text
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.files import read_json
+from solver_backend.synthesis.studio.errors import DiskTooSmall, OtherDataSet
+from solver_backend.synthesis.studio.make_shot import DONE, make_shot, read_shot
+from solver_backend.synthesis.studio.shots import Shot, list_shots
+from solver_backend.synthesis.studio.spec import Spec, spec_of
+from solver_backend.synthesis.studio.stage import require_sight, set_up
+
+DESCRIPTION, SHOTS = "studio.json", "shots"
+_FORMAT = "manifold_mocap_studio"
+_BYTES_PER_PIXEL = {"infrared": 1.5, "depth": 1.5, "masks": 0.04, "normals": 0.25, "exr": 9.0, "video": 0.3}
+"""Of PNG, EXR and MP4, somewhat more than what the presets were measured to take."""
+_QUIET_COLOUR = 0.8
+"""The same of colour without noise, which adds the bits of its spread to each of three channels."""
+_NIGHT_GAIN = 4.0
+"""Times the sensor's noise by night."""
+_BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}
+"""A view."""
+_TRUTH_BYTES = 9000
+"""A view and frame, of truth and captures."""
+_SCENE_BYTES = 260_000
+"""A shot that is filmed in colour."""
+_SPARE = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a description asks for."""
+
+    shots: tuple[Shot, ...]
+    frames: int
+    """Of all shots, at most."""
+    pictures: int
+    """Of all kinds, at most."""
+    bytes: int
+    """About what it takes on disk."""
+
+
+def plan(spec: Spec) -> Plan:
+    """Return what a description asks for; nothing is made.
+
+    Raises:
+        FileMissing: a motion is not there.
+    """
+    shots = list_shots(spec)
+    total, pictures = 0.0, 0
+    for shot in shots:
+        sizes = shot.rig.cameras.image_size
+        views = len(sizes)
+        area = float((sizes[:, 0] * sizes[:, 1]).sum())
+        pictures += views * spec.frames * (len(spec.film) + ("exr" in spec.write))
+        per_pixel = sum(_BYTES_PER_PIXEL.get(kind, 0) for kind in (*spec.film, *spec.write))
+        if "rgb" in spec.film:
+            gain = 1.0 if shot.look.light == "day" else _NIGHT_GAIN
+            per_pixel += _QUIET_COLOUR + 3 / 8 * math.log2(
+                1 + gain * 255 * math.sqrt(2 * math.pi * math.e) * spec.rgb.noise
+            )
+            total += _SCENE_BYTES
+        total += spec.frames * area * per_pixel
+        total += spec.frames * views * (_TRUTH_BYTES + sum(_BYTES_PER_FRAME.get(kind, 0) for kind in spec.write))
+    return Plan(shots, spec.frames * len(shots), pictures, int(total))
+
+
+def check_data_set(spec: Spec, out: Path) -> Plan:
+    """Check everything that can be checked before work begins, and return what would be made; nothing is written.
+
+    Raises:
+        OtherDataSet: the folder holds another data set, or something else.
+        DiskTooSmall: there is not enough room for what is not yet made.
+        NobodySeen, CameraInsideBody: a shot cannot be filmed.
+        MocapError: a motion cannot be read.
+    """
+    found = plan(spec)
+    _require_own(spec, out)
+    done = [shot for shot in found.shots if (out / SHOTS / shot.name / DONE).is_file()]
+    needed = int(found.bytes * (1 - len(done) / len(found.shots))) + _SPARE
+    free = free_bytes(out)
+    if needed > free:
+        raise DiskTooSmall(
+            f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.", where=str(out),
+            hint="Film fewer frames, smaller pictures or fewer kinds, or choose another disk.",
+        )  # fmt: skip
+    left = [shot for shot in found.shots if shot not in done]
+    for shot in _one_of_each(left):
+        require_sight(set_up(spec, shot))
+    return found
+
+
+def open_data_set(spec: Spec, out: Path) -> Plan:
+    """Claim a folder for a data set that can be made.
+
+    Raises:
+        OutputNotWritable: the folder cannot be written to.
+        MocapError: see ``check_data_set``.
+    """
+    found = check_data_set(spec, out)
+    check_output(out / DESCRIPTION, overwrite=True)
+    text = json.dumps(
+        {"format": _FORMAT, "version": __version__, "digest": digest(spec), "folder": str(spec.folder),
+         "description": json.loads(spec.text), "needed_mb": round(found.bytes / 2**20, 1)},
+        indent=1, sort_keys=True,
+    )  # fmt: skip
+    write_text(out / DESCRIPTION, text + "\n", overwrite=True)
+    return found
+
+
+def make_data_set(
+    spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()
+) -> list[dict[str, Any]]:
+    """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` says.
+
+    Args:
+        spec: the description.
+        out: folder of the data set.
+        progress: told about every frame.
+        only: names of the shots to make, of a folder that was claimed before; all, and the folder is claimed, if empty.
+
+    Raises:
+        FileMissing: there is no shot of such a name, or the folder was not claimed.
+        MocapError: see ``open_data_set`` and ``make_shot``.
+    """
+    if only:
+        chosen = _chosen(spec, out, only)
+        stage = f"filming {len(chosen)} shots"
+    else:
+        found = open_data_set(spec, out)
+        chosen, stage = found.shots, f"filming {_size(found.bytes)}"
+    frames, records = spec.frames * len(chosen), []
+    progress(stage, 0, frames)
+    for number, shot in enumerate(chosen):
+        start = number * spec.frames
+        records.append(make_shot(spec, shot, out / SHOTS, lambda n, start=start: progress(stage, start + n, frames)))
+        progress(stage, start + spec.frames, frames)
+    return records
+
+
+def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
+    if _description(out) is None:
+        raise FileMissing("The folder holds no data set of the studio.", where=str(out), hint="Begin with --claim.")
+    _require_own(spec, out)
+    shots = {shot.name: shot for shot in list_shots(spec)}
+    if unknown := [name for name in names if name not in shots]:
+        raise FileMissing(
+            f"The description has no shot {', '.join(unknown)}.", where=str(out), hint="See what --plan says of it."
+        )
+    return tuple(shots[name] for name in names)
+
+
+def read_data_set(out: Path) -> tuple[Spec, list[dict[str, Any]]]:
+    """Return description and shots of a data set that was made.
+
+    Raises:
+        FileMissing: there is none, or no shot of it.
+        FileDamaged: its description cannot be read.
+    """
+    values = _description(out)
+    if values is None:
+        raise FileMissing("The folder holds no data set of the studio.", where=str(out))
+    folder = values.get("folder", ".")
+    if "description" not in values or not isinstance(folder, str):
+        raise FileDamaged("The data set's description lacks parts.", where=str(out / DESCRIPTION))
+    spec = spec_of(values["description"], Path(folder))
+    records = [
+        read_shot(folder)
+        for folder in sorted((out / SHOTS).glob("*")) if (folder / DONE).is_file() and not folder.name.startswith(".")
+    ]  # fmt: skip
+    if not records:
+        raise FileMissing("The data set has no finished shot.", where=str(out), hint="Run the studio again.")
+    return spec, records
+
+
+def digest(spec: Spec) -> str:
+    """Return what makes a data set the same: its description, in hexadecimal."""
+    return hashlib.sha256(spec.text.encode()).hexdigest()[:32]
+
+
+def _one_of_each(shots: list[Shot]) -> list[Shot]:
+    """Return one shot of each motion, rig and look: who the person is hardly changes what is seen of them."""
+    return list({(s.motion.name, s.rig.name): s for s in reversed(shots)}.values())[::-1]
+
+
+def _require_own(spec: Spec, out: Path) -> None:
+    values = _description(out)
+    if values is not None and values.get("digest") != digest(spec):
+        raise OtherDataSet(
+            "The folder holds a data set of another description.", where=str(out),
+            hint="Choose another folder, or give the description that made it.",
+        )  # fmt: skip
+    if values is None and not is_free(out):
+        raise OtherDataSet("The folder holds something else.", where=str(out), hint="Choose a folder that is new.")
+
+
+def _description(out: Path) -> dict[str, Any] | None:
+    path = out / DESCRIPTION
+    if not path.is_file():
+        return None
+    values = read_json(path)
+    return values if isinstance(values, dict) and values.get("format") == _FORMAT else {}
+
+
+def free_bytes(out: Path) -> int:
+    """Return how much room the disk of a folder has that need not be there yet."""
+    return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
+
+
+def _size(count: float) -> str:
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.0f} MiB"
+
+
+__all__ = [
+    "DESCRIPTION",
+    "SHOTS",
+    "Plan",
+    "check_data_set",
+    "free_bytes",
+    "make_data_set",
+    "open_data_set",
+    "plan",
+    "read_data_set",
+]

@@ -1,0 +1,114 @@
+"""The judge: every shot of a data set solved by every method, and how far each solve is from the truth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.exchange.errors import CommandLineInvalid, MocapError
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.settings import METHODS, SolveSettings
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.metrics import accel_error_m_s2, mpjpe_mm, pa_mpjpe_mm
+from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
+from solver_backend.types import Capture
+
+INPUTS = ("views", "markers")
+YARDSTICK = "triangulation"
+"""The method that knows no body: triangulation and a 6 Hz filter; its error is that of the keypoints."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One solve of one shot."""
+
+    shot: str
+    faults: str
+    """'clean' or 'perturbed'."""
+    source: str
+    """'views' or 'markers'."""
+    method: str
+    rig: str = ""
+    mpjpe_mm: float = np.nan
+    pa_mpjpe_mm: float = np.nan
+    accel_m_s2: float = np.nan
+    seconds: float = np.nan
+    error: str = ""
+    """What went wrong, "" where there is a result."""
+    by_frame_mm: np.ndarray | None = None
+    """(F,) mean error of the joints."""
+    joints: np.ndarray | None = None
+    """(F, 24, 3) metres, as solved."""
+
+
+def judge(
+    out: Path, methods: Sequence[str] = ("global",), sources: Sequence[str] = (),
+    faults: Sequence[str] = ("perturbed",), progress: Progress = silent, settings: SolveSettings = SolveSettings(),
+) -> list[Verdict]:  # fmt: skip
+    """Solve every shot of a data set by every method; a solve that fails is a verdict with its error.
+
+    Args:
+        out: folder of the data set.
+        methods: some of the solver's, or 'triangulation'.
+        sources: some of 'views' and 'markers'; none takes what the description perturbs, else views.
+        faults: some of 'clean' and 'perturbed'.
+        progress: told about every solve.
+        settings: everything else of a solve.
+
+    Raises:
+        FileMissing, FileDamaged: there is no data set.
+        CommandLineInvalid: a method is unknown.
+    """
+    unknown = sorted(set(methods) - {*METHODS, YARDSTICK})
+    if unknown:
+        known = ", ".join((*METHODS, YARDSTICK))
+        raise CommandLineInvalid(f"There is no method {', '.join(unknown)}.", hint=f"Known are {known}.")
+    spec, records = read_data_set(out)
+    given = spec.perturb
+    chosen = tuple(sources) or tuple(
+        source for source, touched in (("views", given.views or not given.of_markers), ("markers", given.of_markers))
+        if touched
+    )  # fmt: skip
+    work = [
+        (record["name"], kind, source, method, record["rig"])
+        for record in records for kind in faults for source in chosen for method in methods
+        if not (source == "markers" and (method == YARDSTICK or not record["markers"]))
+        if not (source == "views" and len(record["cameras"]) < 2)
+    ]  # fmt: skip
+    verdicts = []
+    progress("judging", 0, len(work))
+    for done, place in enumerate(work, start=1):
+        capture = read_capture(out / SHOTS / place[0] / f"{place[1]}.npz")
+        verdicts.append(_verdict(capture, place, settings))
+        progress("judging", done, len(work))
+    return verdicts
+
+
+def _verdict(capture: Capture, place: tuple[str, str, str, str, str], settings: SolveSettings) -> Verdict:
+    source, method = place[2:4]
+    truth, start = np.asarray(capture.truth["joints"]), time.monotonic()
+    one = replace(capture, markers=None) if source == "views" else replace(capture, keypoints=None, cameras=None)
+    try:
+        if method == YARDSTICK:
+            cameras, keypoints = one.require_multiview()
+            found, truth = triangulate_and_filter(cameras, keypoints), np.asarray(capture.truth["keypoints3d"])
+            joints = None
+        else:
+            found = joints = solve(one, replace(settings, method=method)).motion.joints
+    except MocapError as error:
+        return Verdict(*place, error=str(error), seconds=time.monotonic() - start)
+    seconds = time.monotonic() - start
+    off = 1e3 * np.linalg.norm(found - truth, axis=-1)
+    located = np.isfinite(off).all(axis=0)
+    by_frame = np.nanmean(off, axis=1) if np.isfinite(off).any() else np.full(len(off), np.nan)
+    whole = found[:, located], truth[:, located]
+    return Verdict(
+        *place, mpjpe_mm(*whole), pa_mpjpe_mm(*whole) if located.sum() > 3 else np.nan,
+        accel_error_m_s2(*whole, capture.fps) if len(off) > 2 else np.nan, seconds, "", by_frame, joints,
+    )  # fmt: skip

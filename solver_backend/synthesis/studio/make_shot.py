@@ -1,0 +1,128 @@
+"""One shot made: set up, filmed, its truth written in every format that was asked for, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from solver_backend.body.body import load_body
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.unfinished import publish, unfinished_names
+from solver_backend.io.files import read_json
+from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.trc_writer import write_trc
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.synthesis.studio.film import film
+from solver_backend.synthesis.studio.histograms import poses_of, views_of
+from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
+from solver_backend.synthesis.studio.shots import Shot
+from solver_backend.synthesis.studio.spec import Spec
+from solver_backend.synthesis.studio.stage import Stage, require_sight, set_up
+from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion
+from solver_backend.synthesis.studio.writers.coco import coco_text
+from solver_backend.synthesis.studio.writers.pictures import PictureWriter
+from solver_backend.synthesis.studio.writers.pose2sim import write_trial
+from solver_backend.synthesis.studio.writers.scene_file import write_body, write_scene
+from solver_backend.types import Capture, Motion
+
+DONE = "shot.json"
+"""Of a shot's folder: it is whole."""
+
+
+def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] = lambda frame: None) -> dict[str, Any]:
+    """Make a shot and return what its ``shot.json`` says; a shot that is there already stays.
+
+    Several processes may make one shot at a time: the first that is through names its folder.
+
+    Args:
+        spec: the data set.
+        shot: which one.
+        shots: folder of all shots.
+        told: is told each frame that is filmed.
+
+    Raises:
+        NobodySeen, CameraInsideBody: it cannot be filmed.
+        MocapError: its motion cannot be read, or the folder cannot be written.
+    """
+    folder = shots / shot.name
+    if (folder / DONE).is_file():
+        return read_shot(folder)
+    stage = set_up(spec, shot)
+    require_sight(stage)
+    shots.mkdir(parents=True, exist_ok=True)
+    with unfinished_names(shots) as name:
+        unfinished = shots / f"{name}{shot.name}"
+        unfinished.mkdir()
+        record = _write_shot(spec, stage, unfinished, told)
+        (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
+        publish(unfinished, folder, f"{folder.name}/{DONE}")
+    return record
+
+
+def read_shot(folder: Path) -> dict[str, Any]:
+    """Return what the ``shot.json`` of a shot's folder says.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, or no object of JSON.
+    """
+    record = read_json(folder / DONE)
+    if not isinstance(record, dict):
+        raise FileDamaged("The shot's record is no object.", where=str(folder / DONE), hint="Remove the shot's folder.")
+    return record
+
+
+def _write_shot(spec: Spec, stage: Stage, folder: Path, told: Callable[[int], None]) -> dict[str, Any]:
+    truth = find_truth(stage, spec.fps)
+    with PictureWriter(folder, stage.cameras.names) as keep:
+        filmed = film(spec, stage, keep, told)
+    motion = true_motion(stage.person, stage.joints, truth.contacts, spec.fps)
+    clean = clean_capture(spec, stage, truth, motion)
+    if stage.labels:
+        clean.truth["marker_seen"] = filmed.marker_seen
+    perturbed = perturbed_capture(spec, stage, truth, clean)
+    write_capture(folder / "clean.npz", clean)
+    write_capture(folder / "perturbed.npz", perturbed)
+    write_motion(folder / "motion.npz", motion)
+    write_npz(folder / "truth.npz", truth.arrays() | {"marker_seen": filmed.marker_seen})
+    if "rgb" in spec.film:
+        write_scene(folder / "scene.npz", stage)
+    if stage.person.body.id != load_body().id:
+        write_body(folder / "body.npz", stage.person.body)
+    _write_formats(spec, stage, folder, truth, (clean, perturbed))
+    return _record(spec, stage, truth, motion)
+
+
+def _write_formats(spec: Spec, stage: Stage, folder: Path, truth: Truth, captures: tuple[Capture, Capture]) -> None:
+    pictures = "rgb" if "rgb" in spec.film else next((kind for kind in spec.film), "rgb")
+    for capture, ending in zip(captures, ("", "_perturbed"), strict=True):
+        if ending and not (spec.perturb.views or spec.perturb.of_markers):
+            continue
+        if "pose2sim" in spec.write:
+            write_trial(folder / f"pose2sim{ending}", capture)
+        if capture.markers is not None and "c3d" in spec.write:
+            write_c3d(folder / f"markers{ending}.c3d", capture.markers)
+        if capture.markers is not None and "trc" in spec.write:
+            write_trc(folder / f"markers{ending}.trc", capture.markers)
+    if "coco" in spec.write:
+        text = coco_text(stage.cameras, truth, pictures, stage.shot.name)
+        (folder / "coco.json").write_text(text, encoding="utf-8", newline="\n")
+
+
+def _record(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> dict[str, Any]:
+    visible = truth.visibility[spec.joint_set] == VISIBLE
+    return {
+        "name": stage.shot.name, "frames": stage.num_frames, "fps": spec.fps, "seed": spec.seed,
+        "motion": stage.shot.motion.name, "motion_file": getattr(stage.shot.motion.path, "name", ""),
+        "person": stage.shot.person, "betas": [round(float(b), 6) for b in motion.betas], "body": motion.body,
+        "rig": stage.shot.rig.name, "cameras": list(stage.cameras.names),
+        "size": stage.cameras.image_size.tolist(), "look": stage.shot.look.name, "clothes": stage.outfit[0],
+        "hair": stage.outfit[1], "light": stage.light, "markers": len(stage.labels), "film": list(spec.film),
+        "visible": round(float(visible.mean()), 4), "inside": round(float(truth.inside.mean()), 4),
+        "views": views_of(stage), "poses": poses_of(stage.joints), "rgb": asdict(spec.rgb),
+        "rgb_seed": int(stage.shot.rng(spec, "rgb").integers(2**31)),
+    }  # fmt: skip

@@ -1,0 +1,178 @@
+"""A picture of where the markers of a layout sit: the body from the front and from the back, with their names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.markers import marker_landmarks, skin_normals
+from solver_backend.camera_calibration.opencv import opencv
+from solver_backend.synthesis.studio.scene.z_buffer import rasterise
+
+PIXELS_PER_M, FINER = 400, 3
+"""Of the picture; and by how much finer it is drawn before it is averaged down."""
+MARGIN_M = (0.12, 0.1)
+"""Beside the body and above it, where names stand."""
+MARKER_PX = 5.0
+"""Radius of a drawn marker."""
+_AWAY_M = 50.0
+"""Distance of the eye: so far away that lines of sight are parallel."""
+_SKIN, _FACING, _BEHIND = np.array([0.55, 0.58, 0.62]), (255, 120, 20), (200, 145, 85)
+_INK, _LINE, _PAPER = (30, 30, 30), (90, 90, 90), (255, 255, 255)
+_LIGHTS = ((np.array([-0.45, 0.55, 0.7]), 0.62), (np.array([0.87, 0.11, 0.44]), 0.2))
+_STEP = 4
+"""Levels of grey that are told apart: fewer make a smaller file."""
+_REACH_PX = (12, 20, 30, 44, 62, 84)
+"""Distances from a marker at which its name may stand."""
+_TURNS = 24
+_CROWDED, _OVER_BODY = 100.0, 35.0
+"""Pixels that a name goes farther away so as not to cover another thing by a pixel's side, or the body altogether."""
+_SWEEPS = 6
+"""Times that every name looks for a better place among the others."""
+
+
+@dataclass(frozen=True)
+class _Name:
+    text: str
+    marker: np.ndarray
+    """(2,) pixels."""
+    size: tuple[int, int]
+
+    def boxes(self) -> np.ndarray:
+        """Return (P, 4) pixels of where it may stand: left, top, right, bottom."""
+        angle = 2.0 * np.pi * np.arange(_TURNS) / _TURNS
+        away = np.stack([np.cos(angle), np.sin(angle)], -1)
+        half = 0.5 * np.array(self.size) + 2.0
+        # The box touches the circle of each distance from outside.
+        to_edge = np.minimum(*(half[k] / np.maximum(np.abs(away[:, k]), 1e-9) for k in (0, 1)))
+        middle = np.concatenate([self.marker + away * (reach + to_edge)[:, None] for reach in _REACH_PX])
+        return np.concatenate([middle - half, middle + half], axis=1)
+
+
+def places_picture(body: Body, names: tuple[str, ...]) -> np.ndarray:
+    """Return an (h, w, 3) uint8 picture of a body at rest, front and back, with markers and their names.
+
+    A name stands once, on the side that its marker faces; from the other side the marker shines through.
+
+    Args:
+        body: whose skin carries them.
+        names: of the markers, of any layout.
+
+    Raises:
+        BackendMissing: OpenCV, which writes the names, is not installed.
+        KeyError: a name belongs to no layout.
+    """
+    cv2 = opencv()
+    places = marker_landmarks(body, names).anchors.sum(axis=1)
+    faces_front = skin_normals(body, names)[:, 2] >= 0.0
+    return np.concatenate([
+        _side(cv2, body, places, names, faces_front, 1.0, "front"),
+        _side(cv2, body, places, names, ~faces_front, -1.0, "back"),
+    ], axis=1)  # fmt: skip
+
+
+def _side(
+    cv2: Any, body: Body, places: np.ndarray, names: tuple[str, ...], facing: np.ndarray, sign: float, title: str
+) -> np.ndarray:
+    turn = np.array([sign, 1.0, sign])
+    vertices, places = body.v_template * turn, places * turn
+    low, high = vertices.min(0)[:2], vertices.max(0)[:2]
+    margin = np.array(MARGIN_M)
+    size = np.ceil((high - low + 2.0 * margin) * PIXELS_PER_M).astype(int)
+
+    def pixels(points: np.ndarray) -> np.ndarray:
+        across, up = ((points[:, :2] - low + margin) * PIXELS_PER_M).T
+        return np.stack([across, size[1] - up], -1)
+
+    picture = _shaded(vertices, body.faces, pixels(vertices), size)
+    paper = (picture == _PAPER).all(-1)
+    for k in np.argsort(facing, kind="stable"):
+        _disc(cv2, picture, pixels(places)[k], _FACING if facing[k] else _BEHIND)
+    written = [
+        _Name(names[k], pixels(places)[k], cv2.getTextSize(names[k], cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0])
+        for k in np.flatnonzero(facing)
+    ]
+    for name, box in zip(written, _stood(written, pixels(places), paper), strict=True):
+        _write(cv2, picture, name, box)
+    cv2.putText(picture, title, (16, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
+    return picture
+
+
+def _shaded(vertices: np.ndarray, faces: np.ndarray, px: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return the (h, w, 3) uint8 body before white paper, smoothly shaded."""
+    fine = (int(FINER * size[0]), int(FINER * size[1]))
+    seen = rasterise(px * FINER, _AWAY_M - vertices[:, 2], faces, fine)
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normals, faces[:, k], across)
+    rows, columns = np.nonzero(seen.face >= 0)
+    face = faces[seen.face[rows, columns]]
+    share = _barycentric((px * FINER)[face], np.stack([columns, rows], -1))
+    normal = np.einsum("pk,pki->pi", share, normals[face])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    light = 0.24 + 0.1 * normal[:, 1].clip(0.0)
+    for direction, strength in _LIGHTS:
+        light = light + strength * (normal @ (direction / np.linalg.norm(direction))).clip(0.0)
+    whole = np.ones((fine[1], fine[0], 3))
+    whole[rows, columns] = (light[:, None] * _SKIN * 1.25).clip(0.0, 1.0) ** (1 / 1.6)
+    small = whole.reshape(size[1], FINER, size[0], FINER, 3).mean(axis=(1, 3))
+    return np.minimum(_STEP * np.round(255.0 / _STEP * small), 255.0).astype(np.uint8)
+
+
+def _barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return (P, 3) shares of the (P, 3, 2) corners at (P, 2) points, none below 0."""
+    a, b, c = (corners[:, k] - at for k in range(3))
+    share = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], -1)
+    share = share / np.where(np.abs(total := share.sum(1, keepdims=True)) > 1e-12, total, 1.0)
+    return share.clip(0.0)
+
+
+def _stood(names: list[_Name], markers: np.ndarray, paper: np.ndarray) -> list[np.ndarray]:
+    """Return the (4,) box of each name: off the others and off the markers, near its own, rather beside the body."""
+    choices = [name.boxes() for name in names]
+    own = [_cost(boxes, markers, paper) for boxes in choices]
+    at = [int(cost.argmin()) for cost in own]
+    for _ in range(_SWEEPS):
+        for k, boxes in enumerate(choices):
+            others = np.stack([choices[i][at[i]] for i in range(len(names)) if i != k] or [np.zeros(4)])
+            at[k] = int((own[k] + _CROWDED * _overlap(boxes[:, None], others).sum(1)).argmin())
+    return [boxes[k] for boxes, k in zip(choices, at, strict=True)]
+
+
+def _cost(boxes: np.ndarray, markers: np.ndarray, paper: np.ndarray) -> np.ndarray:
+    """Return what each box of a name costs by itself; ``paper`` (h, w) is where no body is."""
+    discs = np.concatenate([markers - MARKER_PX - 1, markers + MARKER_PX + 1], axis=1)
+    outside = np.maximum(-boxes[:, :2], 0.0).sum(1) + np.maximum(boxes[:, 2:] - paper.shape[::-1], 0.0).sum(1)
+    covered = np.zeros(len(boxes))
+    for k in np.flatnonzero(outside == 0.0):
+        left, top, right, bottom = np.round(boxes[k]).astype(int).tolist()
+        covered[k] = 1.0 - paper[top:bottom, left:right].mean()
+    crowded = _overlap(boxes[:, None], discs).sum(1)
+    return np.repeat(_REACH_PX, _TURNS) + _OVER_BODY * covered + _CROWDED * crowded + 1e4 * outside
+
+
+def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the side of the square as large as what two boxes share."""
+    low, high = np.maximum(boxes[..., :2], others[..., :2]), np.minimum(boxes[..., 2:], others[..., 2:])
+    return np.sqrt(np.prod(np.maximum(high - low, 0.0), axis=-1))
+
+
+def _disc(cv2: Any, picture: np.ndarray, at: np.ndarray, colour: tuple[int, int, int]) -> None:
+    x, y = (round(16.0 * float(v)) for v in at)
+    for radius, paint in ((MARKER_PX, tuple(round(0.7 * c) for c in colour)), (MARKER_PX - 1.0, colour)):
+        cv2.circle(picture, (x, y), round(16.0 * radius), paint, -1, cv2.LINE_AA, 4)
+
+
+def _write(cv2: Any, picture: np.ndarray, name: _Name, box: np.ndarray) -> None:
+    left, top, right, bottom = (round(float(v)) for v in box)
+    end = np.clip(name.marker, (left, top), (right, bottom))
+    start = name.marker + (end - name.marker) * min(1.0, MARKER_PX / max(float(np.linalg.norm(end - name.marker)), 1.0))
+    cv2.line(picture, tuple(np.round(start).astype(int).tolist()), tuple(np.round(end).astype(int).tolist()), _LINE, 1,
+             cv2.LINE_AA)  # fmt: skip
+    cv2.rectangle(picture, (left, top), (right, bottom), _PAPER, -1)
+    cv2.putText(picture, name.text, (left + 2, bottom - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.4, _INK, 1, cv2.LINE_AA)

@@ -1,0 +1,191 @@
+"""Rigs of cameras: rings, corners of a room, the cameras of a capture, and presets of real devices."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import CalibrationMissing
+from solver_backend.synthesis.studio.checked_values import CheckedValues
+from solver_backend.synthesis.studio.errors import StudioInvalid
+from solver_backend.synthesis.studio.rig_aim import aim_point, scaled
+from solver_backend.types import Cameras
+
+PRESETS = Path(__file__).parents[2] / "assets" / "studio_rigs.json"
+LAYOUTS = ("ring", "corners", "capture", "cameras")
+STANDS = ("world", "aim")
+"""Where the person is before cameras that stand fixed: where the motion says, or where the cameras look."""
+_KNOWN = (
+    "name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m", "size",
+    "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand",
+    "leave_out", "widest",
+)  # fmt: skip
+_TARGET_M = (0.0, 0.0, 0.95)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Cameras with names, before they are set up around a person."""
+
+    name: str
+    """Name of the rig, part of a shot's name."""
+    cameras: Cameras
+    """Where they stand about the origin; the middle of the person's way is put there."""
+    range_m: tuple[float, float]
+    """Nearest and farthest depth that its sensors measure."""
+    fixed: bool
+    """The cameras stand where they stand in the world, and do not move to the person."""
+    stand: np.ndarray | None = None
+    """(2,) metres: before fixed cameras the middle of the person's way is put there; None leaves it where it is."""
+
+    def around(self, place: np.ndarray) -> Cameras:
+        """Return the cameras moved along the floor so that the person at (3,) ``place`` is in their middle."""
+        if self.fixed:
+            return self.cameras
+        move = np.array([place[0], place[1], 0.0])
+        cameras = self.cameras
+        t = cameras.t - np.einsum("cij,j->ci", cameras.R, move)
+        return Cameras(
+            cameras.names, cameras.K, cameras.distortion, cameras.R, t, cameras.image_size, cameras.distortion_model
+        )
+
+
+@cache
+def rig_presets() -> dict[str, dict[str, Any]]:
+    """Return the presets by name, from the data file that ships."""
+    return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
+
+
+def build_rig(description: Any, folder: Path = Path()) -> Rig:
+    """Return a rig from its description: the name of a preset, or an object.
+
+    Args:
+        description: as read from JSON.
+        folder: what relative paths are relative to.
+
+    Raises:
+        StudioInvalid: a key or preset is unknown, or a value is impossible.
+        CalibrationMissing: a capture has no cameras.
+        MocapError: a capture cannot be read.
+    """
+    given = {"preset": description} if isinstance(description, str) else description
+    values = CheckedValues(given, "rig", _KNOWN)
+    if "preset" in values:
+        name, presets = values.raw("preset"), rig_presets()
+        if not isinstance(name, str) or name not in presets:
+            raise StudioInvalid(
+                f"There is no rig '{name}'.", where="rig: preset", hint=f"Known are {', '.join(sorted(presets))}."
+            )
+        rest = {key: value for key, value in given.items() if key != "preset"}
+        values = CheckedValues({"name": name, **presets[name], **rest}, f"rig {name}", _KNOWN)
+    layout = values.choice("layout", "ring", LAYOUTS)
+    name = values.text("name", layout)
+    low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
+    if not 0 <= low < high:
+        raise StudioInvalid("range_m is empty; a nearest and a farther depth are expected.", where=f"rig {name}")
+    cameras = _LAYOUTS[layout](values, folder)
+    fixed = layout in ("capture", "cameras")
+    if fixed:
+        cameras = scaled(cameras, values.number("scale", 1.0, 0.05, 4.0))
+    fewer = len(cameras) - values.whole("leave_out", 0, 0, 64)
+    if fewer < 1:
+        raise StudioInvalid(f"leave_out leaves none of {len(cameras)} cameras.", where=f"rig {name}: leave_out")
+    cameras = cameras.subset(list(range(fewer)))
+    widest = int(cameras.image_size[:, 0].max())
+    cameras = scaled(cameras, min(1.0, values.whole("widest", widest, 16, 8192) / widest))
+    aimed = values.choice("stand", "world", STANDS) == "aim"
+    return Rig(name, cameras, (low, high), fixed, aim_point(cameras)[:2] if fixed and aimed else None)
+
+
+def _ring(values: CheckedValues, folder: Path) -> Cameras:
+    count = values.whole("count", 4, 1, 64)
+    radius, height = values.number("radius_m", 3.0, 0.2, 50.0), values.number("height_m", 1.4, 0.0, 20.0)
+    angle = np.deg2rad(values.number("turn_deg", 35.0, -360.0, 360.0)) + 2 * np.pi * np.arange(count) / count
+    up = height + values.number("height_step_m", 0.0, -5.0, 5.0) * (np.arange(count) % 2)
+    centres = np.stack([radius * np.cos(angle), radius * np.sin(angle), up], axis=1)
+    return _aimed(values, centres)
+
+
+def _corners(values: CheckedValues, folder: Path) -> Cameras:
+    x, y = (values.numbers("room_m", 2) if "room_m" in values else np.array([5.0, 5.0])).tolist()
+    if min(x, y) <= 0:
+        raise StudioInvalid("room_m must be two positive lengths.", where=values.where)
+    height = values.number("height_m", 2.3, 0.0, 20.0)
+    centres = [[sx * x / 2, sy * y / 2, height] for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    return _aimed(values, np.array(centres)[: values.whole("count", 4, 1, 4)])
+
+
+def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
+    """Return like cameras at (C, 3) centres that look at one point."""
+    target = values.numbers("target_m", 3) if "target_m" in values else np.array(_TARGET_M)
+    scale = values.number("scale", 1.0, 0.05, 4.0)
+    width, height = (max(16, round(scale * side)) for side in values.size("size", (640, 480)))
+    fov = np.deg2rad(values.number("fov_deg", 65.0, 5.0, 150.0))
+    given = values.raw("distortion", [])
+    distortion = np.zeros(8)
+    if given != []:
+        count = min(len(given), 8) if isinstance(given, list) else 8
+        distortion[:count] = values.numbers("distortion", count)
+    focal, count = width / 2 / np.tan(fov / 2), len(centres)
+    K = np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    forward = target - centres
+    lengths = np.linalg.norm(forward, axis=1, keepdims=True)
+    if (lengths < 0.05).any():
+        raise StudioInvalid("A camera stands at the point it looks at.", where=values.where)
+    forward = forward / lengths
+    upright = np.where(np.abs(forward[:, 2:]) > 0.99, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+    right = np.cross(forward, upright)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    names = tuple(f"cam{i + 1:02d}" for i in range(count))
+    return Cameras(
+        names, np.tile(K, (count, 1, 1)), np.tile(distortion, (count, 1)), R, -np.einsum("cij,cj->ci", R, centres),
+        np.tile([width, height], (count, 1)),
+    )  # fmt: skip
+
+
+def _of_capture(values: CheckedValues, folder: Path) -> Cameras:
+    from solver_backend.io.load import load_capture
+
+    path = folder / values.text("capture", "")
+    cameras = load_capture(path).cameras
+    if cameras is None:
+        raise CalibrationMissing(
+            "The capture has no cameras to film with.", where=str(path), hint="Name a capture of several views."
+        )
+    return cameras
+
+
+def _written_out(values: CheckedValues, folder: Path) -> Cameras:
+    given = values.raw("cameras")
+    if not isinstance(given, list) or not given:
+        raise StudioInvalid("cameras must be a list of at least one camera.", where=values.where)
+    keys = ("name", "K", "R", "t", "image_size", "distortion")
+    read: list[Mapping[str, Any]] = []
+    for i, entry in enumerate(given):
+        camera = CheckedValues(entry, f"camera {i + 1}", keys)
+        try:
+            flat = {key: np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t")}
+            coefficients = np.ravel(np.asarray(camera.raw("distortion", []), dtype=np.float64))[:8]
+        except (TypeError, ValueError, OverflowError) as error:
+            raise StudioInvalid(f"A camera holds what is no number ({error}).", where=camera.where) from error
+        if [v.size for v in flat.values()] != [9, 9, 3]:
+            raise StudioInvalid("A camera needs K (3 x 3), R (3 x 3) and t (3).", where=camera.where)
+        lens = np.zeros(8)
+        lens[: len(coefficients)] = coefficients
+        size = camera.size("image_size", (0, 0))
+        read.append({**flat, "lens": lens, "size": size, "name": camera.text("name", f"cam{i + 1:02d}")})
+    return Cameras(
+        tuple(c["name"] for c in read), np.stack([c["K"].reshape(3, 3) for c in read]),
+        np.stack([c["lens"] for c in read]), np.stack([c["R"].reshape(3, 3) for c in read]),
+        np.stack([c["t"] for c in read]), np.array([c["size"] for c in read]),
+    )  # fmt: skip
+
+
+_LAYOUTS = {"ring": _ring, "corners": _corners, "capture": _of_capture, "cameras": _written_out}

@@ -1,0 +1,133 @@
+"""A shot set up: the person who moves in clothes, the cameras around, the room, and what they wear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.markers import marker_landmarks, marker_layout
+from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.synthesis.studio.errors import CameraInsideBody, NobodySeen
+from solver_backend.synthesis.studio.looks import draw_light
+from solver_backend.synthesis.studio.scene.costume import CornerSums, Costume, draw_outfit, dress
+from solver_backend.synthesis.studio.scene.room import Room, furnish
+from solver_backend.synthesis.studio.scene.z_buffer import in_camera
+from solver_backend.synthesis.studio.shots import Shot, cast
+from solver_backend.synthesis.studio.spec import Spec
+from solver_backend.types import Cameras, JointSet
+
+CLEARANCE_M = 0.1
+"""A camera is at least so far from the skin."""
+_NEAREST = 60
+"""Frames whose skin is looked at: those whose joints are nearest to the camera."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Everything that stands before the cameras; F frames."""
+
+    shot: Shot
+    person: Person
+    cameras: Cameras
+    costume: Costume
+    corners: CornerSums
+    room: Room
+    outfit: tuple[str, str]
+    """Clothes and hair."""
+    light: str
+    """Of colour pictures."""
+    labels: tuple[str, ...]
+    """M marker names."""
+    markers: np.ndarray
+    """(F, M, 3) metres: the markers' middles."""
+    joints: np.ndarray
+    """(F, 24, 3) metres."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.person.transl)
+
+    def surface(self, frames: np.ndarray) -> np.ndarray:
+        """Return the (n, N, 3) vertices of the dressed person in these frames."""
+        return self.costume.posed(self.person.skin(frames), self.corners)
+
+
+def set_up(spec: Spec, shot: Shot) -> Stage:
+    """Return the stage of a shot.
+
+    Raises:
+        MocapError: the motion cannot be read.
+    """
+    body, betas = cast(spec, shot.person)
+    person = shot.motion.play(body, betas, spec.fps, spec.frames)
+    joints = person.landmarks(JointSet.SMPL_24).points
+    middle = 0.5 * (joints[:, 0].min(axis=0) + joints[:, 0].max(axis=0))
+    if shot.rig.stand is not None:
+        move = np.array([*(shot.rig.stand - middle[:2]), 0.0])
+        person, joints, middle = replace(person, transl=person.transl + move), joints + move, middle + move
+    pelvis = joints[:, 0]
+    cameras = shot.rig.around(middle)
+    rng = shot.rng(spec, "scene")
+    clothes, hair = draw_outfit(shot.look.clothes, shot.look.hair, rng)
+    costume = dress(body, clothes, hair, rng)
+    light = draw_light(shot.look.light, shot.rng(spec, "light"))
+    room = furnish(pelvis, cameras, shot.look.furniture, shot.look.room, rng)
+    labels = marker_layout(spec.markers) if spec.markers else ()
+    points = np.zeros((len(pelvis), 0, 3))
+    if labels:
+        points = posed_markers(person, marker_landmarks(body, labels))
+    corners = CornerSums(body.faces, len(body.v_template))
+    return Stage(shot, person, cameras, costume, corners, room, (clothes, hair), light, labels, points, joints)
+
+
+def posed_markers(person: Person, landmarks: Landmarks, offsets: np.ndarray | None = None) -> np.ndarray:
+    """Return (F, M, 3) markers, moved by (M, 3) offsets in their rest frames."""
+    return pose_landmarks(
+        person.body, landmarks, person.betas, person.orient, person.local, person.transl, offsets=offsets
+    ).points
+
+
+def require_sight(stage: Stage) -> None:
+    """Check that a shot can be filmed.
+
+    Raises:
+        NobodySeen: no camera sees a joint in any frame.
+        CameraInsideBody: a camera is inside the person or closer than ``CLEARANCE_M``.
+    """
+    seen = np.zeros(len(stage.cameras), dtype=bool)
+    for view, size in enumerate(stage.cameras.image_size):
+        _, px = in_camera(stage.cameras, view, stage.joints.reshape(-1, 3))
+        seen[view] = ((px >= -0.5) & (px < size - 0.5)).all(axis=1).any()
+    near = np.linalg.norm(stage.joints[:, None] - stage.cameras.centres[None, :, None], axis=-1).min(axis=2)
+    for view in np.flatnonzero(near.min(axis=0) < 0.6).tolist():
+        skin = stage.person.skin(np.argsort(near[:, view], kind="stable")[:_NEAREST])
+        off = np.linalg.norm(skin - stage.cameras.centres[view], axis=-1).min()
+        if off < CLEARANCE_M or _inside(skin, stage.person.body.faces, stage.cameras.centres[view]):
+            raise CameraInsideBody(
+                f"The camera stands {100 * off:.0f} cm from the person's skin or inside it.",
+                where=f"shot {stage.shot.name}, camera {stage.cameras.names[view]}",
+                hint="Move the rig away from the person's way, or choose another motion.",
+            )
+    if not seen.any():
+        raise NobodySeen(
+            "No camera sees the person in any frame.", where=f"shot {stage.shot.name}",
+            hint="Aim the rig at where the person moves; rings and corners do so by themselves.",
+        )  # fmt: skip
+
+
+def _inside(skin: np.ndarray, faces: np.ndarray, point: np.ndarray) -> bool:
+    """Return whether a point lies inside a closed mesh in any of the (n, V, 3) poses: solid angle above half.
+
+    Reference: van Oosterom and Strackee 1983, "The solid angle of a plane triangle".
+    """
+    for vertices in skin:
+        a, b, c = (vertices[faces[:, i]] - point for i in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        top = (a * np.cross(b, c)).sum(axis=1)
+        bottom = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+        if np.abs(np.arctan2(top, bottom).sum()) > np.pi:
+            return True
+    return False

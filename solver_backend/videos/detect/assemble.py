@@ -1,0 +1,211 @@
+"""Detections of several videos as one capture: on one clock, of one person, with cameras if they are calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.units import resized
+from solver_backend.io.recognition.world_check import placed
+from solver_backend.people.detections import Detections
+from solver_backend.people.person_selection import select_person
+from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.videos.detect.video_detections import VideoDetections
+from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.sync.resample import at_times, common_times
+
+CROPPED_SHARE = 0.02
+"""Pictures that differ by less from the calibration's were cut to whole blocks by a coder."""
+SHORT_SHARE = 0.5
+"""Videos whose common time is less than this share of the longest are worth a word."""
+
+
+def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
+    """Return everybody's detections at common moments, and the moments' rate per second.
+
+    Raises:
+        KeypointCountMismatch: the videos were done by detectors of different joint sets.
+        NoDetections: nobody was found in any video, or no moment is in all of them.
+    """
+    sets = {item.joint_set for item in found}
+    if len(sets) > 1:
+        raise KeypointCountMismatch(
+            f"The detections are of different joint sets: {', '.join(sorted(sets))}.", hint="Use one detector for all."
+        )
+    if not any((item.confidence > 0).any() for item in found):
+        raise NoDetections(
+            "The detector found nobody in any video.", where=", ".join(item.video.name for item in found),
+            hint="Is the person in sight, upright and large enough? Look at a preview, or try another detector.",
+        )  # fmt: skip
+    rates = [item.fps for item in found if item.fps > 0]
+    fps = float(np.median(rates)) if rates else 0.0
+    fps = round(fps) if fps and abs(fps - round(fps)) < 2e-3 * fps else fps
+    relative = [item.times_s - item.times_s[0] for item in found]
+    wanted = common_times([(0.0, float(t[-1])) for t in relative], clocks, fps or 1.0)
+    if not len(wanted):
+        raise NoDetections(
+            "No moment is in all videos.", where=", ".join(item.video.name for item in found),
+            hint="Leave out the camera that was started or stopped at another time, or give its offset.",
+        )  # fmt: skip
+    most = max(item.xy.shape[1] for item in found)
+    xy, confidence = [], []
+    for c, item in enumerate(found):
+        places, sureness = _by_track(item, most)
+        when = clocks.in_video(c, wanted)
+        xy.append(at_times(places, relative[c], when))
+        confidence.append(at_times(sureness, relative[c], when))
+    notes, problems = _told(found, clocks, wanted, fps)
+    stacked = np.stack(xy)
+    seen = np.isfinite(stacked).all(-1)
+    joined = Detections(
+        tuple(item.video.stem for item in found),
+        stacked.astype(np.float32),
+        np.where(seen, np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32),
+        sets.pop(),
+        notes=notes,
+        problems=problems,
+    )
+    return joined, fps
+
+
+def assembled(
+    name: str,
+    found: Sequence[VideoDetections],
+    clocks: Clocks,
+    calibration: Calibration | None,
+    progress: Progress = silent,
+    *,
+    up_axis: str | None = None,
+) -> Capture:
+    """Return the capture of a take.
+
+    With cameras, the person whom most views agree on; without, whoever is seen most in each view.
+
+    Args:
+        name: of the take.
+        found: what was found in each video.
+        clocks: of the cameras, in the same order.
+        calibration: of the cameras, in the same order; None where there is none yet.
+        progress: called as stages advance.
+        up_axis: axis of the calibration's world that points up, where it is told wrongly.
+
+    Raises:
+        KeypointCountMismatch, NoDetections, TooFewViews: see ``everybody`` and ``select_person``.
+    """
+    detections, fps = everybody(found, clocks)
+    footage = tuple(Path(item.video).absolute() for item in found)
+    sources = tuple(str(item) for item in footage)
+    if calibration is None:
+        if len(found) < 2:
+            raise TooFewViews("One video alone is no capture.", where=name, hint="Add the video of another camera.")
+        return Capture(
+            name, None, _main_person(found, detections, fps), footage=footage, sources=sources,
+            notes=(*detections.notes, "The person is whoever is seen most in each view: no calibration yet."),
+            problems=(*detections.problems, "The cameras are not calibrated."),
+        )  # fmt: skip
+    cameras, size_notes = in_video_pixels(calibration, found)
+    person = select_person(cameras, detections, fps, progress)
+    cameras, world, turned = placed(cameras, person.keypoints, up_axis)
+    return Capture(
+        name, cameras, person.keypoints, footage=footage, sources=(*sources, str(calibration.source)),
+        notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *world.notes()),
+        problems=(*calibration.problems, *detections.problems, *person.problems, *turned, *world.problems()),
+    )  # fmt: skip
+
+
+def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return xy (F, P, K, 2) and confidence (F, P, K) with each person in a place of their own as long as it is free.
+
+    Interpolation joins the same place of neighbouring frames, which must be the same person.
+    """
+    frames, people = item.track.shape
+    xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
+    confidence = np.full(xy.shape[:-1], np.nan)
+    changed = np.flatnonzero((item.track[1:] != item.track[:-1]).any(axis=1)) + 1
+    place_of: dict[int, int] = {}
+    for first, stop in pairwise([0, *changed.tolist(), frames]):  # whoever is there stays in these frames
+        present = item.track[first].tolist() if stop > first else []
+        place_of = {n: place for n, place in place_of.items() if n in present}
+        for slot in range(people):
+            number = present[slot] if present else -1
+            if number < 0:
+                continue
+            free = (p for p in range(most) if p not in place_of.values())
+            place = place_of.setdefault(number, next(free, 0)) if number not in place_of else place_of[number]
+            xy[first:stop, place], confidence[first:stop, place] = (
+                item.xy[first:stop, slot], item.confidence[first:stop, slot],
+            )  # fmt: skip
+    return xy, confidence
+
+
+def _main_person(found: Sequence[VideoDetections], detections: Detections, fps: float) -> Keypoints2D:
+    """Return the person that is seen most in each view."""
+    strength = (detections.confidence.mean(-1) * _sizes(detections.xy))[..., None]
+    best = np.argmax(np.nan_to_num(strength), axis=2)[..., None]
+    xy = np.take_along_axis(detections.xy, best[..., None], axis=2)[:, :, 0]
+    return Keypoints2D(xy, np.take_along_axis(detections.confidence, best, axis=2)[:, :, 0], detections.joint_set, fps)
+
+
+def _sizes(xy: np.ndarray) -> np.ndarray:
+    known = np.isfinite(xy).all(-1)
+    span = np.where(known[..., None], xy, -np.inf).max(-2) - np.where(known[..., None], xy, np.inf).min(-2)
+    return np.where(known.any(-1), np.hypot(span[..., 0], span[..., 1]), 0.0)
+
+
+def in_video_pixels(calibration: Calibration, found: Sequence[VideoDetections]) -> tuple[Cameras, tuple[str, ...]]:
+    """Return the cameras in the pixels of the videos, and what was scaled.
+
+    Raises:
+        CalibrationMismatch: a video has another shape of picture than its calibration.
+    """
+    cameras, notes = calibration.cameras, []
+    for c, item in enumerate(found):
+        size = tuple(int(n) for n in cameras.image_size[c])
+        if size != item.size:
+            scale = item.size[0] / size[0]
+            words = f"{cameras.names[c]}: made at {size[0]} x {size[1]}, filmed at {item.size[0]} x {item.size[1]}"
+            if not calibration.size_known[c]:
+                sizes = cameras.image_size.copy()
+                sizes[c] = item.size
+                cameras = replace(cameras, image_size=sizes)
+            elif abs(scale - 1) < CROPPED_SHARE:
+                notes.append(f"{words} px; taken to be cut, not scaled.")
+            elif abs(item.size[0] * size[1] / (item.size[1] * size[0]) - 1) < CROPPED_SHARE:
+                cameras = resized(cameras, c, item.size)
+                notes.append(f"{words} px; the calibration was scaled.")
+            else:
+                raise CalibrationMismatch(
+                    f"The calibration of {words} px: another shape of picture.", where=str(item.video),
+                    hint="Calibrate in the mode that is filmed in; a portrait video needs a portrait calibration.",
+                )  # fmt: skip
+    return cameras, tuple(notes)
+
+
+def _told(
+    found: Sequence[VideoDetections], clocks: Clocks, wanted: np.ndarray, fps: float
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return notes and problems of the timing."""
+    longest = max(item.times_s[-1] - item.times_s[0] for item in found)
+    span = float(wanted[-1] - wanted[0])
+    notes = [
+        f"Detector: {found[0].detector}; {len(wanted)} moments at {fps:g} a second that all {len(found)} videos show.",
+        *(f"Clock of {line}" for line in clocks.lines() if clocks.method != "as filmed"),
+    ]
+    problems = list(clocks.findings)
+    if span < SHORT_SHARE * longest:
+        problems.append(f"All videos together show {span:.1f} s of the longest video's {longest:.1f} s.")
+    rates = {f"{item.fps:.3g}" for item in found}
+    if len(rates) > 1:
+        notes.append(f"The videos run at {', '.join(sorted(rates))} pictures a second; all are read at {fps:g}.")
+    for item in found:
+        gaps = np.diff(item.times_s)
+        if len(gaps) and gaps.max() > 1.5 * np.median(gaps):
+            notes.append(f"{item.video.name} has uneven intervals, up to {1e3 * gaps.max():.0f} ms; read by its times.")
+    return tuple(notes), tuple(problems)

@@ -1,0 +1,83 @@
+"""Which detector, in which Python, with which options."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.videos.detect.errors import DetectorMissing
+
+MEDIAPIPE = "mediapipe"
+PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
+"""Environment variable that names the Python that has MediaPipe."""
+ENVIRONMENT = ".venv-mediapipe"
+"""Folder that ``dev.py detectors`` makes beside the project's own environment."""
+HINT = "python3 dev.py detectors makes one (once, from the package registry); or name a Python that has it: --python."
+
+
+@dataclass(frozen=True)
+class DetectorChoice:
+    """A detector that can be started."""
+
+    module: str
+    """Module of ``pose_workers``."""
+    python: Path
+    """The Python it runs in."""
+    options: dict[str, Any]
+    """What it is told."""
+
+
+def chosen_detector(
+    name: str = MEDIAPIPE,
+    *,
+    python: Path | None = None,
+    people: int = 1,
+    hands: bool = False,
+    environment: Mapping[str, str] = os.environ,
+) -> DetectorChoice:
+    """Return the detector of a name.
+
+    Args:
+        name: ``mediapipe``, or the path of an ONNX model: RTMPose, RTMO, YOLO-pose or MoveNet.
+        python: Python to run it in; else the environment for MediaPipe, or our own for ONNX.
+        people: people looked for in a picture.
+        hands: also find hands, where the detector can.
+        environment: the process's environment variables.
+
+    Raises:
+        CommandLineInvalid: the name is neither.
+        DetectorMissing: there is no such model, no such Python, or no environment for MediaPipe.
+    """
+    if python is not None and not python.is_file():
+        raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
+    if people < 1:
+        raise CommandLineInvalid(f"{people} people cannot be looked for.", hint="--people 1, or more.")
+    options: dict[str, Any] = {"people": people}
+    if name.lower() == MEDIAPIPE:
+        return DetectorChoice("mediapipe_pose", python or _mediapipe_python(environment), {**options, "hands": hands})
+    model = Path(name)
+    if model.suffix.lower() != ".onnx":
+        raise CommandLineInvalid(
+            f"'{name}' is no detector we know.", hint="--detector mediapipe, or the path of a model that ends in .onnx."
+        )
+    if not model.is_file():
+        raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
+    return DetectorChoice("onnx_pose", python or Path(sys.executable), {**options, "model": os.path.abspath(model)})
+
+
+def _mediapipe_python(environment: Mapping[str, str]) -> Path:
+    named = environment.get(PYTHON_VARIABLE)
+    if named:
+        if not Path(named).is_file():
+            raise DetectorMissing(f"{PYTHON_VARIABLE} names no Python.", where=named, hint=HINT)
+        return Path(named)
+    folder = Path(__file__).resolve().parents[3] / ENVIRONMENT
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if not python.is_file():
+        raise DetectorMissing("No detector is installed.", where=str(folder), hint=HINT)
+    return python

@@ -1,0 +1,125 @@
+"""What a detector found in one video, and its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import CaptureInvalid
+from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.schema import read_fields
+from solver_backend.types import JointSet
+from solver_backend.videos.files.probe import rate_of
+
+FORMAT, VERSION = "manifold_mocap_detections", 1
+_STORED = (
+    "format", "version", "video", "video_hash", "detector", "joint_set", "size", "times_s", "xy", "confidence",
+    "track", "hands",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class VideoDetections:
+    """Everybody in every picture of one video: F pictures, up to P people, K keypoints."""
+
+    video: Path
+    """The video."""
+    video_hash: str
+    """Hash of its bytes."""
+    detector: str
+    """What found them: name, version and options."""
+    joint_set: JointSet
+    """Names of the keypoints."""
+    size: tuple[int, int]
+    """Width and height of the upright pictures, px."""
+    times_s: np.ndarray
+    """(F,) when the pictures were filmed, on the video's clock."""
+    xy: np.ndarray
+    """(F, P, K, 2) px, NaN where missing."""
+    confidence: np.ndarray
+    """(F, P, K) in 0..1, 0 where missing."""
+    track: np.ndarray
+    """(F, P) number of the person over time, -1 where there is none."""
+    hands: np.ndarray | None = None
+    """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of pictures."""
+        return len(self.times_s)
+
+    @property
+    def fps(self) -> float:
+        """Pictures a second."""
+        return rate_of(self.times_s)
+
+    def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return xy (F, K, 2) and confidence (F, K) of one person."""
+        is_it = self.track == number
+        frames, slots = np.nonzero(is_it)
+        xy = np.full((self.num_frames, *self.xy.shape[2:]), np.nan)
+        confidence = np.zeros(xy.shape[:2])
+        xy[frames], confidence[frames] = self.xy[frames, slots], self.confidence[frames, slots]
+        return xy, confidence
+
+    def main_track(self) -> int:
+        """Return the number of the person who is seen most: the largest sum of confidences times size; -1 if nobody."""
+        size = np.nan_to_num(_extent(self.xy))
+        weight = self.confidence.mean(axis=-1) * size
+        totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
+        return max(totals, key=lambda n: totals[n]) if totals else -1
+
+
+def _extent(xy: np.ndarray) -> np.ndarray:
+    """Return (F, P) the diagonal of the box around each person, px; NaN where nobody."""
+    known = np.isfinite(xy).all(-1)[..., None]
+    span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
+    return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
+
+
+def write_detections(path: Path, found: VideoDetections) -> None:
+    """Write the detections of a video, in place of earlier ones.
+
+    Raises:
+        OutputNotWritable: see ``atomic_output``.
+    """
+    arrays = {
+        "format": np.array(FORMAT), "version": np.array(VERSION), "video": np.array(found.video.name),
+        "video_hash": np.array(found.video_hash), "detector": np.array(found.detector),
+        "joint_set": np.array(found.joint_set.value), "size": np.array(found.size), "times_s": found.times_s,
+        "xy": found.xy.astype(np.float32), "confidence": found.confidence.astype(np.float32),
+        "track": found.track.astype(np.int32),
+    }  # fmt: skip
+    if found.hands is not None:
+        arrays["hands"] = found.hands.astype(np.float32)
+    write_npz(path, arrays, overwrite=True)
+
+
+def read_detections(path: Path, video: Path) -> VideoDetections:
+    """Read the detections of a video.
+
+    Raises:
+        FileMissing, FileDamaged, CaptureInvalid: the file is not there, damaged or of another format.
+    """
+    fields = read_fields(path, _STORED)
+    fields.require_format(FORMAT, VERSION)
+    xy = fields.numbers("xy", (None, None, None, 2))
+    if xy.shape[2] != fields.joint_set().num_keypoints:
+        raise CaptureInvalid("The keypoints do not fit their joint set.", where=str(path))
+    size, track = fields.numbers("size", (2,)), fields.numbers("track", xy.shape[:2])
+    if not (np.isfinite(size).all() and (size >= 1).all() and (size < 1e6).all()) or not (np.abs(track) < 2**31).all():
+        raise CaptureInvalid("The size of the pictures or a person's number is impossible.", where=str(path))
+    return VideoDetections(
+        video=video,
+        video_hash=fields.text("video_hash", ""),
+        detector=fields.text("detector", ""),
+        joint_set=fields.joint_set(),
+        size=tuple(int(n) for n in size),  # type: ignore[arg-type]
+        times_s=fields.numbers("times_s", (len(xy),)),
+        xy=xy,
+        confidence=fields.numbers("confidence", xy.shape[:3]),
+        track=track.astype(np.int64),
+        hands=fields.numbers("hands", (*xy.shape[:2], 2, 21, 3)) if "hands" in fields else None,
+    )

@@ -1,0 +1,100 @@
+"""What a video is, found without decoding it: its pictures' times, rate, size and rotation, and its sound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.videos.files.container import AGAIN, opened, video_stream
+from solver_backend.videos.files.errors import VideoUnreadable
+
+VARIABLE_SHARE = 0.02
+"""A video has a variable rate where more than this share of its intervals is off ..."""
+OFF_SHARE = 0.2
+"""... the median interval by more than this share of it."""
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """A video of F pictures."""
+
+    path: Path
+    """The file."""
+    size: tuple[int, int]
+    """Width and height in pixels as a player shows it, that is, after the rotation."""
+    rotation_deg: int
+    """Quarter turn, counter-clockwise, by which the stored pictures are turned to be shown: 0, 90, 180 or 270."""
+    times_s: np.ndarray
+    """(F,) when each picture is shown, ascending, on the file's clock."""
+    has_sound: bool
+    """Whether there is a stream of sound."""
+    codec: str
+    """Name of the pictures' code, such as h264."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of pictures."""
+        return len(self.times_s)
+
+    @property
+    def fps(self) -> float:
+        """Pictures a second, see ``rate_of``."""
+        return rate_of(self.times_s)
+
+    @property
+    def variable(self) -> bool:
+        """Whether the pictures come at uneven intervals, as phones film in poor light."""
+        gaps = np.diff(self.times_s)
+        if len(gaps) < 2:
+            return False
+        usual = float(np.median(gaps))
+        return bool((np.abs(gaps - usual) > OFF_SHARE * usual).mean() > VARIABLE_SHARE)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last picture."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+
+def probe(path: Path | str) -> VideoInfo:
+    """Return what a video is; its packets are counted and its first picture is decoded.
+
+    Raises:
+        BackendMissing: PyAV is not installed.
+        VideoUnreadable: the file is missing, empty, broken, holds no pictures or none that can be decoded.
+    """
+    path = Path(path)
+    with opened(path) as container:
+        stream = video_stream(container)
+        base, sound, codec = stream.time_base, bool(container.streams.audio), stream.codec_context.name
+        stamps = [packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size]
+    if not stamps:
+        raise VideoUnreadable("The video holds no picture.", where=str(path), hint=AGAIN)
+    with opened(path) as container:
+        first = next(container.decode(video_stream(container)), None)
+    if first is None:
+        raise VideoUnreadable("No picture of the video can be decoded.", where=str(path), hint=AGAIN)
+    rotation = quarter_turn(first.rotation)
+    size = (first.height, first.width) if rotation % 180 else (first.width, first.height)
+    times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
+    return VideoInfo(path, size, rotation, times, sound, codec)
+
+
+def rate_of(times_s: np.ndarray) -> float:
+    """Return pictures a second: one over the mean of the usual intervals (times may be rounded, pictures dropped).
+
+    Args:
+        times_s: (F,) ascending; 0 comes back of fewer than two.
+    """
+    if len(times_s) < 2:
+        return 0.0
+    gaps = np.diff(times_s)
+    usual = float(np.median(gaps))
+    return float(1.0 / gaps[np.abs(gaps - usual) <= OFF_SHARE * usual].mean())
+
+
+def quarter_turn(degrees: float) -> int:
+    """Return the nearest of 0, 90, 180 and 270 degrees."""
+    return round(degrees / 90.0) * 90 % 360

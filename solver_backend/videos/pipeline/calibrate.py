@@ -1,0 +1,160 @@
+"""Cameras of a take that has no calibration: by the board that was filmed, or by the person alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from solver_backend.camera_calibration.adjustment.lens import Lens, rough_lens
+from solver_backend.camera_calibration.boards.board import Board, board_named
+from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
+from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
+from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
+from solver_backend.exchange.progress import Progress
+from solver_backend.io.recognition.camera_names import match_names
+from solver_backend.videos.detect.assemble import assembled
+from solver_backend.videos.detect.video_detections import VideoDetections
+from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
+from solver_backend.videos.pipeline.pictures import draw_boards
+from solver_backend.videos.sync.clocks import Clocks
+
+SOURCES = ("auto", "board", "person")
+"""What tells the cameras: whatever is there, the filmed board, or the person, the last two even where there is a
+calibration."""
+_TOLD_BOARDS = ("board.toml", "charuco.toml")
+
+
+@dataclass(frozen=True)
+class CalibrationRequest:
+    """A take whose cameras are to be calibrated."""
+
+    found: FoundFolder
+    """With the footage of boards, if there is any."""
+    take: FoundTake
+    """The take."""
+    detections: tuple[VideoDetections, ...]
+    """What was found in its videos, for calibration by the person alone."""
+    clocks: Clocks
+    """Of its cameras, told without calibration."""
+    out: Path
+    """Calibration file to write, in a format that ``read_calibration`` reads."""
+    coverage: Path | None = None
+    """Picture to draw of where each camera saw the board, if a board is used."""
+
+
+@dataclass(frozen=True)
+class KnownOfCameras:
+    """What the user says of cameras and of what they filmed."""
+
+    board: str | None = None
+    """The board, as ``board_named`` reads it; None looks for a ``board.toml`` beside its footage."""
+    lenses: Path | None = None
+    """A library of lenses or a calibration that has them."""
+    stature_m: float | None = None
+    """Of the person, who tells the scale where no board does."""
+    source: str = "auto"
+    """What tells the cameras, one of ``SOURCES``."""
+
+
+@dataclass(frozen=True)
+class TakeCalibration:
+    """A calibration that was made and written."""
+
+    method: str
+    """'board' or 'person'."""
+    words: tuple[str, ...]
+    """What was done."""
+    doubts: tuple[str, ...]
+    """What is wrong or unsure, with what to do."""
+
+
+def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
+    """Find the cameras of a take, write them, and return what is to be said of them.
+
+    Footage of a board that several cameras saw tells all; footage for lenses alone, or lenses that are known, leave
+    the places to the person; without any the lenses are guessed from the pictures' size and found with the places.
+
+    Raises:
+        CommandLineInvalid: footage of a board is to be used, and nobody says of which.
+        CalibrationMissing: footage or lenses of a camera are missing; names it.
+        CalibrationInvalid: see the ways of calibrating.
+    """
+    lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
+    names = request.take.cameras
+    lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
+    if known.source == "board" and not places:
+        raise CalibrationMissing(
+            "No footage of a board that several cameras saw is here.", where=str(request.found.root),
+            hint="Put it into a folder 'extrinsics' beside the takes, or let the person tell the cameras.",
+        )  # fmt: skip
+    words: tuple[str, ...] = ()
+    if places and known.source != "person":
+        folder = None if request.coverage is None else request.coverage.parent / "boards"
+        board = _board(request, known)
+        found = calibrate_by_board(BoardFootage(lens, places), board, lenses, progress=progress, coverage=folder)
+        if request.coverage is not None and folder is not None:
+            draw_boards(folder, names, request.coverage)
+    else:
+        if lens and not lenses:
+            if known.source == "person" and known.board is None and _told_board(request) is None:
+                words = ("The footage for lenses is not used, as nobody says of which board it is.",)
+            else:
+                measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
+                lenses = {name: of_camera.lens for name, of_camera in measured.items()}
+        found = _by_person(request, lenses, known.stature_m, progress)
+    write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
+    said = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
+    return TakeCalibration(found.method, said, found.findings)
+
+
+def _by_person(
+    request: CalibrationRequest, lenses: dict[str, Lens], stature_m: float | None, progress: Progress
+) -> RigCalibration:
+    names = request.take.cameras
+    keypoints = assembled(request.take.name, request.detections, request.clocks, None, progress).keypoints
+    assert keypoints is not None
+    progress("Cameras from the person", 0, 1)
+    chosen = [lenses.get(name) or rough_lens(seen.size) for name, seen in zip(names, request.detections, strict=True)]
+    found = calibrate_by_person(names, chosen, keypoints, PersonOptions(stature_m, free_focal=not lenses))
+    progress("Cameras from the person", 1, 1)
+    return found
+
+
+def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
+    """Return the footage of boards of these kinds, by the take's names of its cameras; nothing where there is none.
+
+    Raises:
+        CalibrationMissing: it is of other cameras, or not of all.
+    """
+    names = request.take.cameras
+    for footage in request.found.footage:
+        if footage.kind in kinds:
+            order = match_names(names, tuple(footage.cameras))
+            if order is None:
+                raise CalibrationMissing(
+                    f"The board was filmed by {', '.join(footage.cameras)}, the take by {', '.join(names)}.",
+                    where=str(footage.folder), hint="Name the files of both like the cameras, and film it by all.",
+                )  # fmt: skip
+            paths = list(footage.cameras.values())
+            return {name: paths[i] for name, i in zip(names, order, strict=True)}
+    return {}
+
+
+def _told_board(request: CalibrationRequest) -> Path | None:
+    """Return the file beside the footage that says which board it is of."""
+    places = [place for footage in request.found.footage for place in (footage.folder, footage.folder.parent)]
+    return next((p / name for p in places for name in _TOLD_BOARDS if (p / name).is_file()), None)
+
+
+def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
+    told = known.board or _told_board(request)
+    if told is None:
+        raise CommandLineInvalid(
+            "Which board was filmed?", where=str(request.found.footage[0].folder),
+            hint="Say --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
+        )  # fmt: skip
+    return board_named(str(told))

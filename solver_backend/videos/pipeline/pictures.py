@@ -1,0 +1,176 @@
+"""The picture of each step: detections over footage, clocks as curves, cameras from above, how the cameras fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck
+from solver_backend.camera_calibration.opencv import opencv
+from solver_backend.types import Cameras
+from solver_backend.videos.detect.preview import draw_people
+from solver_backend.videos.detect.video_detections import VideoDetections
+from solver_backend.videos.files.probe import probe
+from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.pipeline.canvas import COLOURS, FAINT, INK, SIDE, Canvas, mosaic
+from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.sync.speeds import speeds
+
+LOOKED_AT = 240
+"""The picture that is shown is one of so many first ones, so that a long video is not read to its middle."""
+SHOWN_S = 12.0
+"""Seconds of the clocks' curves."""
+_LEFT, _TOP, _RIGHT = 40, 30, 190
+"""Margins of the clocks' curves; the cameras' names stand in the right one."""
+_TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+_MOST_TICKS = 13
+_WEDGE = 90.0
+"""Length of a camera's field of view in the plan, pixels."""
+
+
+def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
+    """Draw a picture of each video with the people who were found, and return its path.
+
+    Raises:
+        VideoUnreadable, BackendMissing: see ``read_pictures`` and ``opencv``.
+    """
+    drawn, titles = [], []
+    for item in found:
+        sure = item.confidence[:LOOKED_AT].mean(-1).max(-1) if item.confidence.size else np.zeros(1)
+        number = int(np.argmax(sure))
+        picture = next(islice(read_pictures(probe(item.video)), number, None))
+        step = max(1, min(item.size) // 540)
+        drawn.append(draw_people(np.ascontiguousarray(picture.rgb[::step, ::step]), item, number, step))
+        seen = float((item.confidence > 0).any((-1, -2)).mean()) if item.confidence.size else 0.0
+        titles.append(f"{item.video.stem}: somebody in {seen:.0%}")
+    return mosaic(drawn, titles).save(path)
+
+
+def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
+    """Draw side by side where each camera saw the board, from ``NAME.png`` in a folder, and return the path."""
+    cv2 = opencv()
+    there = [name for name in names if (folder / f"{name}.png").is_file()]
+    read = [np.fromfile(folder / f"{name}.png", np.uint8) for name in there]
+    return mosaic([cv2.imdecode(data, cv2.IMREAD_COLOR)[:, :, ::-1] for data in read], there).save(path)
+
+
+def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:
+    """Draw how fast the person moves up and down in each view, as filmed and on one clock, and return the path."""
+    curves = []
+    for c, item in enumerate(found):
+        if item.num_frames < 2:
+            continue  # a single picture has no speed
+        track = item.of_track(item.main_track())[0]
+        signal = speeds(track, item.times_s - item.times_s[0], item.joint_set)
+        strength = np.sqrt((signal.values**2).mean(-1))
+        when = signal.start_s + np.arange(len(strength)) / signal.rate_hz
+        curves.append((when, clocks.from_video(c, when), strength / max(float(np.quantile(strength, 0.98)), 1e-9)))
+    canvas = Canvas()
+    if not curves:
+        return canvas.save(path)
+    start = max(0.0, max(float(c[1][0]) for c in curves))
+    span = start, start + min(SHOWN_S, max(1.0, max(float(c[1][-1]) for c in curves) - start))
+    _curves(canvas, [(c[0], c[2]) for c in curves], span, 0, "as filmed")
+    _curves(canvas, [(c[1], c[2]) for c in curves], span, SIDE // 2, "on one clock")
+    for c, name in enumerate(clocks.names):
+        words = f"{name} {1e3 * clocks.offset_s[c]:+.1f} ms"
+        canvas.text(SIDE - _RIGHT + 10, _TOP + 18 * (c + 1), words, COLOURS[c % len(COLOURS)], 0.42)
+    return canvas.save(path)
+
+
+def _curves(
+    canvas: Canvas, curves: list[tuple[np.ndarray, np.ndarray]], span: tuple[float, float], top: int, title: str
+) -> None:
+    height, width = SIDE // 2 - _TOP - 24, SIDE - _LEFT - _RIGHT
+    canvas.text(10, top + 20, f"speed of the limbs, {title}")
+    step = next((s for s in _TICKS_S if (span[1] - span[0]) / s <= _MOST_TICKS), _TICKS_S[-1])
+    for second in step * np.arange(np.ceil(span[0] / step), np.floor(span[1] / step + 1e-6) + 1):
+        x = _LEFT + width * (second - span[0]) / (span[1] - span[0])
+        canvas.line(np.array([[x, top + _TOP], [x, top + _TOP + height]]), FAINT)
+        canvas.text(x - 10, top + _TOP + height + 16, f"{second:g} s", INK, 0.4)
+    for c, (when, values) in enumerate(curves):
+        inside = (when >= span[0]) & (when <= span[1])
+        x = _LEFT + width * (when[inside] - span[0]) / (span[1] - span[0])
+        y = top + _TOP + height * (1.0 - np.clip(values[inside], 0, 1.2) / 1.2)
+        canvas.line(np.stack([x, y], axis=-1), COLOURS[c % len(COLOURS)], 1)
+
+
+def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
+    """Draw the cameras and the person's way from above, world +Y up, and return the path.
+
+    Args:
+        cameras: in metres, Z up.
+        walked: (F, 3) where the person was, metres, NaN where unknown.
+        path: the picture.
+    """
+    centres = cameras.centres[:, :2]
+    way = walked[np.isfinite(walked).all(-1), :2]
+    shown = np.concatenate([centres, way, centres.mean(0)[None] + 0.5, centres.mean(0)[None] - 0.5])
+    low, high = shown.min(0), shown.max(0)
+    scale = (SIDE - 260) / float((high - low).max())
+    middle = (low + high) / 2
+
+    def at(points: np.ndarray) -> np.ndarray:
+        return SIDE / 2 + (points - middle) * scale * np.array([1.0, -1.0])
+
+    canvas = Canvas()
+    reach = SIDE / 2 / scale
+    for axis in (0, 1):
+        for metre in range(int(np.floor(middle[axis] - reach)), int(np.ceil(middle[axis] + reach)) + 1):
+            ends = np.stack([middle - reach, middle + reach])
+            ends[:, axis] = metre
+            canvas.line(at(ends), FAINT)
+    canvas.line(at(np.where(np.isfinite(walked[:, :2]), walked[:, :2], np.nan)), INK, 2)
+    for c, name in enumerate(cameras.names):
+        colour = COLOURS[c % len(COLOURS)]
+        ahead = cameras.R[c, 2, :2] / max(float(np.linalg.norm(cameras.R[c, 2, :2])), 1e-9)
+        half = float(np.arctan2(cameras.image_size[c, 0] / 2, cameras.K[c, 0, 0]))
+        turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (half, -half)]
+        wedge = np.stack([centres[c], *(centres[c] + _WEDGE / scale * turn @ ahead for turn in turns)])
+        canvas.line(at(wedge), colour, 2, closed=True)
+        # The name stands behind the camera, where its field of view is not.
+        (x, y), words = at(centres[c]), f"{name} {cameras.centres[c, 2]:.2f} m"
+        wide = canvas.text_width(words, 0.45)
+        left = x - wide / 2 - ahead[0] * (wide / 2 + 8)
+        canvas.text(
+            np.clip(left, 4, SIDE - wide - 4), np.clip(y + 16 * ahead[1] + 4, 14, SIDE - 30), words, colour, 0.45
+        )
+    canvas.text(10, SIDE - 12, "from above; lines are 1 m apart, heights beside the names", INK, 0.45)
+    return canvas.save(path)
+
+
+def check_picture(names: Sequence[str], check: CalibrationCheck, path: Path) -> Path:
+    """Draw each camera's error by part of the picture, and its epipolar error over the take, and return the path."""
+    canvas, rows = Canvas(), len(names)
+    height = min(150.0, (SIDE - 60) / rows)
+    most = max(2.0 * check.all_px, 1.0)
+    canvas.text(10, 20, "error by part of the picture, px")
+    canvas.text(SIDE // 2, 20, "distance to epipolar lines over the take, px")
+    tall = max(float(np.nanmax(np.nan_to_num(check.epipolar_px))), 1.0) * 1.3
+    for c, name in enumerate(names):
+        y, colour = 34 + c * height, COLOURS[c % len(COLOURS)]
+        canvas.text(10, y + 20, name, colour)
+        canvas.text(10, y + 40, f"{check.camera_px[c]:.1f} px", INK, 0.45)
+        w, h = 70.0, (height - 14) / 3
+        for row in range(3):
+            for column in range(3):
+                value = float(check.region_px[c, row, column])
+                hot = float(np.clip(np.nan_to_num(value) / most, 0, 1))
+                tint = (int(60 + 180 * hot), int(110 - 40 * hot), int(90 - 40 * hot)) if np.isfinite(value) else FAINT
+                canvas.box(130 + w * column, y + 6 + h * row, w - 2, h - 2, tint)
+                words = f"{value:.1f}" if np.isfinite(value) else "-"
+                canvas.text(130 + w * column + 18, y + 4 + h * row + h / 2 + 4, words, INK, 0.42)
+        track = check.epipolar_px[c]
+        if np.isfinite(track).any():
+            words = f"{np.nanmin(track):.1f} to {np.nanmax(track):.1f} px"
+            canvas.text(SIDE / 2 + 10, y + 16, words, INK, 0.42)
+        x = np.linspace(SIDE / 2 + 10, SIDE - 20, len(track))
+        base = y + height - 8
+        canvas.line(np.array([[SIDE / 2, base], [SIDE - 10, base]]), FAINT)
+        points = np.stack([x, base - (height - 22) * track / tall], axis=-1)
+        canvas.line(points, colour, 2)
+        canvas.dots(points, colour)
+    return canvas.save(path)

@@ -1,0 +1,89 @@
+"""What is to be done for every take of a folder, told before anything is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from solver_backend.exchange.errors import MocapError
+from solver_backend.io.calibration import Calibration
+from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
+
+STEPS = ("detect", "sync", "calibrate", "capture", "solve")
+"""The road's steps in their order."""
+
+
+@dataclass(frozen=True)
+class TakePlan:
+    """The road of one take."""
+
+    take: FoundTake
+    """The take."""
+    folder: Path
+    """Where its results go."""
+    calibration: Calibration | None
+    """The one that is there; None where the cameras are to be calibrated."""
+    problem: str = ""
+    """Why the calibration that is there cannot be used."""
+
+    @property
+    def capture(self) -> Path:
+        """The capture file."""
+        return self.folder / "capture.npz"
+
+    @property
+    def motion(self) -> Path:
+        """The motion file."""
+        return self.folder / "motion.npz"
+
+    @property
+    def clocks(self) -> Path:
+        """The file of the cameras' clocks."""
+        return self.folder / "sync.json"
+
+    @property
+    def made_calibration(self) -> Path:
+        """The calibration file that is made where none is there."""
+        return self.folder / "calibration.toml"
+
+
+def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
+    """Return the plan of every take; the results of several go into folders of their own."""
+    plans = []
+    several = len(found.takes) > 1
+    for take in found.takes:
+        folder, calibration, problem = out / take.name if several else out, None, ""
+        try:
+            calibration = take.calibration(found.root)
+        except MocapError as error:
+            problem = str(error)
+        plans.append(TakePlan(take, folder, calibration, problem))
+    return plans
+
+
+def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: str, until: str) -> list[str]:
+    """Return the plan as lines for a person."""
+    lines = [f"{found.root}: {len(plans)} take{'s' * (len(plans) > 1)}"]
+    for footage in found.footage:
+        lines.append(f"  board footage  {footage.kind} of {len(footage.cameras)} cameras in {footage.folder.name}")
+    wanted = STEPS[: STEPS.index(until) + 1]
+    for plan in plans:
+        lines += [f"  take {plan.take.name}: {', '.join(plan.take.cameras)} → {plan.folder}"]
+        steps = {
+            "detect": f"keypoints by {detector}; videos done before are kept",
+            "sync": f"clocks of the cameras by {sync}" if sync != "none" else "taken to be in step",
+            "calibrate": _calibration_words(plan, found),
+            "capture": f"{plan.capture.name}",
+            "solve": f"{plan.motion.name} and report.html",
+        }
+        lines += [f"    {step:<10} {steps[step]}" for step in wanted]
+    return lines
+
+
+def _calibration_words(plan: TakePlan, found: FoundFolder) -> str:
+    if plan.calibration is not None:
+        return f"kept: {plan.calibration.source.name}, {len(plan.calibration.cameras)} cameras"
+    if plan.made_calibration.is_file():
+        return f"kept: {plan.made_calibration.name}"
+    source = "the board footage" if found.footage else "the person alone"
+    return f"cameras from {source}" + (f"; {plan.problem}" if plan.problem else "")

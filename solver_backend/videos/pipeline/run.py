@@ -1,0 +1,245 @@
+"""Goes the road: detections, clocks, calibration, capture, motion; what is there and still true is kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
+from solver_backend.cameras.noise_map import read_noise_map
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.errors import NoDetections, OutputExists
+from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.read import read_calibration
+from solver_backend.io.calibration.search import find_calibration
+from solver_backend.io.native.capture_file import read_capture, write_capture
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.io.recognition.range_checks import checked
+from solver_backend.report.page import write_report
+from solver_backend.types import Capture
+from solver_backend.videos.detect.assemble import assembled
+from solver_backend.videos.detect.choice import DetectorChoice
+from solver_backend.videos.detect.detect_videos import detect_videos
+from solver_backend.videos.pipeline import pictures
+from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
+from solver_backend.videos.pipeline.layout import FoundFolder
+from solver_backend.videos.pipeline.plan import STEPS, TakePlan
+from solver_backend.videos.pipeline.records import Records
+from solver_backend.videos.pipeline.told import Steps
+from solver_backend.videos.sync.clocks import read_clocks
+from solver_backend.videos.sync.synchronise import synchronise
+
+
+@dataclass(frozen=True)
+class RoadSettings:
+    """How the road is gone."""
+
+    detector: DetectorChoice
+    """What finds keypoints."""
+    sync: str = "auto"
+    """How clocks are told: see ``synchronise``."""
+    until: str = "solve"
+    """The last step."""
+    jobs: int = 0
+    """Detectors at a time; 0 is one a core."""
+    redo: tuple[str, ...] = ()
+    """Steps that are done again even if nothing has changed."""
+    overwrite: bool = False
+    """Replace files that this road did not make."""
+    solve: SolveSettings = field(default_factory=SolveSettings)
+    """How the capture is solved."""
+    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
+    """What is known of cameras that have no calibration."""
+
+
+FOUND_SHARE = 0.5
+"""Somebody found in a smaller share of a video's pictures is worth a word."""
+
+
+def go(found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress = silent) -> Steps:
+    """Go the road of one take and return what its steps said; ``road.json`` and the pictures say it step by step.
+
+    Raises:
+        MocapError: whatever a step raises; the results of the steps before stay.
+    """
+    check_output(plan.capture, overwrite=True)
+    road = _Road(found, plan, settings, progress)
+    for step in STEPS[: STEPS.index(settings.until) + 1]:
+        getattr(road, step)()
+    return road.steps
+
+
+class _Road:
+    """One take on its way: a method a step, in the order of ``STEPS``."""
+
+    def __init__(self, found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress) -> None:
+        self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
+        self.steps = Steps(plan.folder, plan.take.name, STEPS)
+        self._records = Records(plan.folder)
+        self._pictures = plan.folder / "pictures"
+
+    def detect(self) -> None:
+        settings = self._settings
+        self._detections = tuple(
+            detect_videos(
+                self._plan.take.videos, settings.detector, self._plan.folder / "detections", self._progress,
+                jobs=settings.jobs, again="detect" in settings.redo,
+            )
+        )  # fmt: skip
+        self._seen = [(item.video_hash, item.detector) for item in self._detections]
+        count = sum(item.num_frames for item in self._detections)
+        drawn = self._pictures / "detect.png"
+        if not self._records.is_made(drawn, self._seen) or "detect" in settings.redo:
+            pictures.detections_picture(self._detections, drawn)
+            self._records.made(drawn, self._seen)
+        doubts = [
+            f"{item.video.name}: nobody is found in {1 - share:.0%} of the pictures."
+            for item in self._detections
+            if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE
+        ]
+        self.steps.tell("detect", "made", [f"{count} pictures by {self._detections[0].detector}"], doubts, [drawn])
+
+    def sync(self) -> None:
+        self._calibration = self._kept_calibration()
+        self._tell_clocks()
+
+    def calibrate(self) -> None:
+        plan, settings = self._plan, self._settings
+        drawn = [self._pictures / "calibrate.png"]
+        if self._calibration is not None:
+            names = f"{self._calibration.source.name}, {len(self._calibration.cameras)} cameras"
+            self.steps.tell("calibrate", "kept", [names], (), drawn)
+            return
+        if plan.made_calibration.exists() and not self._records.is_ours(plan.made_calibration):
+            _refuse(plan.made_calibration, settings)
+        request = CalibrationRequest(
+            self._found, plan.take, self._detections, self._clocks, plan.made_calibration, drawn[0]
+        )
+        made = calibrate_take(request, settings.cameras, self._progress)
+        self._calibration = _of_take(plan.made_calibration, plan)
+        self._records.made(plan.made_calibration, made.method)
+        self._tell_clocks()
+        self.steps.tell("calibrate", "made", made.words, made.doubts, drawn)
+
+    def capture(self) -> None:
+        plan, calibration = self._plan, self._calibration
+        assert calibration is not None
+        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration)]
+        if self._is_kept(plan.capture, self._made_of, "capture"):
+            self._capture, state = read_capture(plan.capture), "kept"
+        else:
+            capture, state = (
+                assembled(plan.take.name, self._detections, self._clocks, calibration, self._progress),
+                "made",
+            )
+            self._capture = checked(capture)
+            write_capture(plan.capture, self._capture, overwrite=True)
+            self._records.made(plan.capture, self._made_of)
+        self._check = self._checked(self._capture)
+        check = self._check
+        drawn = [self._pictures / name for name in ("cameras.png", "check.png")[: 1 if check is None else 2]]
+        fits = "the take is too short to check the calibration" if check is None else check.verdict
+        self.steps.tell("capture", state, [str(plan.capture), fits], () if check is None else check.findings, drawn)
+
+    def solve(self) -> None:
+        plan, settings = self._plan, self._settings
+        noise = settings.solve.noise
+        meant = [read_noise_map(noise).as_dict()] if noise else []
+        made_of = [self._made_of, repr(settings.solve), *meant]
+        if self._is_kept(plan.motion, made_of, "solve"):
+            self.steps.tell("solve", "kept", [str(plan.motion)])
+            return
+        motion = solve(self._capture, settings.solve, self._progress).motion
+        write_report(
+            plan.folder / "report.html", self._capture, motion, self._check and self._check.fit, overwrite=True
+        )
+        write_motion(plan.motion, motion, overwrite=True)
+        self._records.made(plan.motion, made_of)
+        self.steps.tell("solve", "made", [str(plan.motion)])
+
+    def _kept_calibration(self) -> Calibration | None:
+        """Return the take's own calibration, or the one made before, where the user does not ask for another."""
+        plan, source = self._plan, self._settings.cameras.source
+        if source == "auto" and plan.calibration is not None:
+            return plan.calibration
+        made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
+        fits = source == "auto" or self._records.is_made(made, source) or not ours
+        return (
+            _of_take(made, plan)
+            if made.is_file() and fits and not ("calibrate" in self._settings.redo and ours)
+            else None
+        )
+
+    def _tell_clocks(self) -> None:
+        plan, settings, cameras = self._plan, self._settings, self._calibration and self._calibration.cameras
+        made_of = [self._seen, settings.sync, self._calibration and _numbers(self._calibration)]
+        drawn = self._pictures / "sync.png"
+        kept = self._is_kept(plan.clocks, made_of, "sync")
+        if kept:
+            self._clocks = read_clocks(plan.clocks)
+        else:
+            self._clocks = synchronise(self._detections, cameras, settings.sync, self._progress)
+            write_text(plan.clocks, json.dumps(self._clocks.as_dict(), indent=2) + "\n", overwrite=True)
+            self._records.made(plan.clocks, made_of)
+        if not kept or not drawn.is_file():
+            pictures.clocks_picture(self._detections, self._clocks, drawn)
+        self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), self._clocks.findings, [drawn])
+
+    def _checked(self, capture: Capture) -> CalibrationCheck | None:
+        """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""
+        cameras, keypoints = capture.require_multiview()
+        self._progress("Checking the calibration", 0, 1)
+        points = triangulate(cameras, keypoints.xy, keypoints.confidence).points
+        known = np.isfinite(points).all(-1)
+        middle = np.where(known[..., None], points, 0.0).sum(1) / np.maximum(known.sum(1), 1)[:, None]
+        way = np.where(known.any(1)[:, None], middle, np.nan)
+        pictures.cameras_picture(cameras, way, self._pictures / "cameras.png")
+        try:
+            check = check_calibration(cameras, keypoints)
+        except NoDetections:
+            check = None
+        else:
+            pictures.check_picture(cameras.names, check, self._pictures / "check.png")
+        self._progress("Checking the calibration", 1, 1)
+        return check
+
+    def _is_kept(self, output: Path, made_of: Any, step: str) -> bool:
+        """Return whether an output stays.
+
+        Raises:
+            OutputExists: somebody else's file is in its place.
+        """
+        if step not in self._settings.redo and self._records.is_made(output, made_of):
+            return True
+        if output.exists() and not self._records.is_ours(output):
+            _refuse(output, self._settings)
+        return False
+
+
+def _refuse(output: Path, settings: RoadSettings) -> None:
+    """Raise ``OutputExists`` about somebody else's file, unless it may be replaced."""
+    if not settings.overwrite:
+        raise OutputExists(
+            "There is a file that this road did not make.",
+            where=str(output),
+            hint="Choose another --out, or --overwrite.",
+        )
+
+
+def _of_take(path: Path, plan: TakePlan) -> Calibration:
+    """Return the calibration that was made, its cameras in the take's order."""
+    read_calibration(path)
+    return find_calibration(path.parent, plan.take.cameras)
+
+
+def _numbers(calibration: Calibration) -> list:
+    cameras = calibration.cameras
+    return [cameras.names, *(a.tolist() for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))]

@@ -1,0 +1,176 @@
+"""A gesture that all views see turn in a moment: both wrists rush together, meet, and part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.types import JointSet
+from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.sync.convolution import convolved
+from solver_backend.videos.sync.graph import clocks_of_pairs
+from solver_backend.videos.sync.resample import at_times
+from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal
+from solver_backend.videos.sync.speeds import person_size
+
+RATE_HZ = 240.0
+"""The wrists are looked at at so many moments a second."""
+FLOOR_S = 0.008
+"""Standard deviation of a clap's moment in a view, which sees wrists and not palms."""
+SMOOTHING_S = 0.035
+"""Standard deviation of the smoothing: hands rush together for about a tenth of a second."""
+NEAR = 0.25
+"""Wrists this near, in sizes of the person in the picture, may be meeting."""
+WRISTS = ("left_wrist", "right_wrist")
+LEAST_AGREEMENT = 0.3
+"""Claps of two views that agree less are not the same."""
+MEDIAN_S = 0.15
+"""Length of the running median."""
+TOP_LAGS, KEPT = 8, 40
+"""Lags tried for each camera beside those known, and sets of lags that are followed."""
+ALIKE = 0.85
+"""Lags whose correlations sum to this share of the best may be the true ones too."""
+APART_S = 0.1
+"""Lags nearer than this to a better one are not tried."""
+
+
+def claps(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
+    """Return how sharply the wrists' distance turns from falling to rising, 0 where they are apart or unknown.
+
+    ``max(0, d²/dt² |l - r| / size)``, the distance smoothed by a running median, for detections are elsewhere at times,
+    and a Gaussian. Left and right may be exchanged.
+
+    Args:
+        track: (F, K, 2) px of the person, NaN where missing.
+        times_s: (F,) from the video's first picture.
+        joint_set: names of the K keypoints.
+    """
+    left, right = (joint_set.keypoints.index(name) for name in WRISTS)
+    apart = np.linalg.norm(track[:, left] - track[:, right], axis=-1) / person_size(track)
+    fps = (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
+    apart = _median(apart, 2 * max(round(0.5 * MEDIAN_S * fps), 1) + 1)
+    wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * RATE_HZ) + 1) / RATE_HZ
+    smooth = _smooth(at_times(apart, times_s, wanted))
+    turn = np.gradient(np.gradient(smooth)) * RATE_HZ**2
+    sharp = np.where(np.isfinite(turn) & (smooth < NEAR), np.maximum(np.nan_to_num(turn), 0.0), 0.0)
+    return Signal((sharp / max(float(np.sqrt((sharp**2).sum())), 1e-9))[:, None], RATE_HZ, float(times_s[0]))
+
+
+def _median(values: np.ndarray, length: int) -> np.ndarray:
+    """Return (F,) running medians over so many, NaN where most are missing."""
+    padded = np.pad(values, length // 2, constant_values=np.nan)
+    around = np.sort(np.lib.stride_tricks.sliding_window_view(padded, length), axis=-1)  # what is missing comes last
+    count = np.isfinite(around).sum(-1)
+    middle = np.take_along_axis(around, np.maximum(count - 1, 0)[:, None] // 2, axis=-1)[:, 0]
+    return np.where(2 * count > length, middle, np.nan)
+
+
+def _smooth(values: np.ndarray) -> np.ndarray:
+    """Return (N,) values after a Gaussian over what is known, NaN where that is less than half."""
+    known = np.isfinite(values)
+    reach = round(3 * SMOOTHING_S * RATE_HZ)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTHING_S * RATE_HZ)) ** 2)
+    total, share = (convolved(a, kernel) for a in (np.where(known, values, 0.0), known.astype(float)))
+    return np.where(share > 0.5 * kernel.sum(), total / np.maximum(share, 1e-9), np.nan)
+
+
+def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: float) -> Clocks:
+    """Return the clocks of cameras by claps that they saw; rates cannot be told by these.
+
+    Sets of lags are built camera by camera, those whose correlations over all pairs sum to most are followed; between
+    the lags of the best set and what each pair says near by, least squares decide.
+
+    Args:
+        names: of C cameras.
+        signals: of each, see ``claps``.
+        reach_s: largest offset looked for.
+
+    Raises:
+        SyncUnknown: a camera saw no clap that another saw.
+    """
+    pairs = {
+        pair: _agreement(signals[pair[0]], signals[pair[1]], reach_s) for pair in combinations(range(len(names)), 2)
+    }
+    sets: list[tuple[float, list[int]]] = [(0.0, [0])]
+    for c in range(1, len(names)):
+        longer = []
+        for score, lags in sets:
+            # What camera c would see of a clap at lag l of the first one, by all cameras before it.
+            summed = sum((_shifted(pairs[i, c], lag) for i, lag in enumerate(lags)), np.zeros_like(pairs[0, 1]))
+            longer += [(score + float(summed[at]), [*lags, at - len(summed) // 2]) for at in _tops(summed)]
+        sets = sorted(longer, key=lambda item: -item[0])[:KEPT]
+    best, lags = sets[0]
+    told = {}
+    for (i, j), agreement in pairs.items():
+        found = _near(agreement, lags[j] - lags[i])
+        if found is not None:
+            shift = signals[j].start_s - signals[i].start_s
+            spread = np.diag([2.0 * FLOOR_S**2, RATE_SIGMA**2])
+            told[i, j] = PairLag(found[0] / RATE_HZ + shift, 0.0, spread, 0.0, found[1])
+    clocks = clocks_of_pairs(names, told, "claps")
+    return replace(clocks, findings=(*clocks.findings, *_doubts(names, best, lags, sets[1:])))
+
+
+def _doubts(names: tuple[str, ...], best: float, lags: list[int], others: list[tuple[float, list[int]]]) -> list[str]:
+    """Return a sentence on each camera whose claps fit elsewhere nearly as well."""
+    words = []
+    for c in range(1, len(names)):
+        rivals = [
+            other[c] - lags[c]
+            for score, other in others
+            if score > ALIKE * best and abs(other[c] - lags[c]) > APART_S * RATE_HZ
+        ]
+        if rivals:
+            off_ms = 1e3 * rivals[0] / RATE_HZ
+            words.append(
+                f"The claps that {names[c]} saw fit {off_ms:+.0f} ms from there nearly as well: clap three times at "
+                "uneven intervals, with both hands in sight of all cameras."
+            )
+    return words
+
+
+def _agreement(first: Signal, second: Signal, reach_s: float) -> np.ndarray:
+    """Return (2 L + 1,) the correlations of wholes at lags of -L to L samples.
+
+    Not by what overlaps: claps are few, and where only one is left it agrees with any other.
+    """
+    a, b = first.values, second.values
+    size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
+    product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0)
+    reach = min(round(reach_s * RATE_HZ), size // 2 - 1)
+    return product[:, 0][np.arange(-reach, reach + 1)]
+
+
+def _shifted(values: np.ndarray, by: int) -> np.ndarray:
+    """Return values that are moved up by so many samples, 0 where nothing is known."""
+    moved = np.zeros_like(values)
+    if abs(by) < len(values):
+        moved[max(by, 0) : len(values) + min(by, 0)] = values[max(-by, 0) : len(values) - max(by, 0)]
+    return moved
+
+
+def _tops(values: np.ndarray) -> list[int]:
+    """Return the places of the highest values that are no neighbours."""
+    left, tops = values.copy(), []
+    for _ in range(TOP_LAGS):
+        at = int(np.argmax(left))
+        tops.append(at)
+        left[max(at - round(APART_S * RATE_HZ), 0) : at + round(APART_S * RATE_HZ) + 1] = -np.inf
+    return tops
+
+
+def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
+    """Return the best lag near one in samples, between samples by a parabola, and how well it agrees; None if badly."""
+    middle, reach = len(agreement) // 2 + lag, round(0.5 * APART_S * RATE_HZ)
+    low, high = max(middle - reach, 1), min(middle + reach + 1, len(agreement) - 1)
+    if high <= low:
+        return None
+    at = low + int(np.argmax(agreement[low:high]))
+    if agreement[at] < LEAST_AGREEMENT:
+        return None
+    before, top, after = agreement[at - 1 : at + 2]
+    bend = before - 2.0 * top + after
+    part = float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+    return at - len(agreement) // 2 + part, float(top)

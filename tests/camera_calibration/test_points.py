@@ -1,0 +1,68 @@
+"""Cameras from clicked points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.camera_calibration.adjustment.lens import lens_of
+from solver_backend.camera_calibration.extrinsics.points_session import Clicks, calibrate_by_points, read_clicks
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
+from tests.support.carried_board import ring
+
+FLOOR = [(x, y, 0.0) for x in (-0.6, 0.0, 0.7) for y in (-0.5, 0.1, 0.6)]
+BOX = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.4, 0.4) for z in (0.0, 0.9)]
+
+
+def clicked(places: list, noise_px: float = 0.5) -> tuple:
+    cameras = ring(3)
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, np.array(places))
+    px = px + np.random.default_rng(0).normal(0, noise_px, px.shape)
+    names = [f"p{i}" for i in range(len(places))]
+    by_camera = {
+        c: {n: tuple(p) for n, p in zip(names, rows, strict=True)} for c, rows in zip(cameras.names, px, strict=True)
+    }
+    clicks = Clicks(by_camera, dict(zip(names, places, strict=True)))
+    return cameras, clicks, {n: lens_of(cameras, i) for i, n in enumerate(cameras.names)}
+
+
+@pytest.mark.parametrize("places", [FLOOR, BOX], ids=["in a plane", "in space"])
+def test_cameras_stand_where_the_points_say(places: list) -> None:
+    cameras, clicks, lenses = clicked(places)
+    found = calibrate_by_points(clicks, lenses)
+    assert np.linalg.norm(found.cameras.centres - cameras.centres, axis=1).max() < 0.015
+    assert found.findings == ()
+
+
+def test_points_of_unknown_place_help_and_a_false_click_is_named() -> None:
+    cameras, clicks, lenses = clicked(BOX + [(0.2, 0.1, 0.5), (-0.3, 0.2, 0.3)])
+    known = {n: p for n, p in clicks.places.items() if n not in ("p8", "p9")}
+    px = {c: dict(points) for c, points in clicks.px.items()}
+    px["cam2"]["p3"] = px["cam2"]["p3"][0] + 60.0, px["cam2"]["p3"][1]
+    found = calibrate_by_points(Clicks(px, known), lenses)
+    assert "10 points, 8 of them" in found.notes[0]
+    assert any(word.startswith("p3 was clicked") and word.endswith("cam2.") for word in found.findings)
+    assert np.linalg.norm(found.cameras.centres - cameras.centres, axis=1).max() < 0.04
+
+
+def test_bad_tables_and_too_few_points_are_named(tmp_path: Path) -> None:
+    _, clicks, lenses = clicked(FLOOR)
+    table = tmp_path / "clicks.csv"
+    rows = [f"{p},{c},{u},{v}" for c, points in clicks.px.items() for p, (u, v) in points.items()]
+    rows += [f"{p},world,{x},{y},{z}" for p, (x, y, z) in clicks.places.items()]
+    table.write_text("\n".join(["point,camera,x,y,z", *rows]))
+    read = read_clicks(table)
+    assert read == clicks
+    few = replace(clicks, px={c: dict(list(points.items())[:3]) for c, points in clicks.px.items()})
+    with pytest.raises(CalibrationInvalid, match="3 points with known places"):
+        calibrate_by_points(few, lenses)
+    line = [(0.1 * i, 0.0, 0.0) for i in range(8)]
+    with pytest.raises(CalibrationInvalid, match="not in a line"):
+        calibrate_by_points(clicked(line)[1], lenses)
+    table.write_text("p1,cam1,12\n")
+    with pytest.raises(FileDamaged, match="Line 1"):
+        read_clicks(table)

@@ -1,0 +1,88 @@
+"""Gradients of a window by its free keys against central differences, and what the windows leave in place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from research.baselines.sequence import pose_prior
+from research.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, StretchedSlerp, Window
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.residuals.positions import PositionTerm
+from solver_backend.types import JointSet
+
+
+def _keys(rng: np.random.Generator, count: int, kind: str) -> KeyState:
+    turns = exp_so3(0.4 * rng.normal(size=(count, 3)))
+    codes = 0.8 * rng.normal(size=(count, 32))
+    return codes if kind == "slerp" else spherical_normalisation(codes), turns, 0.3 * rng.normal(size=(count, 3))
+
+
+KINDS = [("sider", 2), ("sider, root by slerp", 2), ("slerp", 1)]
+
+
+def _window(kind: str) -> Window:
+    rng = np.random.default_rng(5)
+    body = load_body()
+    landmarks = keypoint_landmarks(body, JointSet.BODY_25)
+    subject = Subject(body, landmarks, np.zeros(10), np.zeros((len(landmarks), 3)))
+    time = np.linspace(0, 1, 7)
+    term = PositionTerm(rng.normal(size=(7, len(landmarks), 3)), rng.uniform(0.5, 2, (7, len(landmarks))))
+    spherical_window = Window(subject, load_sposer(), SPHERICAL, term, 1.5, time, _keys(rng, 1, kind))
+    if kind == "slerp":
+        return replace(spherical_window, prior=pose_prior(), keys=GAUSSIAN, latent_weight=0.7)
+    return replace(spherical_window, root="slerp") if "slerp" in kind else spherical_window
+
+
+@pytest.mark.parametrize(("kind", "free"), KINDS)
+def test_gradient_is_the_slope_along_random_tangents(kind: str, free: int) -> None:
+    rng, window = np.random.default_rng(6), _window(kind)
+    state, keys = _keys(rng, free, kind), window.keys
+    gradient = keys.project(state, window.objective(state)[1])
+    for part in range(3):
+        ambient = [np.zeros((free, 32)), np.zeros((free, 3)), np.zeros((free, 3))]
+        ambient[part] = rng.normal(size=ambient[part].shape)
+        tangent = keys.project(state, tuple(ambient))
+        h = 1e-5
+        steps = (keys.retract(state, keys.combine(s * h, tangent, 0.0, tangent)) for s in (1, -1))
+        up, down = (window.objective(step)[0] for step in steps)
+        assert keys.inner(gradient, tangent) == pytest.approx((up - down) / (2 * h), rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "free"), KINDS)
+def test_frames_run_from_the_fixed_key_through_all_to_the_last(kind: str, free: int) -> None:
+    window, state = _window(kind), _keys(np.random.default_rng(7), free, kind)
+    if free == 2:
+        # SIDER-2 meets its middle key where the outer ones are near enough.
+        z, R, _ = window.first
+        near = exp_so3(np.array([[0.1, 0, 0.2], [0.2, 0.1, 0.1]]))
+        codes = spherical_normalisation(z + 0.3 * (state[0] - z))
+        state = (codes, near @ R, state[2])
+    frames = window.frames(state)
+    keys = [tuple(part[0] for part in window.first)] + [tuple(part[i] for part in state) for i in range(free)]
+    for frame, key in zip((0, 6) if free == 1 else (0, 3, 6), keys, strict=True):
+        assert np.abs(frames.root[frame] - key[1]).max() < 1e-9
+        assert np.abs(frames.transl[frame] - key[2]).max() < 1e-12
+        assert np.abs(frames.local[frame] - window.prior.decode(key[0][None])[0]).max() < 1e-7
+
+
+def test_the_cost_of_spherical_keys_is_the_data_term_alone() -> None:
+    window, state = _window("sider"), _keys(np.random.default_rng(8), 2, "sider")
+    points = pose(window.subject, window.frames(state)).points
+    assert window.objective(state)[0] == pytest.approx(float(window.term(points, 1.5).cost.sum()), rel=1e-12)
+
+
+def test_stretched_slerp_keeps_to_the_plane_of_its_keys_and_to_equal_keys() -> None:
+    keys = np.array([[2.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    found = StretchedSlerp.between(keys[None, None], np.array([[0.0, 0.5, 1.0]])).value[0]
+    assert np.allclose(found, [[2, 0, 0], [np.sqrt(2), np.sqrt(0.5), 0], [0, 1, 0]])
+    same = StretchedSlerp.between(np.array([[[[0.3, 0.4], [0.3, 0.4]]]]), np.array([[0.25]]))
+    assert np.allclose(same.value, [[0.3, 0.4]])
+    assert np.allclose(same.vjp(np.array([[[1.0, 2.0]]])), [[0.75, 1.5], [0.25, 0.5]])

@@ -1,0 +1,245 @@
+"""Sensors from disk: what was recorded is read again, up to the last whole frame, whatever ended it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
+from solver_backend.io.png import png_bytes, read_png
+from solver_backend.sensors.devices.device import Device
+from solver_backend.sensors.devices.pacing import due_frames
+from solver_backend.sensors.devices.record import Recording, SensorRecorder
+from solver_backend.sensors.devices.recorded import StudioSensor
+from solver_backend.sensors.devices.recording_files import INDEX, SensorFiles
+from solver_backend.sensors.devices.source import open_folder
+from solver_backend.sensors.errors import NoMarkers, RecordingInvalid, SensorUnknown
+from solver_backend.sensors.take import cloud_of
+from solver_backend.synthesis.studio.make_shot import make_shot
+from solver_backend.synthesis.studio.shots import list_shots
+from solver_backend.synthesis.studio.spec import spec_of
+from tests.support.full_disk import full_disk
+from tests.support.recorded_markers import CAMERAS, FPS, FRAMES, POINTS, recorded
+from tests.support.sensor_pictures import Painter
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("sensors ü") / "take")
+
+
+@pytest.fixture
+def copy(recording: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recording, tmp_path / "copy"))
+
+
+@pytest.mark.parametrize("kind", ["raw", "png"])
+def test_what_was_recorded_is_read_again(kind: str, tmp_path: Path) -> None:
+    folder = open_folder(recorded(tmp_path / "take", kind, 3))
+    assert folder.fps == FPS and folder.cameras.names == CAMERAS.names
+    assert np.allclose(folder.cameras.K, CAMERAS.K) and np.allclose(folder.cameras.t, CAMERAS.t)
+    for view, device in enumerate(folder.devices):
+        assert isinstance(device, Device) and device.name == CAMERAS.names[view]
+        with device:
+            frames = list(device.frames())
+        for k, frame in enumerate(frames):
+            true = Painter(CAMERAS).frame(view, POINTS + [0, 0, 0.002 * k], k)
+            assert (frame.infrared == true.infrared).all() and (frame.depth == true.depth).all()
+            assert frame.device_s == pytest.approx(k / FPS, abs=1e-6) and frame.number == k
+        assert len(frames) == 3
+
+
+def test_a_recording_becomes_a_cloud(recording: Path) -> None:
+    take = cloud_of(open_folder(recording))
+    assert take.cloud.positions.shape == (FRAMES, 8, 3) and take.frames == dict.fromkeys(CAMERAS.names, FRAMES)
+    true = POINTS + np.array([0, 0, 0.002]) * np.arange(FRAMES)[:, None, None]
+    off = np.linalg.norm(take.cloud.positions[:, :, None] - true[:, None], axis=-1).min(2)
+    assert 1e3 * np.sqrt((off**2).mean()) < 3.0 and not take.findings
+
+
+def test_a_cut_off_recording_is_whole_up_to_there(copy: Path) -> None:
+    frames = copy / "sensor0" / "frames.bin"
+    with frames.open("r+b") as stream:
+        stream.truncate(frames.stat().st_size - 5)
+    index = copy / "sensor1" / INDEX
+    index.write_text(index.read_text()[:-9])
+    folder = open_folder(copy)
+    assert [device.count() for device in folder.devices] == [FRAMES - 1, FRAMES - 1]
+    assert len(cloud_of(folder).cloud.positions) == FRAMES - 1
+
+
+def test_a_sensor_that_was_unplugged_leaves_the_others(copy: Path) -> None:
+    index = copy / "sensor1" / INDEX
+    index.write_text("".join(index.read_text().splitlines(keepends=True)[:5]))
+    take = cloud_of(open_folder(copy))
+    assert take.frames == {"sensor0": FRAMES, "sensor1": 4}
+    assert np.isfinite(take.cloud.positions).all(-1).sum(1).min() >= 7
+    shutil.rmtree(copy / "sensor1")
+    about = json.loads((copy / "recording.json").read_text())
+    about["sensors"] = about["sensors"][:1]
+    (copy / "recording.json").write_text(json.dumps(about))
+    alone = cloud_of(open_folder(copy))
+    assert alone.findings == ("Sensor sensor1 is in the calibration and not in the folder.",)
+
+
+def test_a_clock_of_its_own_and_one_that_jumps_are_put_right(copy: Path) -> None:
+    index = copy / "sensor1" / INDEX
+    lines = index.read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    moved = [f"{n},{float(d) + 5e5 + (1e7 if int(n) > 5 else 0)},{h}" for n, d, h in rows]
+    index.write_text("\n".join([lines[0], *moved]) + "\n")
+    take = cloud_of(open_folder(copy))
+    assert take.cloud.positions.shape == (FRAMES, 8, 3)
+    [said] = take.findings
+    assert "sensor1" in said and "jumped" in said
+
+
+def test_a_picture_that_is_damaged_ends_its_sensor_only(tmp_path: Path) -> None:
+    folder = recorded(tmp_path / "take", "png", 4)
+    (folder / "sensor1" / "depth" / "000002.png").write_bytes(b"no picture")
+    take = cloud_of(open_folder(folder))
+    assert take.frames == {"sensor0": 4, "sensor1": 2}
+    assert len(take.findings) == 1 and "000002.png" in take.findings[0]
+
+
+def test_a_sensor_in_the_sun_leaves_the_others_and_is_named(tmp_path: Path) -> None:
+    folder = recorded(tmp_path / "take", "png", 4)
+
+    def let_the_sun_onto(sensor: str, frame: int) -> None:
+        path = folder / sensor / "infrared" / f"{frame:06d}.png"
+        path.write_bytes(png_bytes(np.full_like(read_png(path), 65535)))
+
+    for frame in (1, 2):
+        let_the_sun_onto("sensor1", frame)
+    take = cloud_of(open_folder(folder))
+    assert take.frames == {"sensor0": 4, "sensor1": 4}
+    assert (np.isfinite(take.cloud.positions).all(-1).sum(1) == 8).all(), "the other goes on, and it comes back"
+    [said] = take.findings
+    assert "sensor1" in said and "bright" in said and "2 times" in said
+
+    for sensor in CAMERAS.names:
+        for frame in range(4):
+            let_the_sun_onto(sensor, frame)
+    with pytest.raises(NoMarkers) as caught:
+        cloud_of(open_folder(folder))
+    assert "bright" in caught.value.hint, "the hint is the sun, not the markers"
+
+
+def test_nobody_and_nothing_are_named(tmp_path: Path) -> None:
+    with pytest.raises(NoMarkers, match="No sensor saw a marker"):
+        cloud_of(open_folder(recorded(tmp_path / "bare", frames=2, markers=False)))
+    with pytest.raises(RecordingInvalid):
+        open_folder(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "manifold_mocap_sensors", "version": 9}', "\x00\x01"])
+def test_what_is_no_recording_is_named(copy: Path, text: str) -> None:
+    (copy / "recording.json").write_text(text)
+    with pytest.raises(MocapError):
+        open_folder(copy)
+
+
+@pytest.mark.parametrize("name", ["../other", "", "a/b", ".hidden"])
+def test_a_sensors_name_leads_nowhere_else(copy: Path, name: str) -> None:
+    about = json.loads((copy / "recording.json").read_text())
+    about["sensors"][0]["name"] = name
+    (copy / "recording.json").write_text(json.dumps(about))
+    with pytest.raises(RecordingInvalid):
+        open_folder(copy)
+
+
+def test_calibrations_that_do_not_fit_are_named(copy: Path) -> None:
+    (copy / "calibration.toml").rename(copy / "other.toml")
+    with pytest.raises(CalibrationMissing):
+        open_folder(copy)
+    assert len(open_folder(copy, copy / "other.toml").devices) == 2
+    text = (copy / "other.toml").read_text().replace("sensor0", "left").replace("sensor1", "right")
+    (copy / "calibration.toml").write_text(text)
+    with pytest.raises(SensorUnknown, match="left, right"):
+        open_folder(copy)
+
+
+def test_a_recording_is_not_overwritten_unasked(recording: Path) -> None:
+    with pytest.raises(OutputExists):
+        Recording(recording, "raw", FPS, CAMERAS)
+
+
+def test_a_full_disk_ends_the_recording_and_leaves_it_readable(tmp_path: Path) -> None:
+    painter, folder = Painter(CAMERAS), tmp_path / "take"
+    frame = painter.frame(0, POINTS, time=1.0)
+    like = SensorFiles.of(frame)
+    recording = Recording(folder, "raw", FPS, CAMERAS)
+    recording.add(like)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("solver_backend.sensors.devices.record.SPARE_BYTES", 0)
+        with full_disk(int(3.5 * like.frame_bytes)):
+            recorder = SensorRecorder(folder, like, "raw", patient=True)
+            for k in range(8):
+                recorder(painter.frame(0, POINTS, k, time=k / FPS, number=k))
+            recorder.close()
+    assert recorder.ended and recorder.written == 3
+    device = open_folder(folder).devices[0]
+    assert len(list(device.frames())) == 3
+
+
+def test_a_disk_that_is_nearly_full_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = Painter(CAMERAS).frame(0, POINTS)
+    Recording(tmp_path, "raw", FPS, CAMERAS).add(SensorFiles.of(frame))
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=1000))
+    recorder = SensorRecorder(tmp_path, SensorFiles.of(frame), "raw", patient=True)
+    recorder(frame)
+    recorder.close()
+    assert recorder.ended == "the disk is full" and recorder.written == 0
+
+
+def test_a_shot_of_the_studio_is_a_folder_of_sensors(tmp_path: Path) -> None:
+    spec = spec_of({"rigs": [{"preset": "azure_kinect_3", "scale": 0.5}], "frames": 2, "film": ["infrared", "depth"]})
+    shot = list_shots(spec)[0]
+    make_shot(spec, shot, tmp_path / "shots")
+    folder = open_folder(tmp_path)
+    assert folder.path.name == shot.name and all(isinstance(d, StudioSensor) for d in folder.devices)
+    take = cloud_of(folder)
+    with np.load(folder.path / "clean.npz") as clean:
+        true = clean["marker_positions"]
+    off = np.linalg.norm(take.cloud.positions[:, :, None] - true[:, None], axis=-1).min(2)
+    assert take.cloud.positions.shape[1] > 40 and 1e3 * np.nanmedian(off) < 3.0
+    shutil.rmtree(folder.path / "infrared" / folder.devices[0].name)
+    assert open_folder(tmp_path).missing == (folder.devices[0].name,)
+
+
+def test_pictures_of_sixteen_bits_are_read_as_written(tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 65536, (31, 17)).astype(np.uint16)
+    (tmp_path / "a.png").write_bytes(png_bytes(picture, noisy=True))
+    assert (read_png(tmp_path / "a.png") == picture).all()
+
+
+def test_replays_drop_what_nobody_took_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [10.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("time.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    taken = []
+    for at, lap, device, due in due_frames(np.arange(6) / 10, 10.0, repeat=True):
+        taken.append((at, lap, round(device, 6), round(due - 10.0, 6)))
+        now[0] += 0.25 if len(taken) == 2 else 0.0
+        if lap == 2:
+            break
+    assert [t[0] for t in taken] == [0, 1, 3, 4, 5, 0, 1, 2, 3, 4, 5, 0]
+    assert all(device == due for _, _, device, due in taken)
+    assert taken[-1][2] == 1.2
+
+
+def test_empty_indices_have_no_frames(copy: Path) -> None:
+    (copy / "sensor0" / INDEX).write_text("number,device_s,host_s\n")
+    assert cloud_of(open_folder(copy)).frames == {"sensor1": FRAMES}
+    (copy / "sensor0" / INDEX).write_text("number,device_s,host_s\n1,x,y\n")
+    with pytest.raises(RecordingInvalid):
+        open_folder(copy)
+    os.remove(copy / "sensor0" / INDEX)
+    with pytest.raises(RecordingInvalid):
+        open_folder(copy)

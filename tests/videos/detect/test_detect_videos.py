@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import solver_backend.videos.detect.detect_videos as detecting
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, NoDetections
+from solver_backend.io.calibration import Calibration
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.synthesis.simulation.filming import around
+from solver_backend.types import JointSet
+from solver_backend.videos.detect.assemble import assembled, in_video_pixels
+from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.detect_videos import detect_videos, joint_set_of
+from solver_backend.videos.detect.errors import DetectorOutputsUnknown
+from solver_backend.videos.detect.video_detections import VideoDetections
+from solver_backend.videos.files.errors import SameVideoTwice, VideoUnreadable
+from solver_backend.videos.sync.clocks import Clocks
+from tests.support.pose_models import write_rtmpose
+from tests.support.videos import write_dots
+
+pytest.importorskip("av")
+pytest.importorskip("onnxruntime")
+FRAMES = 20
+
+
+def tracks(seed: int) -> np.ndarray:
+    """Return (F, 3, 2) of three dots that wander apart."""
+    rng = np.random.default_rng(seed)
+    start = np.array([[30.0, 25.0], [120.0, 40.0], [80.0, 95.0]])
+    return start + np.cumsum(rng.normal(0, 1.0, (FRAMES, 3, 2)), axis=0)
+
+
+@pytest.fixture
+def filmed(tmp_path: Path) -> tuple[list[Path], Path]:
+    """Return two videos and a model."""
+    folder = tmp_path / "take" / "videos"
+    folder.mkdir(parents=True)
+    times = np.arange(FRAMES) / 30.0
+    videos = [write_dots(folder / f"cam{c}.mp4", tracks(c), times) for c in (1, 2)]
+    return videos, write_rtmpose(tmp_path / "model.onnx")
+
+
+def test_detections_of_videos_are_found_and_kept(
+    filmed: tuple[list[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    videos, model = filmed
+    told: list[tuple[int, int]] = []
+    choice = chosen_detector(str(model))
+    found = detect_videos(videos, choice, tmp_path / "kept", lambda stage, done, total: told.append((done, total)))
+    for c, item in enumerate(found, start=1):
+        assert item.joint_set is JointSet.COCO_17 and item.size == (160, 120) and (item.track[:, 0] == 0).all()
+        np.testing.assert_allclose(item.times_s, np.arange(FRAMES) / 30.0, atol=1e-3)
+        # Rows of the model's answer are 1.5 to 2 px; dots are told by their upper left corner.
+        np.testing.assert_allclose(item.xy[:, 0, :3], tracks(c), atol=4.5)
+    assert told[-1] == (2 * FRAMES, 2 * FRAMES)
+    monkeypatch.setattr(detecting, "DetectorProcess", None)  # nothing is started again
+    again = detect_videos(videos, choice, tmp_path / "kept")
+    np.testing.assert_allclose(again[1].xy, found[1].xy, atol=1e-3, equal_nan=True)
+    videos[0].touch()
+    assert detect_videos(videos, choice, tmp_path / "kept")[0].video_hash == found[0].video_hash
+
+
+def test_a_changed_video_is_done_again(filmed: tuple[list[Path], Path], tmp_path: Path) -> None:
+    videos, model = filmed
+    detect_videos(videos, chosen_detector(str(model)), tmp_path / "kept")
+    write_dots(videos[1], tracks(7), np.arange(FRAMES) / 30.0)
+    found = detect_videos(videos, chosen_detector(str(model)), tmp_path / "kept")
+    np.testing.assert_allclose(found[1].xy[:, 0, :3], tracks(7), atol=4.5)
+    assert len(list((tmp_path / "kept").iterdir())) == 3
+
+
+def test_cancelling_ends_the_processes_and_leaves_nothing(filmed: tuple[list[Path], Path], tmp_path: Path) -> None:
+    videos, model = filmed
+
+    def cancel(stage: str, done: int, total: int) -> None:
+        raise Cancelled("The work was cancelled.")
+
+    with pytest.raises(Cancelled):
+        detect_videos(videos, chosen_detector(str(model)), tmp_path / "kept", cancel, jobs=1)
+    assert not [path for path in (tmp_path / "kept").iterdir() if path.name.startswith(".")]
+
+
+def test_bad_videos_have_a_name(filmed: tuple[list[Path], Path], tmp_path: Path) -> None:
+    videos, model = filmed
+    choice = chosen_detector(str(model))
+    copy = videos[0].with_name("cam3.mp4")
+    copy.write_bytes(videos[0].read_bytes())
+    with pytest.raises(SameVideoTwice, match="cam1.mp4 and cam3.mp4"):
+        detect_videos([*videos, copy], choice, tmp_path / "kept")
+    copy.write_bytes(b"")
+    with pytest.raises(VideoUnreadable, match="no bytes"):
+        detect_videos([*videos, copy], choice, tmp_path / "kept")
+
+
+def test_a_number_of_keypoints_that_no_joint_set_has() -> None:
+    with pytest.raises(DetectorOutputsUnknown, match="21 keypoints"):
+        joint_set_of({"name": "hand", "num_keypoints": 21})
+
+
+def test_the_verb_writes_a_capture_and_previews(
+    filmed: tuple[list[Path], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    videos, model = filmed
+    out = tmp_path / "out" / "capture.npz"
+    command = ["detect", str(videos[0].parent), "--out", str(out), "--detector", str(model), "--sync", "none", "--json"]
+    assert main([*command, "--preview", str(tmp_path / "out")]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    capture = read_capture(out)
+    assert result["event"] == "result" and capture.cameras is None and capture.keypoints is not None
+    assert capture.keypoints.xy.shape == (2, FRAMES, 17, 2) and capture.keypoints.fps == 30.0
+    assert [path.name for path in capture.footage if path] == ["cam1.mp4", "cam2.mp4"]
+    assert (tmp_path / "out" / "cam2_detections.mp4").is_file()
+    assert "not calibrated" in " ".join(capture.problems)
+
+
+def detections(**changes) -> VideoDetections:
+    times = np.arange(30) / 30.0
+    line = np.stack([100.0 + 60.0 * times, 50.0 + 30.0 * times], axis=-1)
+    xy = np.broadcast_to(line[:, None, None], (30, 1, 17, 2)) + np.arange(17)[:, None] * 5.0
+    plain = VideoDetections(
+        Path("cam1.mp4"), "h", "d", JointSet.COCO_17, (640, 480), times, xy, np.ones((30, 1, 17)),
+        np.zeros((30, 1), int),
+    )  # fmt: skip
+    return replace(plain, **changes)
+
+
+def test_views_of_other_rates_and_offsets_come_to_the_same_moments() -> None:
+    first = detections()
+    times = np.cumsum(np.r_[3.0, np.tile([1 / 25, 1 / 50, 1 / 30], 10)])  # uneven, its clock begins at 3 s
+    line = np.stack([100.0 + 60.0 * (times - 3.0 + 0.2), 50.0 + 30.0 * (times - 3.0 + 0.2)], axis=-1)
+    xy = np.broadcast_to(line[:, None, None], (31, 1, 17, 2)) + np.arange(17)[:, None] * 5.0
+    second = detections(
+        video=Path("cam2.mp4"), times_s=times, xy=xy, confidence=np.ones((31, 1, 17)), track=np.zeros((31, 1), int)
+    )
+    clocks = replace(Clocks.alike(("cam1", "cam2")), offset_s=np.array([0.0, -0.2]), method="test")
+    keypoints = assembled("t", [first, second], clocks, None).keypoints
+    assert keypoints is not None and keypoints.num_frames == 24  # 0.2 s to 29/30 s
+    np.testing.assert_allclose(keypoints.xy[0], keypoints.xy[1], atol=1e-3)
+
+
+def test_detections_in_step_are_not_touched() -> None:
+    both = [detections(), detections(video=Path("cam2.mp4"))]
+    keypoints = assembled("t", both, Clocks.alike(("cam1", "cam2")), None).keypoints
+    assert keypoints is not None
+    np.testing.assert_array_equal(keypoints.xy[0], both[0].xy[:, 0].astype(np.float32))
+
+
+def test_nobody_and_no_common_time_have_a_name() -> None:
+    nobody = detections(confidence=np.zeros((30, 1, 17)))
+    with pytest.raises(NoDetections, match="found nobody"):
+        assembled("t", [nobody, nobody], Clocks.alike(("a", "b")), None)
+    late = replace(Clocks.alike(("a", "b")), offset_s=np.array([0.0, 5.0]))
+    with pytest.raises(NoDetections, match="No moment"):
+        assembled("t", [detections(), detections()], late, None)
+
+
+def calibrated(width: int, height: int) -> Calibration:
+    cameras = around(np.array([[0.0, 0.0, 1.0]] * 2), 2)
+    sizes = np.array([[width, height]] * 2)
+    return Calibration(replace(cameras, image_size=sizes), Path("calib.toml"), (True, True))
+
+
+def test_a_calibration_of_another_shape_of_picture_is_refused_and_a_larger_one_scaled() -> None:
+    both = [detections(), detections(video=Path("cam2.mp4"))]  # 640 x 480
+    with pytest.raises(CalibrationMismatch, match="made at 480 x 640, filmed at 640 x 480") as caught:
+        assembled("t", both, Clocks.alike(("a", "b")), calibrated(480, 640))
+    assert "portrait" in caught.value.hint
+    large, (note, _) = in_video_pixels(calibrated(1280, 960), both)
+    np.testing.assert_allclose(large.K[0, 0, 0], 0.5 * calibrated(1280, 960).cameras.K[0, 0, 0])
+    assert tuple(large.image_size[1]) == (640, 480) and "scaled" in note
+    cut, (note, _) = in_video_pixels(calibrated(648, 480), both)
+    np.testing.assert_array_equal(cut.K, calibrated(648, 480).cameras.K)
+    assert "cut" in note

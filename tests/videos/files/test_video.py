@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.videos.files.errors import SameVideoTwice, VideoUnreadable, VideoWithoutSound
+from solver_backend.videos.files.identity import file_hash, require_different
+from solver_backend.videos.files.probe import probe
+from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.files.sound import read_sound
+from solver_backend.videos.files.write import write_video
+from tests.support.videos import dots, turned_by_header, write_dots, write_timed_video
+
+pytest.importorskip("av")
+PLACES = np.array([[30.0, 20.0], [120.0, 50.0], [70.0, 100.0]])
+
+
+def still(path: Path, frames: int = 12) -> Path:
+    return write_dots(path, np.tile(PLACES, (frames, 1, 1)), np.arange(frames) / 30.0)
+
+
+def place_of(rgb: np.ndarray, channel: int) -> np.ndarray:
+    """Return (x, y), the middle of what has the colour of a channel alone."""
+    others = rgb[..., [c for c in range(3) if c != channel]].max(-1)
+    y, x = np.nonzero((rgb[..., channel] > 128) & (others < 100))
+    return np.array([x.mean(), y.mean()])
+
+
+def test_a_video_of_variable_rate_keeps_the_times_of_its_pictures(tmp_path: Path) -> None:
+    times = np.cumsum([0.0, 0.033, 0.033, 0.1, 0.033, 0.02, 0.033, 0.033, 0.066, 0.033])
+    info = probe(write_dots(tmp_path / "v.mp4", np.tile(PLACES, (10, 1, 1)), times))
+    assert info.variable and not info.has_sound and info.size == (160, 120)
+    assert info.fps == pytest.approx(1 / 0.033, rel=1e-3)
+    np.testing.assert_allclose(info.times_s, times, atol=1e-3)
+    np.testing.assert_allclose([p.time_s for p in read_pictures(info)], times, atol=1e-3)
+
+
+def test_a_constant_rate_is_the_mean(tmp_path: Path) -> None:
+    info = probe(still(tmp_path / "v.mp4", 31))
+    assert not info.variable and info.fps == pytest.approx(30.0, rel=2e-3) and info.num_frames == 31
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_pictures_are_turned_as_the_header_says(tmp_path: Path, degrees: int) -> None:
+    path = still(tmp_path / "v.mp4")
+    turned_by_header(path, degrees)
+    info = probe(path)
+    rgb = next(read_pictures(info)).rgb
+    assert info.size == rgb.shape[1::-1] == ((160, 120) if degrees == 180 else (120, 160))
+    # ISO 14496-12: the matrix (0, 1, -1, 0) shows x' = -y, y' = x, a quarter turn clockwise.
+    shown = {90: lambda x, y: (119 - y, x), 180: lambda x, y: (159 - x, 119 - y), 270: lambda x, y: (y, 159 - x)}
+    for channel, (x, y) in enumerate(PLACES):
+        np.testing.assert_allclose(place_of(rgb, channel), shown[degrees](x, y), atol=1.0)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [(lambda data: b"", "no bytes"), (lambda data: data[: len(data) // 3], "cannot be read"),
+     (lambda data: b"not a video at all " * 50, "cannot be read")],
+)  # fmt: skip
+def test_broken_files_have_a_name(tmp_path: Path, damage, words: str) -> None:
+    path = still(tmp_path / "v.mp4")
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(VideoUnreadable, match=words) as caught:
+        probe(path)
+    assert caught.value.where == str(path) and caught.value.hint
+
+
+def test_pictures_that_are_destroyed_are_not_passed_over_in_silence(tmp_path: Path) -> None:
+    path = write_dots(tmp_path / "v.mp4", np.tile(PLACES, (60, 1, 1)), np.arange(60) / 30.0)
+    data = bytearray(path.read_bytes())
+    start = data.index(b"mdat") + 4
+    length = int.from_bytes(data[start - 8 : start - 4], "big")
+    data[start : start + length - 8] = bytes(length - 8)
+    path.write_bytes(bytes(data))
+    with pytest.raises(VideoUnreadable):
+        list(read_pictures(probe(path)))
+
+
+def test_a_missing_file_and_a_file_of_sound_alone(tmp_path: Path) -> None:
+    with pytest.raises(VideoUnreadable, match="no such video"):
+        probe(tmp_path / "none.mp4")
+
+
+def test_sound_stands_on_the_clock_of_the_pictures(tmp_path: Path) -> None:
+    click = np.zeros(32_000, np.float32)
+    click[16_000:16_040] = 0.9
+    path = write_timed_video(tmp_path / "v.mp4", [dots(PLACES, (160, 120))] * 60, np.arange(60) / 30.0, click)
+    heard = read_sound(path)
+    at_s = heard.start_s + float(np.abs(heard.samples).argmax()) / heard.rate_hz
+    assert probe(path).has_sound and at_s == pytest.approx(1.0, abs=0.01)
+
+
+def test_no_sound_and_silence_have_a_name(tmp_path: Path) -> None:
+    with pytest.raises(VideoWithoutSound, match="has no sound"):
+        read_sound(still(tmp_path / "mute.mp4"))
+    silent = write_timed_video(
+        tmp_path / "silent.mp4", [dots(PLACES, (160, 120))] * 30, np.arange(30) / 30.0, np.zeros(16_000, np.float32)
+    )
+    with pytest.raises(VideoWithoutSound, match="silence"):
+        read_sound(silent)
+
+
+def test_written_videos_are_read_back(tmp_path: Path) -> None:
+    assert write_video(tmp_path / "w.mp4", [dots(PLACES, (161, 121))] * 20, 25.0) == 20
+    info = probe(tmp_path / "w.mp4")
+    assert info.size == (160, 120) and info.num_frames == 20 and info.fps == pytest.approx(25.0, rel=1e-3)
+    rgb = next(read_pictures(info)).rgb
+    np.testing.assert_allclose(place_of(rgb, 1), PLACES[1], atol=1.0)
+
+
+def test_the_same_video_twice_is_found_under_another_name(tmp_path: Path) -> None:
+    first = still(tmp_path / "cam1.mp4")
+    second = tmp_path / "cam2.mp4"
+    second.write_bytes(first.read_bytes())
+    with pytest.raises(SameVideoTwice, match="cam1.mp4 and cam2.mp4"):
+        require_different({path: file_hash(path) for path in (first, second)})
+
+
+def test_a_recorded_trial(shared_data: Path) -> None:
+    info = probe(
+        shared_data / "multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial/videos/cam02.mp4"
+    )
+    assert (info.size, info.num_frames, info.fps, info.codec) == ((1080, 1920), 100, pytest.approx(60.0), "vp9")
+    with pytest.raises(VideoWithoutSound, match="silence"):
+        read_sound(info.path)

@@ -1,0 +1,90 @@
+"""Cameras of a take without calibration: who tells them, and that a person who walks tells them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
+from solver_backend.exchange.progress import silent
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.io.calibration import read_calibration
+from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.types import Capture
+from solver_backend.videos.detect.video_detections import VideoDetections
+from solver_backend.videos.pipeline import calibrate
+from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
+from solver_backend.videos.pipeline.layout import CalibrationFootage, FoundFolder, FoundTake
+from solver_backend.videos.sync.clocks import Clocks
+from tests.support.walking_take import circling
+
+
+@pytest.fixture(scope="module")
+def walked() -> Capture:
+    return benchmark_capture(circling(), BenchmarkSettings(calibration_mm=0.0))
+
+
+def request_of(capture: Capture, folder: Path, *footage: CalibrationFootage) -> CalibrationRequest:
+    cameras, keypoints = capture.require_multiview()
+    frames = keypoints.num_frames
+    seen = tuple(
+        VideoDetections(
+            folder / f"{name}.mp4", str(c), "a detector", keypoints.joint_set,
+            (int(cameras.image_size[c, 0]), int(cameras.image_size[c, 1])), np.arange(frames) / keypoints.fps,
+            keypoints.xy[c][:, None], keypoints.confidence[c][:, None], np.zeros((frames, 1), dtype=int),
+        )
+        for c, name in enumerate(cameras.names)
+    )  # fmt: skip
+    take = FoundTake("walk", folder, tuple(one.video for one in seen))
+    found = FoundFolder(folder, (take,), footage)
+    return CalibrationRequest(found, take, seen, Clocks.alike(cameras.names), folder / "made.toml")
+
+
+def test_a_person_tells_the_cameras_whose_lenses_are_known(walked: Capture, tmp_path: Path) -> None:
+    truth, _ = walked.require_multiview()
+    write_calibration(tmp_path / "lenses.toml", truth, "pose2sim")
+    request = request_of(walked, tmp_path)
+    made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml"), silent)
+    assert made.method == "person" and made.words[0].startswith("4 cameras by the person")
+    found = read_calibration(request.out).cameras
+    assert found.names == truth.names
+    scale, R, t = umeyama(found.centres, truth.centres, with_scale=True)
+    assert np.linalg.norm(scale * found.centres @ R.T + t - truth.centres, axis=1).max() < 0.06
+    assert 0.85 < scale < 1.15
+
+
+def test_a_filmed_board_tells_them_by_the_names_of_the_takes_cameras(
+    walked: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, _ = walked.require_multiview()
+    places = {str(c + 1): tmp_path / f"ext_{c + 1}.mp4" for c in reversed(range(len(truth)))}
+    names = tuple(f"cam{c + 1:02d}" for c in range(len(truth)))
+    named = replace(walked, cameras=replace(truth, names=names))
+    request = request_of(named, tmp_path, CalibrationFootage("extrinsics", tmp_path, places))
+    asked = []
+
+    def by_board(footage, board, known, progress, coverage):
+        asked.append((footage, board))
+        raise CalibrationMissing("far enough")
+
+    monkeypatch.setattr(calibrate, "calibrate_by_board", by_board)
+    with pytest.raises(CommandLineInvalid, match="Which board"):
+        calibrate_take(request, KnownOfCameras(), silent)
+    with pytest.raises(CalibrationMissing, match="far enough"):
+        calibrate_take(request, KnownOfCameras(board="charuco:5x7:35mm"), silent)
+    footage, board = asked[0]
+    assert footage.rig == {name: tmp_path / f"ext_{c + 1}.mp4" for c, name in enumerate(names)}
+    assert footage.lens == {} and "5" in str(board)
+
+
+def test_a_board_that_other_cameras_filmed_is_named(walked: Capture, tmp_path: Path) -> None:
+    other = CalibrationFootage("both", tmp_path, {"left": tmp_path / "left.mp4", "right": tmp_path / "right.mp4"})
+    with pytest.raises(CalibrationMissing, match="filmed by left, right"):
+        calibrate_take(request_of(walked, tmp_path, other), KnownOfCameras(), silent)
+    assert not (tmp_path / "made.toml").exists()
+    with pytest.raises(CalibrationMissing, match="No footage of a board"):
+        calibrate_take(request_of(walked, tmp_path), KnownOfCameras(source="board"), silent)

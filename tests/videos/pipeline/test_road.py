@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import NoDetections, OutputExists
+from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.pipeline import run
+from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
+from solver_backend.videos.pipeline.errors import NoVideos
+from solver_backend.videos.pipeline.layout import look_through
+from solver_backend.videos.pipeline.plan import planned
+from solver_backend.videos.pipeline.records import Records
+from solver_backend.videos.pipeline.run import RoadSettings, go
+from tests.support.pose_models import write_rtmpose
+from tests.support.videos import write_dots
+
+TRIAL = "multiview/pose2sim/S00_P00_SingleParticipant"
+
+
+def touched(*paths: Path) -> None:
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+
+def test_folders_of_several_programs_are_understood(tmp_path: Path) -> None:
+    pose2sim = tmp_path / "pose2sim"
+    touched(*(pose2sim / "S00" / "T01" / "videos" / f"cam{c:02d}.mp4" for c in (1, 2, 10)))
+    touched(*(pose2sim / "S00" / "T01" / "pose" / f"cam{c:02d}_json" / "a.json" for c in (1, 2)))
+    touched(*(pose2sim / "calibration" / "intrinsics" / f"int_cam{c:02d}_img" / "1.jpg" for c in (1, 2)))
+    touched(*(pose2sim / "calibration" / "extrinsics" / f"ext_cam{c:02d}.mp4" for c in (1, 2)))
+    found = look_through(pose2sim)
+    assert [take.cameras for take in found.takes] == [("cam01", "cam02", "cam10")] and found.takes[0].name == "T01"
+    assert {(f.kind, tuple(f.cameras)) for f in found.footage} == {
+        ("intrinsics", ("1", "2")), ("extrinsics", ("1", "2")),
+    }  # fmt: skip
+    freemocap = tmp_path / "freemocap" / "session"
+    touched(*(freemocap / "recording_1" / "synchronized_videos" / f"Camera_00{c}.mp4" for c in (0, 1)))
+    touched(*(freemocap / "recording_1" / "annotated_videos" / f"Camera_00{c}_annotated.mp4" for c in (0, 1)))
+    assert [take.name for take in look_through(freemocap).takes] == ["recording_1"]
+    touched(*(tmp_path / "flat" / name for name in ("left.mov", "right.MP4", "notes.txt")))
+    assert look_through(tmp_path / "flat").takes[0].cameras == ("left", "right")
+    assert look_through(freemocap / "recording_1" / "synchronized_videos").takes[0].name == "recording_1"
+
+
+def test_a_folder_without_takes_has_a_name(tmp_path: Path) -> None:
+    touched(tmp_path / "one" / "videos" / "cam1.mp4")
+    with pytest.raises(NoVideos, match="no take"):
+        look_through(tmp_path / "one")
+    with pytest.raises(NoVideos, match="no such folder"):
+        look_through(tmp_path / "absent")
+
+
+def test_the_plan_of_a_recorded_session(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = look_through(shared_data / TRIAL)
+    assert [take.name for take in found.takes] == ["S00_P00_T00_StaticTrial", "S00_P00_T01_BalancingTrial"]
+    assert sorted((f.kind, len(f.cameras)) for f in found.footage) == [("extrinsics", 4), ("intrinsics", 4)]
+    assert main(["from-videos", str(shared_data / TRIAL), "--out", str(tmp_path / "out"), "--dry-run"]) == 0
+    assert "kept: Calib.qca.txt, 4 cameras" in capsys.readouterr().out and not (tmp_path / "out").exists()
+
+
+def test_records_know_what_was_made_of_what(tmp_path: Path) -> None:
+    out = tmp_path / "out.npz"
+    records = Records(tmp_path)
+    assert not records.is_made(out, [1]) and not records.is_ours(out)
+    out.touch()
+    records.made(out, [1, {"a": None}])
+    again = Records(tmp_path)
+    assert again.is_made(out, [1, {"a": None}]) and again.is_ours(out) and not again.is_made(out, [2])
+    out.unlink()
+    assert not again.is_made(out, [1, {"a": None}])
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """Return a folder with a take of two cameras and nothing else."""
+    pytest.importorskip("av")
+    pytest.importorskip("onnxruntime")
+    folder = tmp_path / "session" / "videos"
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    for camera in (1, 2):
+        path = np.array([[30.0, 25.0], [120.0, 40.0], [80.0, 95.0]]) + np.cumsum(rng.normal(0, 1, (15, 3, 2)), axis=0)
+        write_dots(folder / f"cam{camera}.mp4", path, np.arange(15) / 30.0)
+    return folder.parent
+
+
+def settings(tmp_path: Path, **more) -> RoadSettings:
+    return RoadSettings(chosen_detector(str(write_rtmpose(tmp_path / "m.onnx"))), sync="none", **more)
+
+
+def test_cameras_are_calibrated_where_no_calibration_is(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, out = look_through(session), tmp_path / "out"
+    [plan] = planned(found, out)
+    with pytest.raises(NoDetections, match="15 pictures; 30 are needed"):
+        go(found, plan, settings(tmp_path))
+    left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
+    assert sorted(path.name for path in out.iterdir()) == left
+    told = json.loads((out / "road.json").read_text(encoding="utf-8"))["steps"]
+    assert [step["step"] for step in told] == ["detect", "sync"]
+    assert all((out / picture).is_file() for step in told for picture in step["pictures"])
+    asked: list[CalibrationRequest] = []
+
+    def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> TakeCalibration:
+        asked.append(request)
+        assert known.stature_m == 1.7
+        cameras = [
+            f'[cam_{c}]\nname = "cam{c}"\nsize = [160, 120]\nmatrix = [[150, 0, 80], [0, 150, 60], [0, 0, 1]]\n'
+            f"distortions = [0, 0, 0, 0]\nrotation = [1.5707963, 0, 0]\ntranslation = [{0.4 * c}, 0, 3]\n"
+            for c in (1, 2)
+        ]
+        request.out.write_text("\n".join(cameras), encoding="utf-8")
+        return TakeCalibration("person", ("2 cameras by the person, 1.0 px",), ())
+
+    monkeypatch.setattr(run, "calibrate_take", calibrated)
+    chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
+    said = go(found, plan, chosen).lines()
+    assert said["calibrate"].startswith("made") and said["calibrate"].endswith("by the person, 1.0 px")
+    assert asked[0].clocks.names == ("cam1", "cam2")
+    assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
+    said = go(found, plan, chosen).lines()
+    assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
+    go(found, plan, replace(chosen, redo=("calibrate",)))
+    assert len(asked) == 2
+    go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))
+    assert len(asked) == 2  # the person told it already
+    go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="board")))
+    assert len(asked) == 3
+
+
+def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
+    found, out = look_through(session), tmp_path / "out"
+    touched(out / "sync.json")
+    [plan] = planned(found, out)
+    with pytest.raises(OutputExists, match="did not make"):
+        go(found, plan, settings(tmp_path))
+    assert (out / "sync.json").read_bytes() == b""
+
+
+def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = write_rtmpose(tmp_path / "m.onnx")
+    command = ["from-videos", str(session), "--out", str(tmp_path / "out"), "--detector", str(model), "--json"]
+    assert main([*command, "--until", "sync", "--sync", "none"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["takes"]["session"]["detect"] == "made: 30 pictures by RTMPose m"
+    assert main([*command, "--take", "other"]) == 2
+    assert "There are: session" in capsys.readouterr().out
+
+
+def test_convert_takes_a_folder_of_videos_down_the_road(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen = settings(tmp_path).detector
+    monkeypatch.setattr("solver_backend.videos.detect.choice.chosen_detector", lambda: chosen)
+    out = tmp_path / "demo" / "capture.npz"
+    assert main(["convert", str(session), "--out", str(out)]) == 3
+    assert "30 are needed" in capsys.readouterr().err and not out.exists()
+    touched(tmp_path / "empty" / "notes.txt")
+    assert main(["convert", str(tmp_path / "empty"), "--out", str(out)]) == 3
+    assert "no folders of detections" in capsys.readouterr().err

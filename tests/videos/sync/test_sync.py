@@ -1,0 +1,210 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.synthesis.simulation.filming import around
+from solver_backend.types import JointSet
+from solver_backend.videos.detect.video_detections import VideoDetections
+from solver_backend.videos.files.errors import VideoWithoutSound
+from solver_backend.videos.files.sound import Sound
+from solver_backend.videos.sync.clocks import Clocks, read_clocks
+from solver_backend.videos.sync.errors import SyncUnknown
+from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
+from solver_backend.videos.sync.graph import clocks_of_pairs
+from solver_backend.videos.sync.resample import at_times, common_times
+from solver_backend.videos.sync.signals import PairLag, Signal, pair_lag
+from solver_backend.videos.sync.sound import FLOOR_S, PIECE_S, onsets
+from solver_backend.videos.sync.speeds import clocks_by_speeds
+from solver_backend.videos.sync.synchronise import by_flash, by_sound, in_step, synchronise
+from tests.support.videos import write_timed_video
+
+FPS = 60.0
+NAMES = ("a", "b", "c", "d")
+
+
+def moving_person(times_s: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Return (N, 17, 3) metres: keypoints of a person's size that wander smoothly, each in its own way."""
+    rng = np.random.default_rng(seed)
+    rest = np.stack([rng.uniform(-0.3, 0.3, 17), rng.uniform(-0.3, 0.3, 17), np.linspace(1.7, 0.1, 17)], axis=-1)
+    hz, phase = rng.uniform(0.15, 1.4, (6, 17, 3)), rng.uniform(0, 2 * np.pi, (6, 17, 3))
+    return rest + 0.09 * np.sin(2 * np.pi * hz * times_s[:, None, None, None] + phase).sum(axis=1)
+
+
+def filmed(
+    offset_s: list[float], rate: list[float], seconds: float = 20.0, noise_px: float = 1.0
+) -> tuple[FilmedTracks, Clocks]:
+    """Return what four cameras film whose videos begin at other times, and their true clocks."""
+    rng = np.random.default_rng(1)
+    cameras = around(np.zeros((2, 3)) + [[0.0, 0.0, 1.0]], 4)
+    cameras = replace(cameras, names=NAMES)
+    middle = 0.5 * seconds
+    true = replace(Clocks.alike(NAMES), offset_s=np.array(offset_s), rate=np.array(rate), middle_s=middle)
+    tracks, times = [], []
+    for c in range(4):
+        on_video = np.arange(int(seconds * FPS)) / FPS
+        points = moving_person(true.from_video(c, on_video))
+        one = cameras.subset([c])
+        px = project(one.K, one.distortion, one.R, one.t, points, one.distortion_model)[0]
+        px = px + noise_px * rng.normal(size=px.shape)
+        px[rng.random(px.shape[:-1]) < 0.03] = np.nan
+        tracks.append(px)
+        times.append(on_video)
+    return FilmedTracks(cameras, tracks, times, JointSet.COCO_17, FPS), true
+
+
+def errors_frames(told: Clocks, true: Clocks, seconds: float) -> np.ndarray:
+    times = np.linspace(0.0, seconds, 9)
+    return FPS * np.stack([told.in_video(c, times) - true.in_video(c, times) for c in range(len(told.names))])
+
+
+@pytest.mark.slow
+def test_calibrated_cameras_tell_offset_and_drift_below_a_tenth_of_a_frame() -> None:
+    take, true = filmed([0.0, 1.234, -2.9, 0.507], [0.0, 50e-6, -50e-6, 20e-6], seconds=12.0)
+    told = clocks_by_geometry(take, None, 4.5)
+    assert np.abs(errors_frames(told, true, 12.0)).max() < 0.05
+    assert (np.sqrt(told.covariance[1:, 0, 0]) < 0.05 / FPS).all() and (told.covariance[0] == 0).all()
+
+
+def test_speeds_tell_the_clocks_without_calibration() -> None:
+    take, true = filmed([0.0, 1.234, -2.9, 0.507], [0.0, 50e-6, -50e-6, 20e-6])
+    told = clocks_by_speeds(NAMES, take.tracks, take.times_s, take.joint_set, 6.5)
+    assert np.abs(errors_frames(told, true, 20.0)).max() < 0.5
+
+
+def test_cameras_in_step_stay_in_step() -> None:
+    take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=5.0)
+    told = in_step(clocks_by_geometry(take, None, 2.0), FPS)
+    assert (told.offset_s == 0).all() and (told.rate == 0).all() and "in step" in told.method
+
+
+def test_nobody_moves() -> None:
+    take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=4.0)
+    still = [np.broadcast_to(track[:1], track.shape) for track in take.tracks]
+    with pytest.raises(SyncUnknown, match="moves too little"):
+        clocks_by_geometry(replace(take, tracks=still), None, 3.0)
+    with pytest.raises(SyncUnknown, match="cannot be told"):
+        clocks_by_speeds(NAMES, still, take.times_s, take.joint_set, 3.0)
+
+
+def music(times_s: np.ndarray) -> np.ndarray:
+    """Return sound with onsets at uneven times, of other pitches."""
+    rng = np.random.default_rng(5)
+    out = np.zeros(len(times_s))
+    for start, hz in zip(np.cumsum(rng.uniform(0.15, 0.6, 120)), rng.uniform(150, 3000, 120), strict=True):
+        since = times_s - start
+        out += np.where(since > 0, np.exp(-np.clip(since, 0, 5) / 0.08) * np.sin(2 * np.pi * hz * since), 0.0)
+    return out
+
+
+def test_sound_tells_offset_and_drift_through_other_microphones() -> None:
+    rng = np.random.default_rng(2)
+    at = np.arange(30 * 16_000) / 16_000
+    offset, rate = 1.7312, 40e-6
+    first = music(at) + 0.02 * rng.normal(size=len(at))
+    second = 0.1 * music(at * (1 - rate) - offset) + 0.004 * rng.normal(size=len(at))
+    signals = [onsets(Sound(s.astype(np.float32), 0.0)) for s in (first, second)]
+    lag = pair_lag(*signals, reach_s=6.5, piece_s=PIECE_S, floor_s=FLOOR_S)
+    assert lag is not None
+    expected = offset + rate * (lag.middle_s + offset)
+    assert lag.lag_s == pytest.approx(expected, abs=5e-4)
+    assert (
+        lag.rate == pytest.approx(rate, abs=3.5 * np.sqrt(lag.covariance[1, 1])) and lag.covariance[0, 0] >= FLOOR_S**2
+    )
+
+
+def test_other_sounds_do_not_agree() -> None:
+    rng = np.random.default_rng(3)
+    signals = [Signal(rng.normal(size=(4000, 3)), 200.0) for _ in range(2)]
+    assert pair_lag(*signals, reach_s=6.5, piece_s=5.0, floor_s=0.001) is None
+
+
+def seen(path: Path, times_s: np.ndarray) -> VideoDetections:
+    shape = (len(times_s), 1, 17)
+    return VideoDetections(
+        path, "h", "d", JointSet.COCO_17, (64, 48), times_s, np.zeros((*shape, 2)), np.ones(shape), np.zeros(shape[:2])
+    )
+
+
+def test_videos_are_synchronised_by_their_sound(tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    found = []
+    for name, late_s in (("a", 0.0), ("b", 0.85)):
+        times = np.arange(12 * 10) / 10.0
+        heard = 0.3 * music(np.arange(12 * 16_000) / 16_000 + late_s)
+        grey = [np.full((48, 64, 3), 90, np.uint8)] * len(times)
+        path = write_timed_video(tmp_path / f"{name}.mp4", grey, times, heard.astype(np.float32))
+        found.append(seen(path, times))
+    told = by_sound(found)
+    assert told.offset_s[1] == pytest.approx(-0.85, abs=2e-3)
+    mute = write_timed_video(tmp_path / "c.mp4", [np.zeros((48, 64, 3), np.uint8)] * 9, np.arange(9) / 10.0)
+    with pytest.raises(VideoWithoutSound):
+        by_sound([found[0], seen(mute, np.arange(9) / 10.0)])
+
+
+def test_videos_are_synchronised_by_flashes(tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    found, flashes = [], np.array([1.0, 1.8, 4.3, 5.1, 7.7])
+    for name, late_s, fps in (("a", 0.0, 30.0), ("b", 0.62, 25.0)):
+        times = np.arange(int(9 * fps)) / fps
+        lit = (np.abs(times[:, None] + late_s - flashes) < 0.1).any(axis=1)
+        pictures = (np.full((48, 64, 3), 230 if on else 60, np.uint8) for on in lit)
+        found.append(seen(write_timed_video(tmp_path / f"{name}.mp4", pictures, times), times))
+    assert by_flash(found).offset_s[1] == pytest.approx(-0.62, abs=0.5 / 30.0)
+
+
+def test_a_pair_that_contradicts_the_others_is_left_out_and_named() -> None:
+    sure = np.diag([1e-6, 1e-10])
+    pairs = {(i, j): PairLag(0.1 * (j - i), 0.0, sure, 5.0, 0.9) for i in range(4) for j in range(i + 1, 4)}
+    pairs[1, 3] = replace(pairs[1, 3], lag_s=2.0)
+    told = clocks_of_pairs(NAMES, pairs, "test")
+    np.testing.assert_allclose(told.offset_s, [0.0, 0.1, 0.2, 0.3], atol=1e-9)
+    assert any("b and d" in finding for finding in told.findings)
+    with pytest.raises(SyncUnknown, match="nothing in d agrees"):
+        clocks_of_pairs(NAMES, {k: v for k, v in pairs.items() if 3 not in k}, "test")
+
+
+def test_clocks_turn_back_and_go_through_a_file(tmp_path: Path) -> None:
+    clocks = replace(
+        Clocks.alike(NAMES), offset_s=np.array([0, 1.5, -2, 0.1]), rate=np.array([0, 5e-5, -5e-5, 0]), middle_s=4.0
+    )
+    times = np.linspace(-3, 90, 11)
+    for c in range(4):
+        np.testing.assert_allclose(clocks.from_video(c, clocks.in_video(c, times)), times, atol=1e-9)
+    (tmp_path / "sync.json").write_text(json.dumps(clocks.as_dict()))
+    again = read_clocks(tmp_path / "sync.json")
+    np.testing.assert_array_equal(again.offset_s, clocks.offset_s)
+    assert again.names == NAMES and again.middle_s == 4.0
+
+
+def test_moments_lie_in_all_videos_and_between_pictures_is_linear() -> None:
+    clocks = replace(Clocks.alike(("a", "b")), offset_s=np.array([0.0, -0.25]))
+    times = common_times([(0.0, 1.0), (0.0, 1.0)], clocks, 10.0)
+    assert times[0] == pytest.approx(0.25) and times[-1] <= 1.0 + 1e-9
+    at, values = np.array([0.0, 0.1, 0.2, 0.5, 0.6]), np.array([[0.0], [1.0], [np.nan], [5.0], [6.0]])
+    wanted = np.array([-0.01, 0.0, 0.025, 0.1, 0.15, 0.4, 0.55, 0.6])
+    np.testing.assert_allclose(
+        at_times(values, at, wanted)[:, 0], [np.nan, 0.0, 0.25, 1.0, np.nan, np.nan, 5.5, 6.0], atol=1e-9
+    )
+
+
+def test_an_unknown_way_has_a_name() -> None:
+    with pytest.raises(CommandLineInvalid, match="no way to synchronise"):
+        synchronise([], None, "smell")
+
+
+def test_without_anything_to_tell_by_the_clocks_are_taken_to_agree(tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    found = []
+    for name in ("a", "b"):
+        times = np.arange(40) / 20.0
+        path = write_timed_video(tmp_path / f"{name}.mp4", [np.zeros((48, 64, 3), np.uint8)] * 40, times)
+        found.append(seen(path, times))
+    told = synchronise(found, None, "auto")
+    assert (told.offset_s == 0).all() and "taken to agree" in told.findings[0]
