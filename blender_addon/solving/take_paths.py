@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..conventions.numbered import next_number, next_path
 
-_POSE_FOLDERS = frozenset({"pose-sync", "pose", "pose-2d", "pose_sync"})
+_POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
 """Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
 """Of recordings of optical markers, each of which is a capture by itself; some programs end them in .txt."""

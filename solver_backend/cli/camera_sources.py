@@ -131,15 +131,16 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     """Return the same of detections without calibration: the person is the largest in each view."""
     from solver_backend.camera_calibration.extrinsics.main_person import main_person
     from solver_backend.io.calibration.search import levels_above
-    from solver_backend.io.captures.openpose_json import read_detections
-    from solver_backend.io.captures.pose2sim import camera_folders, read_config
+    from solver_backend.io.captures.pose2sim import read_config
+    from solver_backend.io.detections.read import read_detections
+    from solver_backend.io.detections.search import camera_sources
     from solver_backend.io.footage.footage import find_footage, headers
 
-    folders = camera_folders(args.source)
+    sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)
-    detections = read_detections(folders, configured=config.joint_set, trim=bool(args.trim), progress=progress)
-    names = tuple(folders)
+    detections = read_detections(sources, configured=config.joint_set, trim=bool(args.trim), progress=progress)
+    names = tuple(sources)
     videos = headers(find_footage(levels[:2], names))
     fps = args.fps or config.fps or next((v.fps for v in videos if v is not None), 60.0)
     keypoints = main_person(detections, fps)

@@ -27,6 +27,14 @@ _COCO = (
     "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee",
     "right_knee", "left_ankle", "right_ankle",
 )  # fmt: skip
+_BODY_25B = (
+    *_COCO, "upper_neck", "head_top", "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe",
+    "right_heel",
+)  # fmt: skip
+_HALPE_BODY = (
+    *_COCO, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe", "right_small_toe",
+    "left_heel", "right_heel",
+)  # fmt: skip
 _KEYPOINTS: dict[str, tuple[str, ...]] = {
     "BODY_25": (
         "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow",
@@ -34,19 +42,13 @@ _KEYPOINTS: dict[str, tuple[str, ...]] = {
         "left_ankle", "right_eye", "left_eye", "right_ear", "left_ear", "left_big_toe",
         "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel",
     ),
-    "BODY_25B": (
-        *_COCO, "upper_neck", "head_top", "left_big_toe", "left_small_toe", "left_heel",
-        "right_big_toe", "right_small_toe", "right_heel",
-    ),
+    "BODY_25B": _BODY_25B,
     "COCO_17": _COCO,
     "COCO_WHOLEBODY_133": (
         *_COCO, "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe",
         "right_heel",
     ),
-    "HALPE_26": (
-        *_COCO, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe",
-        "right_small_toe", "left_heel", "right_heel",
-    ),
+    "HALPE_26": _HALPE_BODY,
     "MEDIAPIPE_33": (
         "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye",
         "right_eye_outer", "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder",
@@ -55,6 +57,17 @@ _KEYPOINTS: dict[str, tuple[str, ...]] = {
         "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_heel",
         "right_heel", "left_big_toe", "right_big_toe",
     ),
+    "HALPE_136": _HALPE_BODY,
+    "COCO_18": (
+        "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
+        "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye",
+        "right_ear", "left_ear",
+    ),
+    "MPII_15": (
+        "head_top", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow",
+        "left_wrist", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
+    ),
+    "BODY_135": _BODY_25B,
     "H36M_17": (
         "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
         "spine", "thorax", "nose", "head_top", "left_shoulder", "left_elbow", "left_wrist",
@@ -62,6 +75,12 @@ _KEYPOINTS: dict[str, tuple[str, ...]] = {
     ),
     "SMPL_24": SMPL_JOINTS,
 }  # fmt: skip
+
+_WRITTEN = {
+    "COCO_WHOLEBODY_133": (133,), "HALPE_136": (136,), "BODY_135": (135,), "BODY_25": (25, 135), "MPII_15": (15,),
+}  # fmt: skip
+"""Keypoints that detectors write, where they write more than are used: hands and face, also behind BODY_25, and MPII's
+chest."""
 
 
 class JointSet(StrEnum):
@@ -72,19 +91,28 @@ class JointSet(StrEnum):
     COCO_17 = "COCO_17"
     COCO_WHOLEBODY_133 = "COCO_WHOLEBODY_133"
     HALPE_26 = "HALPE_26"
+    HALPE_136 = "HALPE_136"
     MEDIAPIPE_33 = "MEDIAPIPE_33"
+    COCO_18 = "COCO_18"
+    MPII_15 = "MPII_15"
+    BODY_135 = "BODY_135"
     H36M_17 = "H36M_17"
     SMPL_24 = "SMPL_24"
 
     @property
     def keypoints(self) -> tuple[str, ...]:
-        """Anatomical name of each column (of COCO_WHOLEBODY_133 the 23 body columns)."""
+        """Anatomical name of each column that is used: the first ones, see ``num_written``."""
         return _KEYPOINTS[self.value]
 
     @property
     def num_keypoints(self) -> int:
         """Number of columns we use."""
         return len(self.keypoints)
+
+    @property
+    def num_written(self) -> tuple[int, ...]:
+        """Numbers of columns that detectors write; those behind the first ``num_keypoints`` are not used."""
+        return _WRITTEN.get(self.value, (self.num_keypoints,))
 
     def mirrored(self) -> tuple[int, ...]:
         """Return for each column the column of the same point on the other side."""
@@ -104,5 +132,4 @@ class JointSet(StrEnum):
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:
         """Return the sets whose detectors write this many keypoints."""
-        written = {JointSet.COCO_WHOLEBODY_133: 133}
-        return tuple(s for s in cls if num_keypoints == written.get(s, s.num_keypoints))
+        return tuple(s for s in cls if num_keypoints in s.num_written)

@@ -12,11 +12,12 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.calibration.qualisys import read_qualisys
-from solver_backend.io.captures.openpose_json import read_detections, read_people
+from solver_backend.io.detections.openpose import read_people
 from solver_backend.io.files import read_json, read_toml
 from solver_backend.io.footage.mp4 import read_video_header
 from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.io.recognition.frame_numbers import frame_numbers
+from tests.support.trial_files import read_folders
 
 BVH = "HIERARCHY\nROOT hips\n{\n OFFSET 0 0 0\n CHANNELS 3 Zrotation Xrotation Yrotation\n}\nMOTION\n"
 
@@ -76,7 +77,7 @@ def test_people_of_a_million_keypoints_are_refused_before_they_are_stored(tmp_pa
             people = [{"pose_keypoints_2d": [1.0] * 900_000 if frame else []}]
             (tmp_path / name / f"{frame}.json").write_text(json.dumps({"people": people}))
     with pytest.raises(KeypointCountMismatch, match="300000 keypoints"):
-        read_detections(folders)
+        read_folders(folders)
 
 
 def test_numbers_that_no_float_holds_are_named(tmp_path: Path) -> None:

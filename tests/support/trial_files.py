@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.io.detections.read import read_detections
+from solver_backend.io.detections.search import of_folder
+from solver_backend.people.detections import Detections
 from solver_backend.types import Cameras, JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, walker
@@ -27,6 +30,11 @@ def frame_text(people: Sequence[np.ndarray]) -> str:
 def _flat(person: np.ndarray) -> list[float]:
     unseen = ~np.isfinite(person).all(-1) | (person[:, 2] == 0)
     return [round(float(v), 3) for v in np.where(unseen[:, None], 0.0, person).ravel()]
+
+
+def read_folders(folders: Mapping[str, Path], **options: Any) -> Detections:
+    """Read the folders of cameras by the cameras' names; options as of ``read_detections``."""
+    return read_detections({name: of_folder(folder) for name, folder in folders.items()}, **options)
 
 
 def write_detections(

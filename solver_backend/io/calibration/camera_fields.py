@@ -13,7 +13,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
 
 _NAMES: dict[str, tuple[str, ...]] = {
-    "K": ("matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix"),
+    "K": ("matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix", "calibrationmatrix"),
     "distortion": (
         "distortions", "distortion", "dist", "distcoeffs", "distcoeff", "distcoef", "distortioncoefficients",
         "distortioncoeffs", "d",
@@ -103,7 +103,13 @@ def _K(value: Any, place: str) -> np.ndarray:
         K = K.reshape(3, 3)
     if K.shape[-2:] != (3, 3) or K.ndim > 3:
         raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}; (3, 3) is expected.", where=place)
-    return K
+    # A matrix written column by column, as MATLAB and JARVIS do, has the principal point in its last row.
+    return np.swapaxes(K, -1, -2) if is_transposed(K) else K
+
+
+def is_transposed(K: np.ndarray) -> bool:
+    """Whether intrinsic matrices (..., 3, 3) are written column by column: their last row is ``cx, cy, 1``."""
+    return bool((K[..., :2, 2] == 0).all() and (K[..., 2, :2] > 0).all() and (K[..., 2, 2] == 1).all())
 
 
 def _constant(value: Any, place: str) -> Any:

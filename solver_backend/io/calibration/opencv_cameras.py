@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.io.calibration.camera_fields import camera_entry, is_camera
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.calibration.yaml_storage import read_yaml
@@ -57,6 +58,8 @@ def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
 
 
 def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
+    if (recorded := _human36m_nodes(tree)) is not None:
+        return recorded
     if is_camera(tree):
         return [(stem, tree)]
     if isinstance(tree, Mapping):
@@ -79,3 +82,24 @@ def _suffixed_nodes(tree: Any) -> dict[str, dict[str, Any]]:
         if kind in _SUFFIXED and camera and (isinstance(value, Mapping) or kind in "HW"):
             cameras.setdefault(camera, {})[_SUFFIXED[kind]] = value
     return cameras
+
+
+def _human36m_nodes(tree: Any) -> list[tuple[str, Mapping[str, Any]]] | None:
+    """Return the cameras of Human3.6M's JSON: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``; None else.
+
+    Raises:
+        CalibrationInvalid: it holds the extrinsics of several subjects, and nothing says whose the recording is.
+    """
+    inner, outer = (tree.get("intrinsics"), tree.get("extrinsics")) if isinstance(tree, Mapping) else (None, None)
+    if not isinstance(inner, Mapping) or not isinstance(outer, Mapping) or not all(map(is_camera, inner.values())):
+        return None
+    by_subject = [cameras for cameras in outer.values() if isinstance(cameras, Mapping)]
+    subjects = [cameras for cameras in by_subject if all(isinstance(camera, Mapping) for camera in cameras.values())]
+    if not subjects or len(subjects) < len(outer):
+        return None
+    if len(subjects) > 1:
+        raise CalibrationInvalid(
+            f"The file holds the cameras of {len(subjects)} subjects: {', '.join(map(str, outer))}.",
+            hint="Keep the entry under 'extrinsics' of the subject who was recorded.",
+        )
+    return [(str(name), {**inner[name], **camera}) for name, camera in subjects[0].items() if name in inner]

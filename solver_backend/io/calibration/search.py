@@ -10,7 +10,7 @@ from pathlib import Path
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMismatch, CalibrationMissing, MocapError
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
-from solver_backend.io.recognition.camera_names import listing, match_names
+from solver_backend.io.recognition.camera_names import listing, match_names, name_key
 
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
@@ -60,7 +60,7 @@ def find_calibration(
         for calibration in found:
             order = match_names(recorded, calibration.cameras.names)
             if order is not None:
-                return ordered(calibration, order)
+                return ordered(calibration, order, recorded)
         others += found
         # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
@@ -98,10 +98,13 @@ def _subfolders(folder: Path) -> list[Path]:
         return []
 
 
-def ordered(found: Calibration, order: list[int]) -> Calibration:
-    """Return a calibration with its cameras in this order; those that are left out are named in its notes."""
+def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
+    """Return a calibration with its cameras in this order; its notes name those left out, and names that differ."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (f"Calibrated but not recorded: {listing(left_out)}.",) if left_out else ()
+    pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))
+    if renamed := [f"{name} is {camera}" for name, camera in pairs if name_key(name) != name_key(camera)]:
+        notes = (*notes, f"Recorded cameras by their names in the calibration: {listing(renamed)}.")
     return replace(
         found,
         cameras=found.cameras.subset(order),

@@ -1,4 +1,4 @@
-"""A Pose2Sim trial, or folders of OpenPose JSON with a calibration, as a capture of everybody in it."""
+"""A folder of detections with a calibration, as a capture of everybody in it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 
 from solver_backend.exchange.errors import TooFewViews
 from solver_backend.io.calibration.search import find_calibration, levels_above
-from solver_backend.io.captures.openpose_json import read_detections
-from solver_backend.io.captures.pose2sim import TrialConfig, camera_folders, read_config
+from solver_backend.io.captures.pose2sim import TrialConfig, read_config
+from solver_backend.io.detections.read import read_detections
+from solver_backend.io.detections.search import camera_sources, listed_paths
 from solver_backend.io.footage.footage import find_footage, headers, with_sizes_of
 from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
@@ -22,12 +23,13 @@ from solver_backend.types import Capture, PersonInViews
 DEFAULT_FPS = 60.0
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
-    "a folder with one folder of OpenPose JSON for each camera and a calibration beside them"
+    "a folder with detections of each camera and a calibration beside them "
+    "(OpenPose, AlphaPose, MMPose, EasyMocap, COCO, DeepLabCut's CSV, FreeMoCap)"
 )
 
 
 def _recognises(path: Path) -> bool:
-    return path.is_dir() and bool(camera_folders(path))
+    return path.is_dir() and bool(camera_sources(path))
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
@@ -38,24 +40,24 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         FrameCountMismatch, KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
         TooFewViews, NoDetections: fewer than two views hold detections, or no two agree on anybody.
     """
-    folders = camera_folders(root)
-    if len(folders) < 2:
+    sources = camera_sources(root)
+    if len(sources) < 2:
         raise TooFewViews(
-            f"Only one camera is recorded, {listing(folders)}; two are needed.",
+            f"Only one camera is recorded, {listing(sources)}; two are needed.",
             where=str(root),
-            hint="Add the folder of another camera.",
+            hint="Add the detections of another camera.",
         )
     levels = levels_above(root)
     config = read_config(levels)
-    calibration = find_calibration(root, tuple(folders), unit=options.unit, up_axis=options.up_axis)
+    calibration = find_calibration(root, tuple(sources), unit=options.unit, up_axis=options.up_axis)
     detections = read_detections(
-        folders,
+        sources,
         joint_set=options.joint_set,
         configured=config.joint_set,
         trim=options.trim,
         progress=options.progress,
     )
-    footage = find_footage(levels[:2], tuple(folders))
+    footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
@@ -69,7 +71,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         cameras=cameras,
         keypoints=person.keypoints,
         footage=footage if any(footage) else (),
-        sources=(*(str(folder) for folder in folders.values()), str(calibration.source), *config.sources),
+        sources=(*listed_paths(tuple(sources.values())), str(calibration.source), *config.sources),
         people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if len(people) > 1 else (),
         person=person.name if len(people) > 1 else "",
         notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),

@@ -1,4 +1,4 @@
-"""What a Pose2Sim trial says about itself: its folders of detections, and the values in its Config.toml files."""
+"""What a Pose2Sim session states: where its trials lie, and the values in its Config.toml files."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solver_backend.io.calibration.search import CONFIG, is_calibration_folder
-from solver_backend.io.captures.openpose_json import json_files
+from solver_backend.io.calibration.search import CONFIG
+from solver_backend.io.detections.search import POSE_FOLDERS
 from solver_backend.io.files import read_toml
 from solver_backend.io.recognition.camera_names import natural_key
 from solver_backend.types import JointSet
-
-POSE_FOLDERS = ("pose-sync", "pose", "pose-2d", "pose_sync")
-"""Folders of a trial that hold one folder a camera; the synchronised detections come first."""
 
 SESSION_LEVELS = 3
 """Trials lie at most so deep in a session: session, participant, trial."""
@@ -37,21 +34,6 @@ class TrialConfig:
     """Frames Pose2Sim is asked to work on; empty = all."""
     sources: tuple[str, ...] = ()
     """Files that were read."""
-
-
-def camera_folders(root: Path) -> dict[str, Path]:
-    """Return the folder of JSON detections of each camera, by the camera's name, in natural order.
-
-    They lie in ``pose-sync``, ``pose`` or ``pose-2d``, or in the folder itself; ``cam01_json`` is camera ``cam01``.
-    """
-    for parent in (*(root / name for name in POSE_FOLDERS), root):
-        if not parent.is_dir():
-            continue
-        folders = [p for p in parent.iterdir() if p.is_dir() and not is_calibration_folder(p) and _has_json(p)]
-        if folders:
-            ordered = sorted(folders, key=lambda p: natural_key(p.name))
-            return {_camera_name(p.name): p for p in ordered}
-    return {}
 
 
 def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
@@ -88,14 +70,6 @@ def read_config(levels: Sequence[Path]) -> TrialConfig:
         model = pose.get("pose_model")
         joint_set = joint_set or (_POSE_MODELS.get(model.upper()) if isinstance(model, str) else None)
     return TrialConfig(fps, joint_set, frame_range, tuple(sources))
-
-
-def _has_json(folder: Path) -> bool:
-    return bool(json_files(folder))
-
-
-def _camera_name(folder: str) -> str:
-    return folder[: -len("_json")] if folder.lower().endswith("_json") and len(folder) > 5 else folder
 
 
 def _table(tables: dict[str, Any], key: str) -> dict[str, Any]:

@@ -28,19 +28,70 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
     """Return for each recorded camera the index of its calibration, or None where any has none or several.
 
     Names are compared by ``name_key``; where that fails, by the part of the recorded name that reads like a camera
-    (``Static_cam_01`` -> ``cam_01``).
+    (``Static_cam_01`` -> ``cam_01``), by what is left of names when what all of them share is dropped (``trial1_A`` and
+    ``trial1_B``: ``A`` and ``B``; ``camA``: ``A``), and by the one recorded name that has a calibrated name among its
+    words (``Walk_Miqus_1_28984`` -> ``28984``). Each way must give every recorded camera a calibration of its own.
     """
-    keys = [name_key(name) for name in calibrated]
-    for read in (name_key, _camera_part):
-        wanted = [read(name) for name in recorded]
+    for read_recorded, read_calibrated in _WAYS:
+        wanted, keys = read_recorded(recorded), read_calibrated(calibrated)
         if len(set(wanted)) == len(wanted) and all(keys.count(key) == 1 for key in wanted):
             return [keys.index(key) for key in wanted]
-    return None
+    return _by_contained_names(recorded, calibrated)
+
+
+def _name_keys(names: Sequence[str]) -> list[tuple[str, ...]]:
+    return [name_key(name) for name in names]
+
+
+def _camera_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
+    return [_camera_part(name) for name in names]
+
+
+def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the keys of names without the beginning and the end that all of them share."""
+    if len(names) < 2:
+        return _name_keys(names)
+    start = _shared_start(names)
+    end = _shared_start([name[start:][::-1] for name in names])
+    # A number is one word: of cam10 and cam11 more than 0 and 1 tells them apart.
+    while start and names[0][start - 1].isdigit():
+        start -= 1
+    while end and names[0][len(names[0]) - end].isdigit():
+        end -= 1
+    return [name_key(name[start : len(name) - end]) for name in names]
+
+
+def _shared_start(names: Sequence[str]) -> int:
+    """Return how many characters all names begin with."""
+    return next(
+        (i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1), min(map(len, names))
+    )
+
+
+def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
+    """Return the index of the one calibrated name whose words stand side by side in each recorded name."""
+    keys = _name_keys(calibrated)
+    found = []
+    for name in recorded:
+        words = tuple(re.findall(r"[^\W\d_]+|\d+", name.lower()))
+        words = tuple(word.lstrip("0") or "0" if word.isdigit() else word for word in words)
+        inside = [i for i, key in enumerate(keys) if any(words[k : k + len(key)] == key for k in range(len(words)))]
+        if len(inside) != 1:
+            return None
+        found += inside
+    return found if len(set(found)) == len(found) else None
 
 
 def _camera_part(name: str) -> tuple[str, ...]:
     found = _CAMERA.findall(name)
     return name_key(found[-1]) if found else name_key(name)
+
+
+_WAYS = (
+    (_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys),
+    (_distinct_parts, _distinct_parts),
+)  # fmt: skip
+"""How recorded and calibrated names are read to be compared, the strictest first."""
 
 
 def listing(names: Iterable[str]) -> str:

@@ -22,20 +22,15 @@ CLEAR_RATIO = 1.15
 """The best set is clear when the next one's bones are this many times longer."""
 
 
-def num_written(joint_set: JointSet) -> int:
-    """Return how many keypoints a detector writes for the set (we use the first ``num_keypoints`` of them)."""
-    return 133 if joint_set is JointSet.COCO_WHOLEBODY_133 else joint_set.num_keypoints
-
-
 def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:
     """Return the set after checking that files with this many keypoints can hold it.
 
     Raises:
         KeypointCountMismatch: they cannot; names the sets that fit.
     """
-    if num_written(joint_set) != num_keypoints:
+    if num_keypoints not in joint_set.num_written:
         raise KeypointCountMismatch(
-            f"The files hold {num_keypoints} keypoints a person, and {joint_set.value} has {num_written(joint_set)}.",
+            f"The files hold {num_keypoints} keypoints a person, and {joint_set.value} has {joint_set.num_keypoints}.",
             where=where,
             hint=_fitting_hint(num_keypoints),
         )
@@ -85,7 +80,7 @@ def choose_joint_set(
     if configured is None:
         doubt = () if certain else (f"The joint set is not certain; it is taken as {best.value}.",)
         return best, (sentence,), doubt
-    if configured is best or (num_written(configured) == count and not certain):
+    if configured is best or (count in configured.num_written and not certain):
         return configured, (f"Joint set {configured.value}, from Config.toml.",), ()
     return best, (sentence,), (f"Config.toml names {configured.value}, but the keypoints are {best.value}'s.",)
 
@@ -148,5 +143,5 @@ def _fitting_hint(num_keypoints: int) -> str:
     fits = JointSet.fitting(num_keypoints)
     if fits:
         return f"Joint sets with {num_keypoints} keypoints: {', '.join(s.value for s in fits)}."
-    known = ", ".join(f"{s.value} ({num_written(s)})" for s in JointSet)
+    known = ", ".join(f"{s.value} ({'/'.join(map(str, s.num_written))})" for s in JointSet)
     return f"Known sets and their numbers of keypoints: {known}."

@@ -8,7 +8,7 @@ import pytest
 
 from blender_addon.solving import take_paths
 from blender_addon.solving.take_paths import capture_folder, capture_root, next_take, safe_name
-from solver_backend.io.captures.pose2sim import POSE_FOLDERS
+from solver_backend.io.detections.search import POSE_FOLDERS
 
 
 @pytest.mark.parametrize(

@@ -15,12 +15,12 @@ from solver_backend.exchange.errors import (
     NoDetections,
     NonFiniteData,
 )
-from solver_backend.io.captures.openpose_json import MAX_PEOPLE, read_detections
+from solver_backend.io.detections.read import MAX_PEOPLE
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 from solver_backend.io.recognition.joint_sets import bone_score, choose_joint_set
 from solver_backend.types import JointSet
 from tests.support.scenes import detected, ring_of_cameras, walker
-from tests.support.trial_files import frame_text
+from tests.support.trial_files import frame_text, read_folders
 
 
 def write(folder: Path, frames: dict[int, list[np.ndarray]], pattern: str = "cam_{:012d}_keypoints.json") -> Path:
@@ -43,7 +43,7 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
         "b": write(tmp_path / "b", {3: [], 4: [second], 5: [first]}),
     }
     calls: list[tuple[str, int, int]] = []
-    found = read_detections(folders, progress=lambda stage, done, total: calls.append((stage, done, total)))
+    found = read_folders(folders, progress=lambda stage, done, total: calls.append((stage, done, total)))
     assert found.cameras == ("a", "b")
     assert (found.first_frame, found.num_frames, found.joint_set) == (3, 3, JointSet.HALPE_26)
     np.testing.assert_array_equal(found.people(), [[2, 0, 1], [0, 1, 1]])
@@ -63,7 +63,7 @@ def test_padding_files_of_pose2sim_are_frames_without_people(tmp_path: Path) -> 
         "b": write(tmp_path / "b", {n: [person(n)] for n in range(2, 4)}),
     }
     write(folders["b"], {n: [] for n in (0, 1, 2)}, "del_{:06d}_0.json")
-    found = read_detections(folders)
+    found = read_folders(folders)
     assert (found.first_frame, found.num_frames) == (0, 4)
     np.testing.assert_array_equal(found.people(), [[1, 1, 1, 1], [0, 0, 1, 1]])
 
@@ -98,8 +98,8 @@ def test_different_lengths_name_each_camera_and_can_be_trimmed(tmp_path: Path) -
     with pytest.raises(
         FrameCountMismatch, match=r"left: 5 \(numbers 0 to 4\); right: 3 \(numbers 1 to 3\).*--trim.* 3 "
     ):
-        read_detections(folders)
-    found = read_detections(folders, trim=True)
+        read_folders(folders)
+    found = read_folders(folders, trim=True)
     assert (found.num_frames, found.first_frame) == (3, 1)
     np.testing.assert_allclose(found.xy[0, 0, 0], person(1)[:, :2], rtol=1e-6)
     np.testing.assert_allclose(found.xy[1, 2, 0], person(13)[:, :2], rtol=1e-6)
@@ -110,7 +110,7 @@ def test_no_frame_in_common(tmp_path: Path) -> None:
         "a": write(tmp_path / "a", {1: [person(1)]}), "b": write(tmp_path / "b", {2: [person(1)]}),
     }  # fmt: skip
     with pytest.raises(FrameCountMismatch, match="no frame number in common"):
-        read_detections(folders, trim=True)
+        read_folders(folders, trim=True)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_damaged_files_are_named(tmp_path: Path, text: str, message: str) -> Non
     folder = write(tmp_path / "a", {f: [person(1)] for f in range(3)})
     (folder / "cam_000000000001_keypoints.json").write_text(text)
     with pytest.raises(FileDamaged, match=message + r".*cam_000000000001_keypoints\.json"):
-        read_detections({"a": folder})
+        read_folders({"a": folder})
 
 
 def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> None:
@@ -137,23 +137,23 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
     with pytest.raises(
         KeypointCountMismatch, match=r"No joint set we know has 19.*BODY_25 \(25\).*COCO_WHOLEBODY_133 \(133\)"
     ):
-        read_detections({"a": odd})
+        read_folders({"a": odd})
     good = write(tmp_path / "good", {0: [person(1, 25)]})
     with pytest.raises(
         KeypointCountMismatch, match=r"hold 25 .* HALPE_26 has 26.*Joint sets with 25 .*: BODY_25, BODY_25B"
     ):
-        read_detections({"a": good}, joint_set=JointSet.HALPE_26)
+        read_folders({"a": good}, joint_set=JointSet.HALPE_26)
     mixed = write(tmp_path / "mixed", {0: [person(1, 25)], 1: [person(1, 17)]})
     with pytest.raises(KeypointCountMismatch, match=r"has 17 keypoints where those before have 25.*000000000001"):
-        read_detections({"a": mixed})
+        read_folders({"a": mixed})
     (good / "cam_000000000000_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3, 4]}]}')
     with pytest.raises(KeypointCountMismatch, match="holds 4 numbers; x, y and confidence"):
-        read_detections({"a": good})
+        read_folders({"a": good})
 
 
 def test_nobody_at_all(tmp_path: Path) -> None:
     with pytest.raises(NoDetections, match="every list of people is empty"):
-        read_detections({"a": write(tmp_path / "a", {0: [], 1: []})})
+        read_folders({"a": write(tmp_path / "a", {0: [], 1: []})})
 
 
 def test_infinite_and_nan_values(tmp_path: Path) -> None:
@@ -162,9 +162,9 @@ def test_infinite_and_nan_values(tmp_path: Path) -> None:
     path = folder / "cam_000000000000_keypoints.json"
     path.write_text(json.dumps({"people": [{"pose_keypoints_2d": [*values[:6], float("inf"), *values[7:]]}]}))
     with pytest.raises(NonFiniteData, match=r"Keypoint 2 of a person is infinite.*000000000000.*0 0 0"):
-        read_detections({"a": folder})
+        read_folders({"a": folder})
     path.write_text(json.dumps({"people": [{"pose_keypoints_2d": [*values[:6], float("nan"), *values[7:]]}]}))
-    found = read_detections({"a": folder})
+    found = read_folders({"a": folder})
     assert found.confidence[0, 0, 0, 2] == 0
     assert found.problems == ("1 keypoints are NaN with a confidence; they are taken as not seen.",)
 
@@ -172,7 +172,7 @@ def test_infinite_and_nan_values(tmp_path: Path) -> None:
 def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
     big = person(1)
     big[3, 2] = 2.5
-    found = read_detections({"a": write(tmp_path / "a", {0: [big]})})
+    found = read_folders({"a": write(tmp_path / "a", {0: [big]})})
     assert found.confidence.max() == 1
     assert "Confidences reach 2.5; those above 1 are taken as 1." in found.notes
 
@@ -181,13 +181,13 @@ def test_a_crowd_is_cut_to_the_strongest(tmp_path: Path) -> None:
     crowd = [person(i) for i in range(MAX_PEOPLE + 5)]
     for i, one in enumerate(crowd):
         one[:, 2] = 0.9 if i % 4 else 0.1
-    found = read_detections({"a": write(tmp_path / "a", {0: crowd})})
+    found = read_folders({"a": write(tmp_path / "a", {0: crowd})})
     assert found.people().tolist() == [[MAX_PEOPLE]]
     np.testing.assert_allclose(found.xy[0, 0, 0], crowd[1][:, :2], rtol=1e-6)
 
 
 def test_whole_body_files_give_their_body_columns(tmp_path: Path) -> None:
-    found = read_detections({"a": write(tmp_path / "a", {0: [person(1, 133)]})})
+    found = read_folders({"a": write(tmp_path / "a", {0: [person(1, 133)]})})
     assert found.joint_set is JointSet.COCO_WHOLEBODY_133
     assert found.xy.shape == (1, 1, 1, 23, 2)
 
@@ -226,4 +226,4 @@ def test_anatomy_that_says_nothing_is_a_problem() -> None:
 def test_a_folder_without_json(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     with pytest.raises(FileDamaged, match="holds no JSON files"):
-        read_detections({"a": tmp_path / "a"})
+        read_folders({"a": tmp_path / "a"})

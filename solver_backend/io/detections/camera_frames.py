@@ -1,0 +1,85 @@
+"""Everybody that a detector found in one camera's pictures, whatever files hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
+
+People = list[np.ndarray]
+"""(K, 3) x, y in pixels and confidence of each person in one picture, as written."""
+
+
+@dataclass(frozen=True)
+class CameraFrames:
+    """The frames of one camera; people are read when they are asked for."""
+
+    numbers: np.ndarray
+    """(N,) frame numbers, ascending."""
+    people: Callable[[int], People]
+    """People of the frame in this row of ``numbers``."""
+    where: Callable[[int], str]
+    """The file of the frame in this row, for messages."""
+    keypoints: tuple[str, ...] = ()
+    """Names of the K keypoints where the files state them."""
+
+    @classmethod
+    def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:
+        """Return frames that one file holds.
+
+        Raises:
+            FileDamaged: there are none.
+        """
+        if not frames:
+            raise FileDamaged("The file holds no frames.", where=str(path), hint="Run the detector again.")
+        numbers = sorted(frames)
+        return cls(np.array(numbers, np.int64), lambda row: frames[numbers[row]], lambda _: str(path), keypoints)
+
+
+def triples(values: object, name: str, where: str) -> np.ndarray:
+    """Return (K, 3) from a list of 3 K numbers or of K triples.
+
+    Args:
+        values: what the file holds under ``name``.
+        name: of the list, for messages.
+        where: the file.
+
+    Raises:
+        FileDamaged: it is no list of numbers.
+        KeypointCountMismatch: the list is not made of triples.
+    """
+    if not isinstance(values, list):
+        raise FileDamaged(f"A person in the file lacks '{name}'.", where=where)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FileDamaged(f"'{name}' holds values that are not numbers.", where=where) from error
+    if array.size % 3 or (array.ndim == 2 and array.shape[1] != 3) or array.ndim > 2:
+        raise KeypointCountMismatch(
+            f"'{name}' holds {array.size} numbers; x, y and confidence of each keypoint are expected.", where=where
+        )
+    return array.reshape(-1, 3)
+
+
+def points_with_scores(points: object, scores: object, where: str) -> np.ndarray:
+    """Return (K, 3) from lists of K points and of K scores.
+
+    Raises:
+        FileDamaged: they are no numbers.
+        KeypointCountMismatch: the lists differ in length.
+    """
+    try:
+        xy, confidence = np.array(points, dtype=np.float64), np.array(scores, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FileDamaged("'keypoints' or 'keypoint_scores' holds values that are not numbers.", where=where) from error
+    if xy.ndim != 2 or xy.shape[1] < 2 or confidence.shape != (len(xy),):
+        raise KeypointCountMismatch(
+            f"'keypoints' has the shape {xy.shape} and 'keypoint_scores' {confidence.shape}; K points and K scores are "
+            "expected.",
+            where=where,
+        )
+    return np.column_stack([xy[:, :2], confidence])

@@ -1,0 +1,86 @@
+"""Keypoints that files name themselves, in the order of the joint set that has most of them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.exchange.errors import KeypointCountMismatch
+from solver_backend.types import JointSet
+
+LEAST_KNOWN = 8
+"""Keypoints of a body that must be among the names: fewer do not hold a pose."""
+_SIDES = {"l": "left", "left": "left", "lt": "left", "r": "right", "right": "right", "rt": "right"}
+_PARTS = {
+    "foot": "ankle", "hand": "wrist", "bigtoe": "big_toe", "smalltoe": "small_toe", "littletoe": "small_toe",
+    "toe": "big_toe", "pelvis": "mid_hip", "midhip": "mid_hip", "hipcenter": "mid_hip", "hipcentre": "mid_hip",
+    "headtop": "head_top", "topofhead": "head_top", "crown": "head_top", "head": "head_top",
+}  # fmt: skip
+"""Other words for the parts of joint sets, without separators."""
+_WHOLE = {"neck", "nose", "mid_hip", "head_top", "upper_neck", "thorax", "spine"}
+
+
+@dataclass(frozen=True)
+class NamedKeypoints:
+    """Which columns of a file are which keypoints of a joint set."""
+
+    joint_set: JointSet
+    """The set that has most of the names."""
+    columns: tuple[int, ...]
+    """(K,) column of each of its keypoints, -1 where the file has none."""
+    unknown: tuple[str, ...]
+    """Names that the set lacks."""
+
+    def ordered(self, person: np.ndarray) -> np.ndarray:
+        """Return (K, 3) in the set's order from the file's (N, 3); what the file lacks is NaN with confidence 0."""
+        padded = np.concatenate([person, [[np.nan, np.nan, 0.0]]])
+        return padded[list(self.columns)]
+
+
+def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, where: str = "") -> NamedKeypoints:
+    """Return how a file's names map to a joint set.
+
+    Args:
+        names: as the file writes them: ``LeftShoulder``, ``l_shoulder``, ``shoulder_R`` and ``left_shoulder`` are one.
+        given: the set that the user wants; None takes the one that has most of the names.
+        where: the file, for errors.
+
+    Raises:
+        KeypointCountMismatch: fewer than ``LEAST_KNOWN`` names are known.
+    """
+    plain = [plain_name(name) for name in names]
+    sets = (given,) if given is not None else tuple(s for s in JointSet if s is not JointSet.SMPL_24)
+    known = {s: len(set(s.keypoints) & set(plain)) for s in sets}
+    best = max(sets, key=lambda s: (known[s], -s.num_keypoints))
+    if known[best] < LEAST_KNOWN:
+        raise KeypointCountMismatch(
+            f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}.", where=where,
+            hint=f"Rename them as a joint set does, such as {', '.join(JointSet.COCO_17.keypoints)}.",
+        )  # fmt: skip
+    columns = tuple(plain.index(name) if name in plain else -1 for name in best.keypoints)
+    return NamedKeypoints(best, columns, tuple(n for n, p in zip(names, plain, strict=True) if p not in best.keypoints))
+
+
+def plain_name(name: str) -> str:
+    """Return a keypoint's name as joint sets write it, such as ``left_elbow``; unknown names in lower case."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=^[LR])(?=[A-Z][a-z])", "_", name.strip())
+    words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
+    sides = [_SIDES[word] for word in words if word in _SIDES]
+    rest = "".join(word for word in words if word not in _SIDES)
+    if not sides and rest[:1] in "lr" and _part(rest[1:]) in _SIDED and _part(rest) not in _SIDED:
+        sides, rest = [_SIDES[rest[0]]], rest[1:]
+    part = _part(rest)
+    return f"{sides[0]}_{part}" if len(sides) == 1 and part in _SIDED else part
+
+
+def _part(word: str) -> str:
+    part = _PARTS.get(word, word)
+    return next((known for known in (*_SIDED, *_WHOLE) if known.replace("_", "") == part), part)
+
+
+_SIDED = tuple(
+    dict.fromkeys(name.removeprefix("left_") for s in JointSet for name in s.keypoints if name.startswith("left_"))
+)
+"""Parts that a body has on both sides."""

@@ -1,0 +1,83 @@
+"""One JSON file a picture, in a folder a camera or in one folder of all cameras, as OpenPose writes them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.detections.camera_frames import CameraFrames, People
+from solver_backend.io.detections.picture_documents import people_in_picture
+from solver_backend.io.files import LARGEST_TEXT, read_bytes
+from solver_backend.io.recognition.frame_numbers import frame_numbers
+
+_PADDING = re.compile(r"del_(\d{1,18})_\d+")
+"""Files that Pose2Sim writes, without people, where a camera that it moved in time has no frame."""
+_FLAT = re.compile(r"(.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
+"""Camera and frame number in a file's name where all cameras share a folder: ``cam01_000000000012_keypoints``."""
+
+
+def json_files(folder: Path) -> list[Path]:
+    """Return the JSON files of a folder by name, without hidden ones."""
+    with os.scandir(folder) as entries:
+        names = [e.name for e in entries if e.name.lower().endswith(".json") and not e.name.startswith(".")]
+    return [folder / name for name in sorted(names)]
+
+
+def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
+    """Return the files of each camera where one folder holds all cameras; {} where names do not say camera and frame.
+
+    A camera is what stands before the frame number. Every camera needs two files or more.
+    """
+    cameras: dict[str, list[Path]] = {}
+    for path in paths:
+        if (found := _FLAT.fullmatch(path.stem)) is None:
+            return {}
+        cameras.setdefault(found[1].rstrip("_-. "), []).append(path)
+    return cameras if len(cameras) > 1 and min(map(len, cameras.values())) > 1 else {}
+
+
+def frames_in_files(paths: Sequence[Path], where: str) -> CameraFrames:
+    """Return a camera's frames, one file each, by the number in its name; a padding file gives way to a frame.
+
+    Args:
+        paths: the files of one camera.
+        where: their folder, for messages.
+
+    Raises:
+        FileDamaged: there are none, or the names give no frame numbers.
+    """
+    if not paths:
+        raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file a frame there.")
+    padding = {int(found[1]): path for path in paths if (found := _PADDING.fullmatch(path.stem))}
+    filmed = [path for path in paths if not _PADDING.fullmatch(path.stem)]
+    by_number = dict(zip(frame_numbers([p.stem for p in filmed], where=where).tolist(), filmed, strict=True))
+    by_number = dict(sorted((padding | by_number).items()))
+    files = tuple(by_number.values())
+    return CameraFrames(
+        np.array(list(by_number), np.int64), lambda row: read_people(files[row]), lambda r: str(files[r])
+    )
+
+
+def read_people(path: Path) -> People:
+    """Return (K, 3) x, y, confidence of each person in one picture's file, as written.
+
+    Raises:
+        FileDamaged: the file is truncated, is not JSON or is of no program that is known.
+        KeypointCountMismatch: the list is not made of triples.
+    """
+    data = read_bytes(path, LARGEST_TEXT)
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise FileDamaged(
+            f"The file is truncated or is not JSON ({error}).",
+            where=str(path),
+            hint="Export this frame again or delete the file.",
+        ) from error
+    return people_in_picture(content, str(path))

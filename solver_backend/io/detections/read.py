@@ -1,0 +1,185 @@
+"""Read everybody in every frame of every camera, from whatever files hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.detections.camera_frames import CameraFrames, People
+from solver_backend.io.detections.named_keypoints import match_keypoints
+from solver_backend.io.detections.search import CameraSource
+from solver_backend.io.recognition.confidence import on_unit_scale
+from solver_backend.io.recognition.frame_numbers import shared_range
+from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
+from solver_backend.people.detections import Detections
+from solver_backend.types import JointSet
+
+MAX_PEOPLE = 12
+"""People kept in a frame of a view: those with the most keypoints."""
+_PROGRESS_STEP = 250
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """Everybody in one frame of one camera."""
+
+    camera: int
+    frame: int
+    where: str
+    people: People
+
+
+def read_detections(
+    sources: Mapping[str, CameraSource],
+    *,
+    joint_set: JointSet | None = None,
+    configured: JointSet | None = None,
+    trim: bool = False,
+    progress: Progress = silent,
+) -> Detections:
+    """Read everybody in every frame of every camera.
+
+    Frames whose file is missing count as frames in which nobody was found.
+
+    Args:
+        sources: where each camera's detections lie, by the camera's name.
+        joint_set: what the keypoints are; None takes the names in the files or ``configured``, or recognises it.
+        configured: what the recording's settings say they are, believed unless the keypoints clearly contradict.
+        trim: cut to the frames every camera has.
+        progress: called with how many frames were read.
+
+    Raises:
+        FileDamaged: a file is truncated, or of no program that is known.
+        FrameCountMismatch: the cameras' frames differ and ``trim`` is off.
+        KeypointCountMismatch: people differ in their number of keypoints, or no joint set fits it.
+        NoDetections: no file holds anybody.
+        NonFiniteData: a coordinate is infinite.
+    """
+    listed = {name: source.frames() for name, source in sources.items()}
+    first, last = shared_range({n: (int(f.numbers[0]), int(f.numbers[-1])) for n, f in listed.items()}, trim=trim)
+    where = str(next(iter(sources.values())).path.parent)
+    pictures, named = _named(_pictures(list(listed.values()), first, last, progress), list(listed.values()), joint_set)
+    count = _keypoint_count(pictures)
+    if count == 0:
+        raise NoDetections(
+            "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
+        )
+    require_known_count(count, joint_set, where=where)
+    _require_finite(pictures)
+    xy, confidence, notes, problems = _arrays(len(sources), pictures, (last - first + 1, count))
+    chosen, found, doubts = choose_joint_set(xy, confidence, named or joint_set, configured, where=where)
+    columns = slice(0, chosen.num_keypoints)
+    missing = (last - first + 1) * len(sources) - len(pictures)
+    if missing:
+        doubts += (f"{missing} frame files are missing; nobody is seen there.",)
+    return Detections(
+        tuple(sources),
+        xy[..., columns, :],
+        confidence[..., columns],
+        chosen,
+        first,
+        (*notes, *found),
+        (*problems, *doubts),
+    )
+
+
+def _pictures(cameras: list[CameraFrames], first: int, last: int, progress: Progress) -> list[_Picture]:
+    """Read the frames from the first to the last number of every camera."""
+    used = [
+        (c, row, int(number)) for c, frames in enumerate(cameras) for row, number in enumerate(frames.numbers)
+        if first <= number <= last
+    ]  # fmt: skip
+    pictures = []
+    for done, (c, row, number) in enumerate(used):
+        frames = cameras[c]
+        pictures.append(_Picture(c, number - first, frames.where(row), _strongest(frames.people(row))))
+        if done % _PROGRESS_STEP == 0:
+            progress("Reading the detections", done, len(used))
+    progress("Reading the detections", len(used), len(used))
+    return pictures
+
+
+def _named(
+    pictures: list[_Picture], cameras: list[CameraFrames], given: JointSet | None
+) -> tuple[list[_Picture], JointSet | None]:
+    """Return pictures with keypoints in the order of the joint set that their files' names say, and that set."""
+    names = {frames.keypoints for frames in cameras}
+    if names == {()}:
+        return pictures, None
+    if len(names) > 1:
+        first, other = sorted(names, key=len)[-1], sorted(names, key=len)[0]
+        differing = sorted(set(first) ^ set(other)) or ["their order"]
+        raise KeypointCountMismatch(
+            f"The cameras' files name different keypoints; they differ in {', '.join(differing[:6])}.",
+            where=cameras[0].where(0), hint="Use one detector with one model for all cameras.",
+        )  # fmt: skip
+    found = match_keypoints(names.pop(), given, where=cameras[0].where(0))
+    return [
+        _Picture(p.camera, p.frame, p.where, [found.ordered(person) for person in p.people]) for p in pictures
+    ], found.joint_set
+
+
+def _require_finite(pictures: list[_Picture]) -> None:
+    """Raise NonFiniteData with the first file that holds an infinite number."""
+    everybody = [person for picture in pictures for person in picture.people]
+    if not np.isinf(np.concatenate(everybody)).any():
+        return
+    for picture in pictures:
+        for person in picture.people:
+            if np.isinf(person).any():
+                raise NonFiniteData(
+                    f"Keypoint {int(np.isinf(person).any(1).argmax())} of a person is infinite.",
+                    where=picture.where,
+                    hint="Write 0 0 0 for a keypoint that was not seen.",
+                )
+
+
+def _strongest(people: People) -> People:
+    if len(people) <= MAX_PEOPLE:
+        return people
+    strength = [float(np.nansum(person[:, 2])) for person in people]
+    keep = sorted(np.argsort(strength)[::-1][:MAX_PEOPLE])
+    return [people[i] for i in keep]
+
+
+def _keypoint_count(pictures: list[_Picture]) -> int:
+    count = 0
+    for picture in pictures:
+        for person in picture.people:
+            if count and len(person) != count:
+                raise KeypointCountMismatch(
+                    f"A person has {len(person)} keypoints where those before have {count}.",
+                    where=picture.where,
+                    hint="Use one detector with one model for the whole take.",
+                )
+            count = len(person)
+    return count
+
+
+def _arrays(
+    cameras: int, pictures: list[_Picture], size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], tuple[str, ...]]:
+    """Return xy (C, F, P, K, 2), confidence (C, F, P, K), notes and problems; ``size`` is (F, K)."""
+    most = max(len(picture.people) for picture in pictures)
+    values = np.full((cameras, size[0], most, size[1], 3), np.nan, dtype=np.float32)
+    for picture in pictures:
+        if picture.people:
+            values[picture.camera, picture.frame, : len(picture.people)] = picture.people
+    return _cleaned(values)
+
+
+def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], tuple[str, ...]]:
+    """Split into pixels and confidence; what a detector writes for 'not seen' becomes NaN with confidence 0."""
+    xy, confidence = values[..., :2].copy(), values[..., 2].copy()
+    contradictory = np.isnan(xy).any(-1) & (confidence > 0)
+    missing = np.isnan(values).any(-1) | ~(confidence > 0) | (xy == 0).all(-1)
+    xy[missing], confidence[missing] = np.nan, 0.0
+    confidence, notes, problems = on_unit_scale(confidence)
+    if contradictory.any():
+        count = int(contradictory.sum())
+        problems = (f"{count} keypoints are NaN with a confidence; they are taken as not seen.", *problems)
+    return xy, confidence, notes, problems

@@ -1,0 +1,130 @@
+"""Find each camera's detections in a recording's folder, whichever program wrote them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.json_file import parse_json
+from solver_backend.io.calibration.search import is_calibration_folder
+from solver_backend.io.detections import deeplabcut, freemocap
+from solver_backend.io.detections.camera_frames import CameraFrames
+from solver_backend.io.detections.openpose import cameras_of_flat_files, frames_in_files, json_files
+from solver_backend.io.detections.take_documents import frames_in_document
+from solver_backend.io.files import read_text
+from solver_backend.io.recognition.camera_names import natural_key
+
+POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
+"""Folders of a Pose2Sim trial that hold one folder a camera; the latest stage of its pipeline comes first."""
+_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "annotations", "keypoints", "detections")
+"""With those of EasyMocap, of MMPose's inferencer and of COCO's tools."""
+_ENDINGS = re.compile(r"[_\-. ](json|keypoints|openpose|alphapose)$", re.IGNORECASE)
+_STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
+_MOST_CAMERAS = 64
+"""Files beside one another that may be a camera each; more are frames."""
+_LOOKED_AT = 4096
+"""Characters of a file that say which program wrote it."""
+_WHOLE = re.compile(r'"(instance_info|image_id|annotations|images)"|"[^"]+\.(jpe?g|png)"\s*:')
+
+
+@dataclass(frozen=True)
+class CameraSource:
+    """Where the detections of one camera lie."""
+
+    path: Path
+    """Folder or file."""
+    frames: Callable[[], CameraFrames]
+    """List its frames; raises our own errors."""
+
+
+def camera_sources(root: Path) -> dict[str, CameraSource]:
+    """Return where each camera's detections lie, by the camera's name, in natural order; {} where there are none.
+
+    They lie in one of the folders that programs make, or in the folder itself: a folder or a file a camera, or the
+    files of all cameras together. Nothing but names is read, and the first bytes of tables.
+    """
+    for parent in (folder for name in (*_FOLDERS, "") if (folder := root / name).is_dir()):
+        if found := _folders(parent) or _camera_files(parent) or _flat_files(parent):
+            return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
+    return _array(root)
+
+
+def of_folder(folder: Path) -> CameraSource:
+    """Return the source of a camera that has a folder: a file a picture, or one file of all."""
+    return CameraSource(folder, partial(_frames_of_folder, folder))
+
+
+def _frames_of_folder(folder: Path) -> CameraFrames:
+    """Return a folder's frames; a single file may hold all of them.
+
+    Raises:
+        FileDamaged, KeypointCountMismatch: its files are damaged, or of no program that is known.
+    """
+    paths = json_files(folder)
+    if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
+        return whole
+    return frames_in_files(paths, str(folder))
+
+
+def _whole_take(path: Path) -> CameraFrames | None:
+    return frames_in_document(parse_json(read_text(path), path), path)
+
+
+def _folders(parent: Path) -> dict[str, CameraSource]:
+    below = [p for p in parent.iterdir() if p.is_dir() and not is_calibration_folder(p) and json_files(p)]
+    return {camera_name(folder.name): of_folder(folder) for folder in below}
+
+
+def _camera_files(parent: Path) -> dict[str, CameraSource]:
+    """Return the files of cameras that have one each: DeepLabCut's tables, or JSON of whole takes."""
+    tables = [p for p in parent.iterdir() if p.suffix.lower() == ".csv" and deeplabcut.is_table(p)]
+    if tables:
+        return {deeplabcut.camera_name(p): CameraSource(p, partial(deeplabcut.read_table, p)) for p in tables}
+    paths = json_files(parent)
+    if not 1 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
+        return {}
+    return {camera_name(p.stem): CameraSource(p, partial(_take_of_camera, p)) for p in paths}
+
+
+def _is_whole_take(path: Path) -> bool:
+    """Whether a file begins as those do that hold all frames of a camera."""
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return _WHOLE.search(file.read(_LOOKED_AT)) is not None
+    except OSError:
+        return False
+
+
+def _take_of_camera(path: Path) -> CameraFrames:
+    if (whole := _whole_take(path)) is None:
+        raise FileDamaged(
+            "The file holds no detections of a whole take.", where=str(path),
+            hint="Read are AlphaPose's and COCO's results, COCO's annotations and MMPose's predictions.",
+        )  # fmt: skip
+    return whole
+
+
+def _flat_files(parent: Path) -> dict[str, CameraSource]:
+    cameras = cameras_of_flat_files(json_files(parent))
+    return {name: CameraSource(parent, partial(frames_in_files, paths, str(parent))) for name, paths in cameras.items()}
+
+
+def _array(root: Path) -> dict[str, CameraSource]:
+    """Return the cameras of a FreeMoCap recording, which keeps all of them in one array."""
+    path = freemocap.find_array(root)
+    names = () if path is None else freemocap.camera_names(root, path)
+    return {name: CameraSource(path, partial(freemocap.read_camera, path, c)) for c, name in enumerate(names) if path}
+
+
+def camera_name(name: str) -> str:
+    """Return the camera that a folder or file is named after: ``cam01_json`` and ``results_cam01`` are ``cam01``."""
+    return _STARTS.sub("", _ENDINGS.sub("", name)) or name
+
+
+def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
+    """Return the files and folders of sources, each once."""
+    return tuple(dict.fromkeys(str(source.path) for source in sources))
