@@ -28,6 +28,8 @@ class ReadOptions:
     """Length unit of the file or its calibration; None infers it."""
     up_axis: str | None = None
     """Axis of the file's world that points up; None is the format's own."""
+    as_calibrated: bool = False
+    """Keep the calibration as it is written, whatever the views say."""
     subject_prefix: str | None = None
     """Whose markers are read, by the prefix of their labels; None takes the only subject."""
     person: str | None = None

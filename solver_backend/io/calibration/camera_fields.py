@@ -13,7 +13,10 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
 
 _NAMES: dict[str, tuple[str, ...]] = {
-    "K": ("matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix", "calibrationmatrix"),
+    "K": (
+        "matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix",
+        "calibrationmatrix",
+    ),
     "distortion": (
         "distortions", "distortion", "dist", "distcoeffs", "distcoeff", "distcoef", "distortioncoefficients",
         "distortioncoeffs", "d",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.exchange.errors import TooFewViews
+from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.search import find_calibration, levels_above
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
 from solver_backend.io.detections.read import read_detections
@@ -16,7 +18,10 @@ from solver_backend.io.footage.footage import find_footage, headers, with_sizes_
 from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.io.recognition.world_check import placed
+from solver_backend.people.calibration_fit import fit_calibration
+from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_people
 from solver_backend.types import Capture, PersonInViews
 
@@ -61,6 +66,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     videos = headers(footage)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
+    calibration = _as_meant(calibration, detections, options)
     people = select_people(calibration.cameras, detections, rate, options.progress)
     person = people[0]
     cameras, world, turned = placed(calibration.cameras, person.keypoints, options.up_axis)
@@ -77,6 +83,17 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),
         problems=sum(problems, ()) + turned + world.problems(),
     )
+
+
+def _as_meant(calibration: Calibration, detections: Detections, options: ReadOptions) -> Calibration:
+    """Return the calibration read as the views say it is meant, with what was corrected among its problems."""
+    if options.as_calibrated:
+        return calibration
+    fit = fit_calibration(calibration.cameras, detections, rotation_to_z_up(options.up_axis or "z"))
+    if not fit.changed:
+        return calibration
+    problem = f"{fit.sentence()} To keep it as written: --as-calibrated."
+    return replace(calibration, cameras=fit.cameras, problems=(*calibration.problems, problem))
 
 
 def _frame_rate(

@@ -1,0 +1,111 @@
+"""What a calibration can be meant as: pictures of another size or turned, rotations and places written the other way.
+
+Each correction changes cameras, never detections, so that footage and keypoints stay as recorded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.types import Cameras
+
+FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
+"""Sizes of recorded pictures over those calibrated: ratios between 480, 540, 720, 1080, 1440 and 2160 lines."""
+TURNS = (0, 1, 2, 3)
+"""Quarter turns of the recorded pictures, clockwise."""
+POSES = ("world to camera", "transposed", "camera to world", "places")
+"""What a file's rotation R and vector t may be: ``x_cam = R x + t`` as OpenCV has it; ``x_cam = Rᵀ x + t``, as MATLAB's
+row vectors do; ``x = R x_cam + t``; ``x_cam = R (x - t)``."""
+_GRAPHICS = np.diag([1.0, -1.0, -1.0])
+"""OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
+
+
+@dataclass(frozen=True)
+class CameraCorrection:
+    """One way to read a calibration; the default reads it as it is written."""
+
+    factor: float = 1.0
+    """Size of the recorded pictures over that of the calibrated ones."""
+    turn: int = 0
+    """Quarter turns, clockwise, from the calibrated pictures to the recorded ones."""
+    pose: str = POSES[0]
+    """One of ``POSES``."""
+    graphics: bool = False
+    """Camera axes are those of OpenGL and Blender."""
+
+    @property
+    def changes(self) -> int:
+        """How many things it changes."""
+        return (self.factor != 1.0) + (self.turn != 0) + (self.pose != POSES[0]) + self.graphics
+
+    def sentence(self) -> str:
+        """Return what was meant by the calibration, for a person."""
+        parts = []
+        if self.factor != 1.0:
+            parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")
+        if self.turn:
+            way = {1: "90° clockwise", 2: "180°", 3: "90° counter-clockwise"}[self.turn]
+            parts.append(f"the recorded pictures are turned by {way} from those calibrated")
+        if self.pose != POSES[0]:
+            meaning = {
+                "transposed": "rotations are transposed",
+                "camera to world": "rotations and translations are from camera to world",
+                "places": "translations are the cameras' positions",
+            }
+            parts.append(meaning[self.pose])
+        if self.graphics:
+            parts.append("camera axes are those of OpenGL and Blender")
+        return " and ".join(parts)
+
+
+def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
+    """Return the cameras as each correction reads them.
+
+    Args:
+        cameras: as the calibration is written.
+        corrections: one a camera.
+    """
+    for c, correction in enumerate(corrections):
+        if correction.pose != POSES[0] or correction.graphics:
+            cameras = _reposed(cameras, c, correction)
+        if correction.factor != 1.0:
+            cameras = _scaled(cameras, c, correction.factor)
+        for _ in range(correction.turn):
+            cameras = _turned_once(cameras, c)
+    return cameras
+
+
+def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
+    R, t = cameras.R.copy(), cameras.t.copy()
+    axes = _GRAPHICS if correction.graphics else np.eye(3)
+    world_to_camera = correction.pose in ("world to camera", "places")
+    R[c] = axes @ (R[c] if world_to_camera else R[c].T)
+    t[c] = axes @ t[c] if correction.pose in ("world to camera", "transposed") else -R[c] @ t[c]
+    return replace(cameras, R=R, t=t)
+
+
+def _scaled(cameras: Cameras, c: int, factor: float) -> Cameras:
+    """Scale pictures about the corner of the top-left pixel: ``u' + 0.5 = s (u + 0.5)`` px."""
+    K, sizes = cameras.K.copy(), cameras.image_size.copy()
+    K[c, :2] *= factor
+    K[c, :2, 2] += (factor - 1) / 2
+    sizes[c] = np.maximum(1, np.round(sizes[c] * factor))
+    return replace(cameras, K=K, image_size=sizes)
+
+
+def _turned_once(cameras: Cameras, c: int) -> Cameras:
+    """Turn pictures by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px; the camera turns about its axis with them.
+
+    Of the lens' terms only p1 and p2 have a direction: ``p1' = p2``, ``p2' = -p1`` (fisheye lenses have none).
+    """
+    K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
+    distortion, height = cameras.distortion.copy(), sizes[c, 1]
+    (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle
+    K[c] = [[fy, 0.0, height - 1 - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    R[c], t[c], sizes[c] = turn @ R[c], turn @ t[c], sizes[c, ::-1]
+    if cameras.distortion_model == "opencv":
+        distortion[c, 2], distortion[c, 3] = cameras.distortion[c, 3], -cameras.distortion[c, 2]
+    return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)

@@ -1,0 +1,245 @@
+"""What a calibration is meant as, found by the agreement of views: nothing is corrected without a margin of evidence.
+
+In the right reading the main person's keypoints of any two views lie on each other's epipolar lines, whatever the unit
+of the calibration. Every reading (see ``camera_corrections``) is scored by the share of keypoints that do; cameras may
+be read differently where pictures differ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
+from solver_backend.cameras.projection import undistort
+from solver_backend.people.detections import Detections
+from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS, compared_keypoints
+from solver_backend.types import Cameras
+
+AGREES = 0.6
+"""A calibration under which this share of keypoints agrees is left as it is: wrong ones reach 0.1 to 0.5."""
+SURE, MARGIN = 0.75, 0.25
+"""What a reading must reach, and by how much it must surpass the calibration as written."""
+RIVAL = 0.1
+"""Readings of another turn or pose that come so near leave the meaning open."""
+OFF_LINE = 0.05
+"""A keypoint agrees up to this distance from its epipolar line, in the person's extent: 8 cm of a person."""
+CHANGE_COST = 0.01
+"""Share that a reading must gain for each thing that it changes."""
+_FRAMES, _SEARCH_FRAMES = 40, 8
+"""Frames that readings are found on and decided by: those in which most views see somebody, spread over the take."""
+_SWEEPS = 4
+
+
+@dataclass(frozen=True)
+class CalibrationFit:
+    """How a calibration is read."""
+
+    cameras: Cameras
+    """As they are meant."""
+    corrections: tuple[CameraCorrection, ...]
+    """One a camera."""
+    agreement: float
+    """Share of keypoints that agree between views, as the cameras are meant."""
+    written: float
+    """The same, as the calibration is written."""
+
+    @property
+    def changed(self) -> bool:
+        """Whether any camera is read otherwise than written."""
+        return any(correction.changes for correction in self.corrections)
+
+    def sentence(self) -> str:
+        """Return what was corrected, for a person."""
+        by_meaning: dict[str, list[str]] = {}
+        for name, correction in zip(self.cameras.names, self.corrections, strict=True):
+            if correction.changes:
+                by_meaning.setdefault(correction.sentence(), []).append(name)
+        several = len(by_meaning) > 1 or any(len(names) < len(self.cameras) for names in by_meaning.values())
+        parts = [f"{meaning} ({', '.join(names)})" if several else meaning for meaning, names in by_meaning.items()]
+        return (
+            f"The calibration is corrected: {'; '.join(parts)}. With that {self.agreement:.0%} of the keypoints agree "
+            f"between views, as written {self.written:.0%}."
+        )
+
+
+def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarray | None = None) -> CalibrationFit:
+    """Return the cameras as their calibration is meant, which is as written unless the views clearly say otherwise.
+
+    Args:
+        cameras: as written, in metres or any unit.
+        detections: everybody in every view; of each frame the largest person counts.
+        to_world: (3, 3) turn from the file's world to the cameras', where an up axis was stated.
+    """
+    as_written = CameraCorrection()
+    xy, confidence = _main_person(detections)
+    frames = _chosen_frames(confidence)
+    A = np.eye(3) if to_world is None else to_world
+    scores = _Scores(replace(cameras, R=cameras.R @ A), xy[:, frames], confidence[:, frames])
+    unchanged = [as_written] * len(cameras)
+    written = scores.of(unchanged)
+    kept = CalibrationFit(cameras, tuple(unchanged), written, written)
+    if len(frames) == 0 or len(cameras) < 2 or written >= AGREES:
+        return kept
+    best, rivals = _best_reading(scores.on(_SEARCH_FRAMES), len(cameras))
+    agreement = scores.of(best)
+    distinct = [scores.of(r) for r in rivals if _differs(r, best)]
+    if agreement < SURE or agreement - written < MARGIN or any(agreement - rival < RIVAL for rival in distinct):
+        return kept
+    if min(scores.of_camera(c, best) for c in range(len(cameras))) < AGREES:
+        return kept
+    meant = corrected(scores.cameras, best)
+    return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
+
+
+def _best_reading(scores: _Scores, count: int) -> tuple[list[CameraCorrection], list[list[CameraCorrection]]]:
+    """Return the reading with the highest score, and the best of each turn and pose of all cameras alike."""
+    pictures = [(factor, turn) for factor, turn in product(FACTORS, TURNS)]
+    ways: list[list[CameraCorrection]] = []
+    for pose, graphics, turn in product(POSES, (False, True), TURNS):
+        sizes = [[CameraCorrection(factor, turn, pose, graphics)] * count for factor in FACTORS]
+        ways.append(max(sizes, key=scores.penalised))
+    alike = max(ways, key=scores.penalised)
+    if scores.of(alike) >= SURE and min(scores.of_camera(c, alike) for c in range(count)) >= AGREES:
+        return alike, ways
+    starts = [*sorted(ways, key=scores.penalised, reverse=True)[:2], [CameraCorrection()] * count]
+    found = [_improved(scores, start, pictures) for start in starts]
+    return max(found, key=scores.penalised), [*ways, *found]
+
+
+def _improved(
+    scores: _Scores, start: list[CameraCorrection], pictures: list[tuple[float, int]]
+) -> list[CameraCorrection]:
+    """Return a reading in which no camera's pictures are better read in another way, the others staying."""
+    reading = list(start)
+    for _ in range(_SWEEPS):
+        before = list(reading)
+        for c in range(len(reading)):
+            tries = [replace(reading[c], factor=factor, turn=turn) for factor, turn in pictures]
+            reading[c] = max(tries, key=lambda t, c=c: scores.of_camera(c, [*reading[:c], t, *reading[c + 1 :]])
+                             - CHANGE_COST * t.changes)  # fmt: skip
+        if reading == before:
+            break
+    return reading
+
+
+def _differs(one: list[CameraCorrection], other: list[CameraCorrection]) -> bool:
+    """Whether two readings turn pictures or poses differently: neighbouring sizes of pictures always score alike."""
+    return any((a.turn, a.pose, a.graphics) != (b.turn, b.pose, b.graphics) for a, b in zip(one, other, strict=True))
+
+
+class _Scores:
+    """Agreement of readings; that of two cameras is computed once for each way to read them."""
+
+    def __init__(self, cameras: Cameras, xy: np.ndarray, confidence: np.ndarray) -> None:
+        self.cameras, self._xy, self._seen = cameras, xy, confidence >= MIN_CONFIDENCE
+        self._rays: dict[tuple[int, CameraCorrection], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._normalised: dict[tuple[int, CameraCorrection], np.ndarray] = {}
+        self._pairs: dict[tuple[int, CameraCorrection, int, CameraCorrection], float] = {}
+
+    def on(self, count: int) -> _Scores:
+        """Return scores by fewer frames."""
+        rows = np.unique(np.linspace(0, self._xy.shape[1] - 1, count).astype(int))
+        return _Scores(self.cameras, self._xy[:, rows], np.where(self._seen[:, rows], 1.0, 0.0))
+
+    def of(self, reading: list[CameraCorrection]) -> float:
+        """Return the mean share over all pairs of views that see the person together."""
+        count = len(reading)
+        shares = [self._pair(a, b, reading) for a in range(count) for b in range(a + 1, count)]
+        known = [share for share in shares if np.isfinite(share)]
+        return float(np.mean(known)) if known else 0.0
+
+    def penalised(self, reading: list[CameraCorrection]) -> float:
+        """Return the same, less what its changes must be worth."""
+        return self.of(reading) - CHANGE_COST * max(correction.changes for correction in reading)
+
+    def of_camera(self, c: int, reading: list[CameraCorrection]) -> float:
+        """Return the mean share of the pairs that one camera is part of."""
+        shares = [self._pair(min(c, b), max(c, b), reading) for b in range(len(reading)) if b != c]
+        known = [share for share in shares if np.isfinite(share)]
+        return float(np.mean(known)) if known else 0.0
+
+    def _pair(self, a: int, b: int, reading: list[CameraCorrection]) -> float:
+        key = (a, reading[a], b, reading[b])
+        if key not in self._pairs:
+            self._pairs[key] = _agreement(*self._camera(a, reading[a]), *self._camera(b, reading[b]))
+        return self._pairs[key]
+
+    def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (F, J, 2) normalised points, NaN where unseen, with rotation and translation of a camera so read."""
+        key = (c, correction)
+        if key not in self._rays:
+            one = corrected(self.cameras.subset([c]), [correction])
+            self._rays[key] = self._points(c, replace(correction, pose=POSES[0], graphics=False)), one.R[0], one.t[0]
+        return self._rays[key]
+
+    def _points(self, c: int, picture: CameraCorrection) -> np.ndarray:
+        """Return (F, J, 2) normalised points of a camera whose pictures are so read."""
+        if (c, picture) not in self._normalised:
+            one = corrected(self.cameras.subset([c]), [picture])
+            xy = np.where(self._seen[c][..., None], self._xy[c], np.nan)
+            self._normalised[c, picture] = undistort(one.K, one.distortion, xy[None], one.distortion_model)[0]
+        return self._normalised[c, picture]
+
+
+def _agreement(
+    x_a: np.ndarray, R_a: np.ndarray, t_a: np.ndarray, x_b: np.ndarray, R_b: np.ndarray, t_b: np.ndarray
+) -> float:
+    """Return the share of two views' keypoints near their epipolar lines and before both cameras; NaN if none is seen.
+
+    ``E = [t]ₓ R`` with ``x_b = R x_a + t``; the distance of a point from its line is ``|x_bᵀ E x_a| / |(E x_a)₁₂|``,
+    and the same the other way (Hartley and Zisserman 2004, sections 9.6 and 11.4).
+    """
+    shared = np.isfinite(x_a[..., 0]) & np.isfinite(x_b[..., 0])
+    enough = shared.sum(-1) >= MIN_POINTS
+    if not enough.any():
+        return float("nan")
+    extent_a, extent_b = _extent(x_a[enough]), _extent(x_b[enough])
+    shared = shared[enough]
+    h_a, h_b = (np.concatenate([x[enough], np.ones((*shared.shape, 1))], axis=-1) for x in (x_a, x_b))
+    R = R_b @ R_a.T
+    t = t_b - R @ t_a
+    E = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]]) @ R
+    line_b, line_a = h_a @ E.T, h_b @ E
+    gap = np.abs((h_b * line_b).sum(-1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        near_b = gap / np.linalg.norm(line_b[..., :2], axis=-1) < OFF_LINE * extent_b[:, None]
+        near_a = gap / np.linalg.norm(line_a[..., :2], axis=-1) < OFF_LINE * extent_a[:, None]
+        ahead = _ahead(h_a @ R.T, h_b, t)
+    return float((near_a & near_b & ahead)[shared].mean())
+
+
+def _ahead(d_a: np.ndarray, d_b: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return where rays of two cameras meet before both: ``s d_a + t = u d_b`` in the second's axes, least squares."""
+    aa, bb, ab = (d_a * d_a).sum(-1), (d_b * d_b).sum(-1), (d_a * d_b).sum(-1)
+    at, bt = d_a @ t, d_b @ t
+    spread = aa * bb - ab**2
+    return ((ab * bt - bb * at) / spread > 0) & ((aa * bt - ab * at) / spread > 0)
+
+
+def _extent(x: np.ndarray) -> np.ndarray:
+    """Return (F,) the diagonal of a person's box in normalised coordinates."""
+    size = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
+    return np.hypot(size[:, 0], size[:, 1])
+
+
+def _main_person(detections: Detections) -> tuple[np.ndarray, np.ndarray]:
+    """Return xy (C, F, J, 2) px and confidence (C, F, J) of the largest person in each picture."""
+    columns, _ = compared_keypoints(detections.joint_set)
+    xy, confidence = detections.xy[..., columns, :].astype(np.float64), detections.confidence[..., columns]
+    seen = confidence >= MIN_CONFIDENCE
+    low = np.where(seen[..., None], xy, np.inf).min(-2)
+    high = np.where(seen[..., None], xy, -np.inf).max(-2)
+    size = np.where(seen.sum(-1) >= MIN_POINTS, np.linalg.norm(np.where(high > low, high - low, 0.0), axis=-1), -1.0)
+    largest = size.argmax(-1)[..., None, None]
+    confidence = np.take_along_axis(confidence, largest, axis=2)[:, :, 0]
+    return np.take_along_axis(xy, largest[..., None], axis=2)[:, :, 0], confidence
+
+
+def _chosen_frames(confidence: np.ndarray) -> np.ndarray:
+    """Return up to ``_FRAMES`` frames in which most views see somebody."""
+    views = ((confidence >= MIN_CONFIDENCE).sum(-1) >= MIN_POINTS).sum(0)
+    good = np.flatnonzero((views >= 2) & (views == views.max(initial=0)))
+    return good[np.unique(np.linspace(0, len(good) - 1, min(len(good), _FRAMES)).astype(int))] if len(good) else good
