@@ -10,7 +10,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.types.shapes import Float
 
@@ -37,6 +37,11 @@ class PosePrior(ABC):
     @abstractmethod
     def latent_dim(self) -> int:
         """Length of a code."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that the prior models, one a column of its poses: all of the SMPL family's but hands."""
+        return SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
 
     @abstractmethod
     def encode(self, rotations: Poses) -> Codes:

@@ -141,6 +141,10 @@ class ZeroMeanSphere(_UnitVectors):
         """Return ``v`` less its mean and less its part along ``x``."""
         return _without(v - array_namespace(v).mean(v, axis=-1, keepdims=True), x)
 
+    def dimension(self, width: int) -> int:
+        """Return the dimension of the sphere in R^width."""
+        return width - 2
+
     def tangent_basis(self, x: Array) -> Array:
         """Return the sphere's basis within the hyperplane of zero mean, (..., d, d - 2)."""
         xp = array_namespace(x)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_backend.body.state_layout import TRANSL
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
@@ -13,13 +14,13 @@ from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations, pose
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.fitters.single_frame.fit import fit_frames, posed
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3, matrix_from_quat
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.pose_term import PoseEvidence
 from solver_backend.solver.levenberg_marquardt import LMSettings
+from tests.support.layouts import POSE, WHOLE
 from tests.support.stick_scene import StickScene as Scene
 
 HEIGHT_M = 1.4
@@ -75,7 +76,7 @@ class Level:
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         for key, height in enumerate(keys.transl[:, 2]):
-            block, column = key // 2, (key % 2) * equations.dof + KEY.transl.stop - 1
+            block, column = key // 2, (key % 2) * equations.dof + WHOLE[TRANSL].stop - 1
             equations.g[block, column] += self.weight * (height - HEIGHT_M)
             equations.diagonal[block, column, column] += self.weight
 
@@ -103,7 +104,7 @@ def test_equations_of_a_frame_are_the_sum_over_all_terms(scene):
     for name in ("cost", "gradient", "hessian"):
         total = sum(getattr(part, name) for part in parts)
         np.testing.assert_allclose(getattr(whole, name), total, rtol=1e-10, atol=1e-9 * np.abs(total).max())
-    direction = np.random.default_rng(0).normal(size=(len(frames.transl), PoseTangent.DOF))
+    direction = np.random.default_rng(0).normal(size=(len(frames.transl), POSE.dof))
     costs = [frame_equations(scene.subject, frames.retract(s * 1e-6 * direction), objective, 3.0).cost for s in (1, -1)]
     np.testing.assert_allclose((whole.gradient * direction).sum(1), (costs[0] - costs[1]) / 2e-6, rtol=2e-5)
 

@@ -21,7 +21,6 @@ from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject, points_of
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult, SolvedFrames
@@ -83,18 +82,18 @@ def solve_by_bundle(
         shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=number > 0)
         judged = model.objective.frames.select(problem.sample)
         model = replace(model, subject=refit_shape(model.subject, sample, judged, scale, shape_prior))
+        free = settings.residual_rotations
         by_window = settings.learn_noise and problem.measurements.marker_labels is not None
         feet = settings.contacts and number > 0
         if by_window or feet:
             standing = points_of(model.subject, poses)
         data = with_learned_noise(problem, model.subject, sample, settings)
         if by_window:
-            dof = KEY.dof(residuals=settings.residual_rotations) * layout.num_keys / problem.num_frames
+            dof = replace(model, residuals=free).layout.dof * layout.num_keys / problem.num_frames
             data = with_window_variances(data, standing, problem.fps, scale, dof)
         if feet:
             contacts = find_contacts(to_numpy(standing), model.subject.landmarks.names, problem.fps)
         points = (data,) if contacts is None else (data, contacts.term(keys.z, settings.foot_lock))
-        free = settings.residual_rotations
         objective = bundle_objective(problem, layout, window, points, residuals=free, smoothing=settings.smoothing)
         model = replace(model, objective=objective, residuals=free)
         found, last = solved(model, layout, keys, schedule, number + 1), schedule

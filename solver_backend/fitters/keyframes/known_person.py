@@ -25,7 +25,6 @@ from solver_backend.fitters.model.control_points import control_points
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject, points_of
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult, SolvedFrames
@@ -63,7 +62,7 @@ def solve_known_person(
     if settings.learn_noise:
         if keys is not first:
             standing = points_of(subject, model.poses(keys, layout, between))
-        dof = KEY.dof(residuals=free) * layout.num_keys / problem.num_frames
+        dof = replace(model, residuals=free).layout.dof * layout.num_keys / problem.num_frames
         data = with_window_variances(data, standing, problem.fps, scale, dof, looked_at)
     objective = judged_by((data,), residuals=free, looseness=plan.looseness)
     model = replace(model, objective=objective, residuals=free, codes=not free)

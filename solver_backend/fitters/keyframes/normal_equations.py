@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.model.codes import d_pose_d_key
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
 from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
-from solver_backend.fitters.model.tangent import JOINTS_DOF, KEY, PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
 from solver_backend.geometry.parallel import block_size, map_blocks
@@ -43,22 +43,26 @@ class KeyframeNormalEquations:
     """(N + 1, 2 D, 2 D), single precision: it only steers the steps."""
     upper: Array
     """(N, 2 D, D + n), single precision: residual rotations of a middle key meet those of its own window alone, and the
-    n other unknowns those of the next key too."""
+    n unknowns before them those of the next key too."""
     g: Array
     """(N + 1, 2 D)."""
-    dof: int
-    """D, the tangent of one key."""
+    layout: StateLayout
+    """Of the tangent of one key, D numbers."""
+
+    @property
+    def dof(self) -> int:
+        """D, the length of a key's tangent."""
+        return self.layout.dof
 
     @classmethod
-    def empty(cls, num_windows: int, dof: int, like: Array) -> KeyframeNormalEquations:
+    def empty(cls, num_windows: int, layout: StateLayout, like: Array) -> KeyframeNormalEquations:
         """Return the equations of N windows without any data; a floor keeps unseen parts still."""
-        single = array_namespace(like).float32
+        single, dof = array_namespace(like).float32, layout.dof
         floor = FLOOR * identity(2 * dof, like, single)
         diagonal = zeros((num_windows + 1, 2 * dof, 2 * dof), like, single) + floor
         diagonal[-1, dof:, dof:] += identity(dof, like, single)
-        met = dof - JOINTS_DOF if dof > JOINTS_DOF else dof
-        upper = zeros((num_windows, 2 * dof, dof + met), like, single)
-        return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), dof)
+        upper = zeros((num_windows, 2 * dof, dof + layout.turns.start), like, single)
+        return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
         """Add the (n, 3 D, 3 D) matrices of a range of windows, but for what they say of their last keys alone."""
@@ -85,7 +89,7 @@ class KeyframeNormalEquations:
             beside = slice(max(b - 1, 0), b + 1)
             met = free[1:][beside][:, None, : upper.shape[-1]]
             upper[beside] = upper[beside] * (free[:-1][beside][:, :, None] * met)
-        return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.dof)
+        return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.layout)
 
     def block_tridiagonal(self) -> BlockTridiagonal:
         """Return the equations as a linear solver takes them."""
@@ -102,8 +106,8 @@ class FrameData:
     """Decoder of the codes."""
     objective: FrameObjective
     """Of all frames."""
-    residuals: bool
-    """The residual rotations act and are unknowns."""
+    layout: StateLayout
+    """Of the unknowns of a key; rotation vectors that are none do not act."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,7 @@ class DataEquations:
     """(N,) of each window's frames."""
     gradient: Array
     """(2 N + 1, D) by the keys."""
+    _layout: StateLayout
     _windows: list[slice]
     _matrices: list[Callable[[], Array]]
     """(n, 3 D, 3 D) of each range of windows."""
@@ -122,7 +127,7 @@ class DataEquations:
         """Return the normal equations of all keys, formed on all cores."""
         xp, like = array_namespace(self.gradient), self.gradient
         count, dof = (like.shape[0] - 1) // 2, like.shape[1]
-        equations = KeyframeNormalEquations.empty(count, dof, like)
+        equations = KeyframeNormalEquations.empty(count, self._layout, like)
         ends = empty((count, dof, dof), like, xp.float32)
 
         def fill(block: int) -> None:
@@ -162,11 +167,11 @@ def data_equations(
 
     blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
     parts = map_blocks(block, blocks, keys.z)
-    gradient = zeros((keys.z.shape[0], KEY.dof(residuals=data.residuals)), keys.z)
+    gradient = zeros((keys.z.shape[0], data.layout.dof), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
     cost = array_namespace(gradient).concat([part[0] for part in parts])
-    return DataEquations(cost, gradient, blocks, [part[2] for part in parts])
+    return DataEquations(cost, gradient, data.layout, blocks, [part[2] for part in parts])
 
 
 def _block(
@@ -175,34 +180,35 @@ def _block(
     """Return the (N,) costs of windows, their (2 N + 1, D) derivative by the keys, and what forms the matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
-    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=data.residuals)
+    turned = bool(data.layout.turned)
+    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=turned)
     poses, vjp = curve.poses_with_vjp(data.prior)
     chosen = (np.arange(count)[:, None] * width + columns).reshape(-1)
     equations = frame_equations(data.subject, poses, data.objective.select(rows.frames.reshape(-1)), scale, chosen)
     weight = constant(rows.weight.reshape(-1), keys.z)
-    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys)
-    form = _mixed if data.residuals else _exact
+    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys, data.layout)
+    form = _mixed if turned else _exact
     return (
         xp.sum(xp.reshape(equations.cost * weight, (count, width)), axis=1),
         gradient,
-        lambda: form(data.prior, keys, rows.sampled(columns), equations.hessian),
+        lambda: form(data.layout, data.prior, keys, rows.sampled(columns), equations.hessian),
     )
 
 
-def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 108, 108): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its three keys."""
+def _exact(layout: StateLayout, prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
+    """Return (N, 3 D, 3 D): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its three keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=False)
-    B = xp.astype(curve.jacobian(prior), hessian.dtype)
+    B = xp.astype(curve.jacobian(prior, layout), hessian.dtype)
     weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), B)
-    tall = (count, width * PoseTangent.DOF, B.shape[-1])
+    tall = (count, width * B.shape[1], B.shape[-1])
     return xp.matmul(xp.matrix_transpose(xp.reshape(B, tall)), xp.reshape(weighted, tall))
 
 
-def _mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 297, 297), the pose tangents of frames as those of their keys mixed."""
-    by_keys = d_pose_d_key(prior, keys.z, keys.residual)
+def _mixed(layout: StateLayout, prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
+    """Return (N, 3 D, 3 D), the pose tangents of frames as those of their keys mixed."""
+    by_keys = d_pose_d_key(layout, prior, keys.z, keys.residual)
     return matrices_by_keys(rows, hessian, by_keys)
 
 
@@ -211,10 +217,10 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
 
     Args:
         rows: the frames of N windows whose Hessians are formed.
-        hessian: (N·n, 69, 69) of these frames.
-        d_pose_d_keys: (2 N + 1, 69, D) P, the pose tangents by the tangents of the keys.
+        hessian: (N·n, p, p) of these frames.
+        d_pose_d_keys: (2 N + 1, p, D) P, the pose tangents by the tangents of the keys.
     """
-    xp, dof = array_namespace(hessian), PoseTangent.DOF
+    xp, dof = array_namespace(hessian), hessian.shape[-1]
     count, width = rows.frames.shape
     weight, shares = constant(rows.weight, hessian), lagrange(constant(rows.time, hessian))
     mixes = xp.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, RESIDUAL, StateLayout
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm
 from solver_backend.fitters.keyframes.normal_equations import (
@@ -16,13 +17,13 @@ from solver_backend.fitters.keyframes.normal_equations import (
     KeyframeNormalEquations,
     data_equations,
 )
+from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
@@ -75,6 +76,12 @@ class BundleModel:
     codes: bool = True
     """Free the codes; see ``turned_keys`` for keys whose codes stay."""
 
+    @property
+    def layout(self) -> StateLayout:
+        """Where the unknowns of a key stand."""
+        kept = (*(() if self.codes else (CODE,)), *(() if self.residuals else (RESIDUAL,)))
+        return state_layout(self.prior).without(*kept)
+
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
@@ -101,7 +108,7 @@ class BundleModel:
 
         What lies at a key that two windows share counts for the later one.
         """
-        frames = FrameData(self.subject, self.prior, self.objective.frames, self.residuals)
+        frames = FrameData(self.subject, self.prior, self.objective.frames, self.layout)
         data = data_equations(frames, keys, rows, scale, hessian_frames)
 
         def form() -> KeyframeNormalEquations:
@@ -175,12 +182,12 @@ def solve_keys(
         alive: called before each linearisation; it may raise to end the solve.
     """
     xp = array_namespace(start.z)
-    rows, dof = layout.rows(schedule.stride), KEY.dof(residuals=model.residuals)
+    rows, free = layout.rows(schedule.stride), model.layout
     fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
     keys, solution = hemisphere_aligned(start), None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
-        return state.retract(xp.reshape(step, (-1, dof))[: layout.num_keys])
+        return state.retract(xp.reshape(step, (-1, free.dof))[: layout.num_keys], free)
 
     for scale in schedule.scales:
 

@@ -15,7 +15,6 @@ from solver_backend.fitters.model.keyframe_curve import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.residuals.point_term import DataTerm
@@ -61,7 +60,11 @@ def joint_covariance(
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
     residual = keys.residual if model.residuals else None
-    by_keys = d_pose_d_key(model.prior, keys.z, residual) if model.codes else d_pose_d_turned(keys)
+    by_keys = (
+        d_pose_d_key(model.layout, model.prior, keys.z, residual)
+        if model.codes
+        else d_pose_d_turned(model.layout, keys)
+    )
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
     landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
     constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
@@ -84,13 +87,13 @@ def joint_covariance(
         shares = lagrange(constant(part.time, d_pose_d_keys))
         mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
         mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
-        mixed = xp.reshape(mixed, (-1, PoseTangent.DOF, PoseTangent.DOF))[
+        mixed = xp.reshape(mixed, (-1, poses.layout.dof, poses.layout.dof))[
             index(np.flatnonzero(part.weight > 0), keys.z)
         ]
         eye = identity(3, d_pose_d_keys)
         by_rotations = xp.astype(posed.by_rotations, d_pose_d_keys.dtype)
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
-        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, PoseTangent.DOF)), mixed), J.shape)
+        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, poses.layout.dof)), mixed), J.shape)
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
         return CALIBRATION * inflation * spread + constant_m2
 
@@ -119,7 +122,7 @@ def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
-    """Return (N, 3, 3, 69, 69): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
+    """Return (N, 3, 3, p, p): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
     xp = array_namespace(d_pose_d_keys)
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
@@ -135,7 +138,7 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
     halves = [xp.matmul(P[k], S[:, k * dof : (k + 1) * dof]) for k in range(3)]
     P_T = [xp.matrix_transpose(part) for part in P]
     parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], P_T[k]) for half in halves for k in range(3)]
-    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, PoseTangent.DOF, PoseTangent.DOF))
+    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, *d_pose_d_keys.shape[1:2] * 2))
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:

@@ -25,7 +25,6 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, points_of
-from solver_backend.fitters.model.tangent import JOINTS_DOF
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import Solution
@@ -34,7 +33,7 @@ from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_s
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.symmetric import packed
-from solver_backend.types import NUM_BODY_JOINTS, Motion
+from solver_backend.types import Motion
 
 STAGE = "Solving the stretch"
 
@@ -65,7 +64,7 @@ def solve_range(
     _check_same_take(problem, subject, motion)
     frame_range.check(motion.num_frames)
     progress(STAGE, 0, 3)
-    before, sample = _poses(motion, subject.betas), problem.sample
+    before, sample = _poses(motion, len(problem.prior.joints), subject.betas), problem.sample
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     judged, objective = before.select(sample), problem.objective.select(sample)
@@ -142,9 +141,9 @@ def _layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[Keyf
     return layout, free & ~np.isin(times, [pin.frame for pin in frame_range.pins])
 
 
-def _poses(motion: Motion, like: Array) -> PosedFrames:
-    """Return the motion's poses."""
-    local = motion.body_pose[:, :JOINTS_DOF].reshape(-1, NUM_BODY_JOINTS, 3)
+def _poses(motion: Motion, num_joints: int, like: Array) -> PosedFrames:
+    """Return the motion's poses, with the rotations of so many joints after the root."""
+    local = motion.body_pose[:, : 3 * num_joints].reshape(-1, num_joints, 3)
     return PosedFrames(
         exp_so3(constant(motion.global_orient, like)), exp_so3(constant(local, like)), constant(motion.transl, like)
     )
@@ -168,7 +167,8 @@ def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, frame_ran
     """Return the keys with the pinned poses in their places."""
     for pin in frame_range.pins:
         index = int(np.flatnonzero(layout.key_times == pin.frame)[0])
-        vectors = (pin.global_orient[None], pin.body_pose[:JOINTS_DOF].reshape(1, NUM_BODY_JOINTS, 3))
+        count = keys.residual.shape[1]
+        vectors = (pin.global_orient[None], pin.body_pose[: 3 * count].reshape(1, count, 3))
         root, local = (exp_so3(constant(vector, keys.z)) for vector in vectors)
         pose = PosedFrames(root, local, constant(pin.transl[None], keys.z))
         keys = keys.replaced(slice(index, index + 1), _keys_at(problem, pose, np.zeros(1)))

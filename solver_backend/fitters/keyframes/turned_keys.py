@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import (
     BLOCK_FRAMES,
@@ -24,12 +24,12 @@ from solver_backend.fitters.keyframes.normal_equations import (
 )
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, at_windows
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.keyframe_curve import by_turns, lagrange, rows_of, summed_by_keys
+from solver_backend.fitters.model.codes import d_pose_d_state
+from solver_backend.fitters.model.keyframe_curve import by_turns, lagrange, rows_of, summed_by_keys, turns_of
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import frame_equations
-from solver_backend.fitters.model.tangent import PoseTangent, StateTangent, d_pose_d_state
 from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array, constant, zeros
 from solver_backend.geometry.interpolation import sider_weights
@@ -38,17 +38,13 @@ from solver_backend.geometry.rotations import (
     exp_so3,
     left_jacobian_so3,
     matrix_from_quat,
-    quat_from_rotvec,
     quat_left_tangent,
-    quat_multiply,
 )
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import LazyNormalEquations
 
 LOOSENESS = 2.0
 """So many times as far as beside free codes joints may turn: codes that follow take a part of every turn."""
-TURNED = StateTangent(0)
-"""Of a key whose code stays: root, translation and residual rotations, 69."""
 
 
 def solve_turned(
@@ -56,13 +52,13 @@ def solve_turned(
     alive: Callable[[], None] = lambda: None,
 ) -> KeySolution:  # fmt: skip
     """Solve the free keyframes at once, their codes as they are; arguments as of ``solve_keys``."""
-    xp, dof = array_namespace(start.z), TURNED.dof(residuals=True)
+    xp, free = array_namespace(start.z), model.layout
     fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
     judged, keys = _Judged.of(model, layout, start, schedule), hemisphere_aligned(start)
     solution = None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
-        return _moved(state, xp.reshape(step, (-1, dof))[: layout.num_keys])
+        return state.retract(xp.reshape(step, (-1, free.dof))[: layout.num_keys], free)
 
     for scale in schedule.scales:
 
@@ -93,13 +89,13 @@ class _Judged:
     blocks: list[slice]
     """Ranges of windows."""
     local: list[Array]
-    """(W·n, 21, 3, 3) of each range: what the codes decode to."""
+    """(W·n, J, 3, 3) of each range: what the codes decode to."""
 
     @classmethod
     def of(cls, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule) -> _Judged:
         rows = layout.rows(schedule.stride)
         terms = tuple(
-            replace(term, tangent=TURNED) if isinstance(term, MotionPrior) else term for term in model.objective.keys
+            replace(term, codes=False) if isinstance(term, MotionPrior) else term for term in model.objective.keys
         )
         blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
 
@@ -121,11 +117,11 @@ class _Judged:
             return self._block(part, self.rows.select(windows), self.local[number], scale)
 
         parts = map_blocks(block, range(len(self.blocks)), keys.z)
-        gradient = zeros((keys.z.shape[0], TURNED.dof(residuals=True)), keys.z)
+        gradient = zeros((keys.z.shape[0], self.model.layout.dof), keys.z)
         for windows, (_, by_keys, _) in zip(self.blocks, parts, strict=True):
             gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
         cost = array_namespace(gradient).concat([part[0] for part in parts])
-        data = DataEquations(cost, gradient, self.blocks, [part[2] for part in parts])
+        data = DataEquations(cost, gradient, self.model.layout, self.blocks, [part[2] for part in parts])
 
         def form() -> KeyframeNormalEquations:
             equations = data.normal_equations()
@@ -138,7 +134,7 @@ class _Judged:
     def _block(
         self, keys: Keyframes, rows: WindowRows, decoded: Array, scale: float
     ) -> tuple[Array, Array, Callable[[], Array]]:
-        """Return costs (N,), their (2 N + 1, 69) derivative, and what forms the (N, 207, 207) matrices.
+        """Return costs (N,), their (2 N + 1, n) derivative, and what forms the (N, 3 n, 3 n) matrices.
 
         ``R_f = exp(Σ_k w_k ρ_k) G(z_f)`` with Lagrange's weights w, root and translation as in ``KeyframeCurve``.
         """
@@ -148,7 +144,7 @@ class _Judged:
         quats, shares = sider_weights(triples.quat[:, None], time), lagrange(time)
         shares_T = xp.matrix_transpose(shares)
         turns = xp.matmul(shares, xp.reshape(triples.residual, (count, 3, -1)))
-        turns = xp.reshape(turns, (-1, NUM_BODY_JOINTS, 3))
+        turns = xp.reshape(turns, (-1, *keys.residual.shape[1:]))
         local = xp.matmul(exp_so3(turns), decoded)
         poses = PosedFrames(matrix_from_quat(rows_of(quats.value)), local, rows_of(xp.matmul(shares, triples.transl)))
         chosen = (np.arange(count)[:, None] * width + self.columns).reshape(-1)
@@ -156,23 +152,25 @@ class _Judged:
         found = frame_equations(self.model.subject, poses, objective, scale, chosen)
         weight = constant(rows.weight.reshape(-1), keys.z)
         by_pose = found.gradient * weight[:, None]
-        joints = xp.reshape(by_pose[:, PoseTangent.JOINTS], (-1, NUM_BODY_JOINTS, 3, 1))
+        joints = xp.reshape(by_pose[:, poses.layout.joints], (*turns.shape, 1))
         by_turns_ = xp.matmul(xp.matrix_transpose(left_jacobian_so3(turns)), joints)
-        root = xp.reshape(by_pose[:, PoseTangent.ROOT], (count, width, 3, 1))
+        root = xp.reshape(by_pose[:, poses.layout.root], (count, width, 3, 1))
         by_quat = xp.matmul(4.0 * quat_left_tangent(quats.value), root)[..., 0]
-        by_transl = xp.reshape(by_pose[:, PoseTangent.TRANSL], (count, width, 3))
+        by_transl = xp.reshape(by_pose[:, poses.layout.transl], (count, width, 3))
         gradient = xp.concat(
             [
                 by_turns(keys.quat, summed_by_keys(xp.sum(quats.vjp(by_quat), axis=1))),
                 summed_by_keys(xp.matmul(shares_T, by_transl)),
-                summed_by_keys(xp.matmul(shares_T, xp.reshape(by_turns_, (count, width, -1)))),
+                turns_of(
+                    summed_by_keys(xp.matmul(shares_T, xp.reshape(by_turns_, (count, width, -1)))), self.model.layout
+                ),
             ],
             axis=-1,
         )
         cost = xp.sum(xp.reshape(found.cost * weight, (count, width)), axis=1)
 
         def form() -> Array:
-            return matrices_by_keys(rows.sampled(self.columns), found.hessian, d_pose_d_turned(keys))
+            return matrices_by_keys(rows.sampled(self.columns), found.hessian, d_pose_d_turned(self.model.layout, keys))
 
         return cost, gradient, form
 
@@ -185,17 +183,6 @@ def turned_information(
     return _Judged.of(model, layout, keys, schedule).equations(keys, scale)[1]()
 
 
-def d_pose_d_turned(keys: Keyframes) -> Array:
-    """Return (K, 69, 69): the pose tangents of keys by the tangents of states whose codes stay."""
-    nothing = zeros((keys.z.shape[0], 3 * NUM_BODY_JOINTS, 0), keys.z)
-    whole = array_namespace(keys.z).ones_like(keys.transl[:, 0])
-    return d_pose_d_state(nothing, weight=whole, by_residual=left_jacobian_so3(keys.residual))
-
-
-def _moved(keys: Keyframes, step: Array) -> Keyframes:
-    """Return the keys moved by (K, 69) steps, see ``TURNED``."""
-    xp = array_namespace(step)
-    quat = quat_multiply(quat_from_rotvec(step[:, TURNED.root]), keys.quat)
-    quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
-    residual = keys.residual + xp.reshape(step[:, TURNED.residual], keys.residual.shape)
-    return Keyframes(keys.z, quat, keys.transl + step[:, TURNED.transl], residual)
+def d_pose_d_turned(layout: StateLayout, keys: Keyframes) -> Array:
+    """Return (K, p, n): the pose tangents of keys by the tangents of states whose codes stay."""
+    return d_pose_d_state(layout, None, by_residual=left_jacobian_so3(keys.residual))

@@ -8,8 +8,8 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.arrays import Array, astype
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation
@@ -40,12 +40,12 @@ class FrameStates:
         """Return the states in a precision."""
         return FrameStates(*(astype(part, precision) for part in (self.z, self.root, self.transl)))
 
-    def retract(self, step: Array) -> FrameStates:
-        """Return the states moved by (F, 36) steps, see ``KEY``."""
+    def retract(self, step: Array, layout: StateLayout) -> FrameStates:
+        """Return the states moved by (F, n) steps of this layout."""
         xp = array_namespace(step)
-        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, KEY.latent, None])[..., 0]
-        root = xp.matmul(exp_so3(step[:, KEY.root]), self.root)
-        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, KEY.transl])
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, layout[CODE], None])[..., 0]
+        root = xp.matmul(exp_so3(step[:, layout[ROOT]]), self.root)
+        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]])
 
     def where(self, mask: Array, other: FrameStates) -> FrameStates:
         """Return these states where the (F,) mask is true, and the other's elsewhere."""

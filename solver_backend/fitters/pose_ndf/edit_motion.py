@@ -16,7 +16,6 @@ from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.model.tangent import JOINTS_DOF
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
 from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
@@ -121,7 +120,8 @@ def frames_of(motion: Motion, body: Body) -> PosedFrames:
             f"The motion belongs to the body {motion.body!r}, this one is {body.id!r}.", where="body",
             hint="Poses alone would fit, but not where they stand; solve the take with this body.",
         )  # fmt: skip
-    local = exp_so3(motion.body_pose[:, :JOINTS_DOF].reshape(-1, NUM_BODY_JOINTS, 3).astype(np.float64))
+    vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, :NUM_BODY_JOINTS]
+    local = exp_so3(vectors.astype(np.float64))
     return PosedFrames(exp_so3(motion.global_orient.astype(np.float64)), local, motion.transl.astype(np.float64))
 
 
@@ -133,11 +133,10 @@ def skin_of(motion: Motion, body: Body) -> Subject:
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
     """Return the motion with other poses: what was measured frame by frame no longer holds and is left out."""
-    made = _new_motion(motion, body, prior, frames, edit)
-    hands = motion.body_pose[:, JOINTS_DOF:]
+    made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
+    pose = np.concatenate([made.body_pose[:, :solved], motion.body_pose[:, solved:]], axis=1)
     return replace(
-        made, body_pose=np.concatenate([made.body_pose[:, :JOINTS_DOF], hands], axis=1), keyframes=motion.keyframes,
-        contacts=motion.contacts, flags=motion.flags,
+        made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags
     )  # fmt: skip
 
 
@@ -145,7 +144,7 @@ def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames,
     """Return a motion of these poses with the shape, rate and history of another."""
     count = len(frames.transl)
     pose = np.zeros((count, 3 * (NUM_JOINTS - 1)))
-    pose[:, :JOINTS_DOF] = log_so3(frames.local).reshape(count, -1)
+    pose[:, : 3 * frames.layout.num_joints] = log_so3(frames.local).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)
     edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": __version__}
     edits = [*motion.provenance.get("edits", []), edit]

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.exchange.joint_sets import NUM_BETAS, NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BETAS
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
@@ -66,7 +65,7 @@ class KeypointObjective:
     scale: float
 
     def linearise(self, state: tuple[PosedFrames, Array]) -> tuple[Array, Arrowhead]:
-        """Return the cost (1,) and its equations: 69 tangents of each frame, and the shape that all share."""
+        """Return the cost (1,) and its equations: the tangents of each frame's pose, and the shape that all share."""
         frames, betas = state
         posed = pose(replace(self.subject, betas=betas), frames, jacobian=True)
         xp = array_namespace(posed.points)
@@ -79,25 +78,25 @@ class KeypointObjective:
         H = xp.matmul(J_T, weighted)
         g = xp.matmul(J_T, xp.reshape(evidence.gradient, (count, -1, 1)))[..., 0]
         prior_cost, prior_g, prior_H = self._pose_terms(frames)
-        s = self.settings
+        s, dof = self.settings, frames.layout.dof
         cost = xp.sum(evidence.cost) + prior_cost + 0.5 * s.shape * xp.sum(betas * betas)
         return xp.reshape(cost, (1,)), Arrowhead(
-            H[:, : PoseTangent.DOF, : PoseTangent.DOF] + prior_H,
-            H[:, : PoseTangent.DOF, PoseTangent.DOF :],
-            xp.sum(H[:, PoseTangent.DOF :, PoseTangent.DOF :], axis=0) + s.shape * identity(NUM_BETAS, betas),
-            g[:, : PoseTangent.DOF] + prior_g,
-            xp.sum(g[:, PoseTangent.DOF :], axis=0) + s.shape * betas,
+            H[:, :dof, :dof] + prior_H,
+            H[:, :dof, dof:],
+            xp.sum(H[:, dof:, dof:], axis=0) + s.shape * identity(NUM_BETAS, betas),
+            g[:, :dof] + prior_g,
+            xp.sum(g[:, dof:], axis=0) + s.shape * betas,
         )
 
     def retract(self, state: tuple[PosedFrames, Array], step: Array) -> tuple[PosedFrames, Array]:
-        """Return the state moved by (1, 10 + 69 F) steps, the shape first."""
+        """Return the state moved by (1, 10 + p F) steps, the shape first."""
         xp = array_namespace(step)
         frames, betas = state
-        moves = xp.reshape(step[0, NUM_BETAS:], (-1, PoseTangent.DOF))
+        moves = xp.reshape(step[0, NUM_BETAS:], (-1, frames.layout.dof))
         return frames.retract(moves), betas + step[0, :NUM_BETAS]
 
     def _pose_terms(self, frames: PosedFrames) -> tuple[Array, Array, Array]:
-        """Return cost, gradient (F, 69) and curvature (F, 69, 69) of the manifold and of bending."""
+        """Return cost, gradient (F, p) and curvature (F, p, p) of the manifold and of bending."""
         xp = array_namespace(frames.local)
         bend_cost, bend_g, bend_curvature = bending(frames.local, self.settings.bending)
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
@@ -108,9 +107,9 @@ class KeypointObjective:
             cost, own_g, stiff = w * xp.sum(distance), w * by_joints, w / xp.clip(distance, 1e-3, None)
         metric = constant(np.diag(np.repeat(TURN_METRIC, 3)), distance)
         curvature = bend_curvature + stiff[:, None, None] * metric
-        g = zeros((len(distance), PoseTangent.DOF), distance)
+        g = zeros((len(distance), frames.layout.dof), distance)
         H = xp.zeros_like(g)[:, :, None] * g[:, None, :]
-        joints = PoseTangent.JOINTS
+        joints = frames.layout.joints
         g[:, joints], H[:, joints, joints] = bend_g + own_g, curvature
         return cost + bend_cost, g, H
 
@@ -123,7 +122,7 @@ def bending(local: Array, weight: float) -> tuple[Array, Array, Array]:
     penalties, slopes = [], []
     for joint, axis, sign in BENDS:
         penalty = xp.exp(sign * vectors[:, joint, axis])
-        one = constant(np.eye(NUM_BODY_JOINTS)[joint], penalty)[None, :, None]
+        one = constant(np.eye(vectors.shape[1])[joint], penalty)[None, :, None]
         slope = (sign * penalty)[:, None] * inverse[:, joint, axis, :]
         penalties.append(penalty)
         slopes.append(xp.reshape(one * slope[:, None, :], (count, -1)))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import RESIDUAL
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.codes import d_pose_d_key, decoded
+from solver_backend.fitters.model.codes import d_pose_d_key, decoded, state_layout
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations
@@ -34,16 +35,20 @@ def fit_frames(
     progress: Progress = silent,
 ) -> LMResult[FrameStates]:
     """Fit each frame, through a falling schedule of robust scales, and return how the last one ended."""
-    states, result = start, None
+    states, result, layout = start, None, state_layout(prior).without(RESIDUAL)
+
+    def retract(s: FrameStates, step: Array) -> FrameStates:
+        return s.retract(step, layout)
+
     for done, scale in enumerate(scales):
 
         def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
             equations = frame_equations(subject, posed(prior, s), objective, scale, slice(None))
             return equations.cost, LazyNormalEquations(
-                lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
+                lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(layout, prior, s.z))
             )
 
-        result = levenberg_marquardt(states, linearise, FrameStates.retract, settings, _where)
+        result = levenberg_marquardt(states, linearise, retract, settings, _where)
         states = result.state
         progress("Fitting frames", done + 1, len(scales))
     assert result is not None

@@ -16,12 +16,12 @@ from solver_backend.fitters import solve
 from solver_backend.fitters.keyframes.residual_rotation import REACH, ResidualRotationTerm
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.key_equations import dense, no_equations
+from tests.support.layouts import WHOLE
 from tests.support.random_keys import random_keys
 
 SIGMA = 0.1
@@ -50,8 +50,8 @@ def test_a_turn_without_bound_costs_no_more_than_its_reach():
 def test_bending_over_keys_is_bounded_from_above_and_exact_within_a_window(count):
     """At rest, where tails are Gaussian: ``n + m Bᵀ B``, but that keys about a joint of windows do not meet."""
     n, m = 2.0, 0.5
-    keys, dof = random_keys(count), KEY.dof(residuals=True)
-    equations = no_equations(dof, count)
+    keys, dof = random_keys(count), WHOLE.dof
+    equations = no_equations(WHOLE, count)
     at_rest = replace(keys, residual=np.zeros_like(keys.residual))
     ResidualRotationTerm(np.full((21, 3), SIGMA), n, steadiness=m).add_to(equations, at_rest)
     angle = np.arange(count) * dof + dof - 63 + 12
