@@ -90,7 +90,7 @@ class PosedLandmarks:
     points: Float[Array, "frames landmarks 3"]
     """(F, L, 3)."""
     by_rotations: Float[Array, "frames landmarks 3 tangents"] | None
-    """(F, L, 3, 66) by left tangents of the root (world frame) and of joints 1..21 (each in its parent's frame)."""
+    """(F, L, 3, 3 + 3 n) by left tangents of the root (world) and of n joints after it (each in its parent's frame)."""
     by_betas: Float[Array, "frames landmarks 3 10"] | None
     """(F, L, 3, 10)."""
     by_offsets: Float[Array, "frames landmarks 3 3"] | None
@@ -110,7 +110,7 @@ def pose_landmarks(
     offsets: Float[Array, "landmarks 3"] | None = None,
     jacobian: bool = False,
     by_shape: bool = True,
-    num_rotations: int = 22,
+    num_rotations: int | None = None,
 ) -> PosedLandmarks:
     """Pose landmarks and differentiate them; the derivative by ``transl`` is the identity.
 
@@ -119,12 +119,12 @@ def pose_landmarks(
         landmarks: L landmarks.
         betas: (10,) shape.
         global_orient: (F, 3, 3).
-        local: (F, n, 3, 3) rotations of joints 1..n: 21, or more.
+        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
         transl: (F, 3) metres.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
         jacobian: also return the derivatives.
         by_shape: among them those by the shape.
-        num_rotations: rotations to differentiate by: root and the first joints.
+        num_rotations: rotations to differentiate by, root and the first joints; None: those that a solve turns.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)
@@ -147,6 +147,7 @@ def pose_landmarks(
     points = xp.permute_dims(points, (0, 2, 1)) + skeleton.joints[:, :1]
     if not jacobian:
         return PosedLandmarks(points, None, None, None, skeleton)
+    num_rotations = 1 + body.layout.num_solved if num_rotations is None else num_rotations
     by_rotations = rotation_jacobian(body, landmarks, skeleton, points, local, levers, correction, num_rotations)
     by_betas = _by_betas(xp, body, landmarks, G) if by_shape else None
     return PosedLandmarks(points, by_rotations, by_betas, blend, skeleton)

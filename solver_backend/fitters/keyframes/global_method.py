@@ -110,8 +110,7 @@ def solve_by_bundle(
     measured = bundle_objective(
         problem, layout, window, (data,), residuals=model.residuals, smoothing=settings.smoothing
     )
-    covariance = covariance_of_joints(
-        replace(model, objective=measured), layout, keys, frames, scale, inflation, keypoint_constant_m()
-    )  # fmt: skip
+    model, constant_m = replace(model, objective=measured), keypoint_constant_m(problem.body.layout.recorded)
+    covariance = covariance_of_joints(model, layout, keys, frames, scale, inflation, constant_m)
     standing_feet = None if contacts is None else contacts.feet(model.subject.landmarks.names)
     return SolvedFrames(model.subject, frames, layout.key_times, covariance, standing_feet), found.convergence

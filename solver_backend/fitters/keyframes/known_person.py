@@ -81,6 +81,6 @@ def solve_known_person(
     give_back_freed_memory()
     covariance = covariance_of_joints(
         replace(model, objective=judged_by((data,), residuals=free)), layout, keys, frames, scale, inflation,
-        plan.constant_m, stride=plan.covariance_stride,
+        plan.constant_m(problem.body.layout.recorded), stride=plan.covariance_stride,
     )  # fmt: skip
     return SolvedFrames(subject, frames, layout.key_times, covariance, contacts), found.convergence

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.key_density import closer_window, paces
 from solver_backend.fitters.keyframes.optimise import Schedule
 from solver_backend.fitters.keyframes.posterior import keypoint_constant_m, marker_constant_m
@@ -44,10 +45,9 @@ class KnownPersonPlan:
     looseness: float = LOOSENESS
     """How far joints may leave the manifold, in the prior's own deviations."""
 
-    @property
-    def constant_m(self) -> np.ndarray:
-        """(24,) standard deviation per axis of what does not average out at each joint, metres."""
-        return marker_constant_m() if self.calibrated else keypoint_constant_m()
+    def constant_m(self, layout: BodyLayout) -> np.ndarray:
+        """Return (J,) standard deviations per axis of what does not average out at each joint, metres."""
+        return marker_constant_m(layout) if self.calibrated else keypoint_constant_m(layout)
 
     @classmethod
     def of(cls, problem: Problem, settings: SolveSettings) -> KnownPersonPlan:

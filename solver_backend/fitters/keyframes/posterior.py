@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.keypoints import joint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.keyframes.turned_keys import d_pose_d_turned
@@ -19,7 +20,6 @@ from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.types import SMPL_JOINTS, JointSet
 
 CONSTANT_M = 0.0065
 """Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
@@ -41,7 +41,7 @@ def joint_covariance(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
     inflation: float, constant_m: np.ndarray, stride: int = 1,
 ) -> Array:  # fmt: skip
-    """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
+    """Return (F, J, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
     pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
@@ -54,7 +54,7 @@ def joint_covariance(
         frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
-        constant_m: (24,) standard deviation per axis of what does not average out, metres.
+        constant_m: (J,) standard deviation per axis of what does not average out, metres.
         stride: covariances of every so many frames are formed; those between lie on straight lines.
     """
     xp = array_namespace(keys.z)
@@ -66,7 +66,7 @@ def joint_covariance(
         else d_pose_d_turned(model.layout, keys)
     )
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
-    landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
+    landmarks = joint_landmarks(model.subject.body, model.subject.body.layout.recorded)
     constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
     rows = layout.rows(stride)
 
@@ -101,15 +101,15 @@ def joint_covariance(
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
 
 
-def keypoint_constant_m() -> np.ndarray:
-    """Return (24,) standard deviations per axis of what does not average out where keypoints are solved, metres."""
-    return np.full(len(SMPL_JOINTS), CONSTANT_M)
+def keypoint_constant_m(layout: BodyLayout) -> np.ndarray:
+    """Return (J,) standard deviations per axis of what does not average out where keypoints are solved, metres."""
+    return np.full(layout.num_joints, CONSTANT_M)
 
 
-def marker_constant_m() -> np.ndarray:
-    """Return (24,) standard deviations per axis of what does not average out of a calibrated person, metres."""
-    parts = [name.removeprefix("left_").removeprefix("right_") for name in SMPL_JOINTS]
-    return np.array([OF_MARKERS_M[part] for part in parts])
+def marker_constant_m(layout: BodyLayout) -> np.ndarray:
+    """Return (J,) standard deviations per axis of what does not average out of a calibrated person, metres."""
+    parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
+    return np.array([OF_MARKERS_M.get(part, CONSTANT_M) for part in parts])
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:

@@ -64,7 +64,7 @@ def solve_range(
     _check_same_take(problem, subject, motion)
     frame_range.check(motion.num_frames)
     progress(STAGE, 0, 3)
-    before, sample = _poses(motion, len(problem.prior.joints), subject.betas), problem.sample
+    before, sample = PosedFrames.of_motion(motion, subject.betas), problem.sample
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     judged, objective = before.select(sample), problem.objective.select(sample)
@@ -98,7 +98,8 @@ def solve_range(
         schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
         best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
     solved = SolvedRange(frame_range, layout, free, model.poses(best.keys, layout), contacts, best.convergence.status)
-    constant_m = keypoint_constant_m() if problem.measurements.marker_sigma is None else marker_constant_m()
+    found_by = keypoint_constant_m if problem.measurements.marker_sigma is None else marker_constant_m
+    constant_m = found_by(problem.body.layout.recorded)
     covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2), constant_m)
     progress(STAGE, 3, 3)
     return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), solved.status)
@@ -121,11 +122,7 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
             f"The motion has {motion.num_frames} frames at {motion.fps:g} fps, the capture {problem.num_frames} at "
             f"{problem.fps:g}.", where="resolve", hint="Choose the motion that was solved from this capture.",
         )  # fmt: skip
-    if motion.body != subject.body.id:
-        raise MotionInvalid(
-            f"The motion is of the body {motion.body}, not {subject.body.id}.", where="resolve",
-            hint="Solve with the body that the motion was solved with.",
-        )  # fmt: skip
+    motion.require_body(subject.body.id, subject.body.layout.recorded, where="resolve")
 
 
 def _layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
@@ -139,14 +136,6 @@ def _layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[Keyf
     free = (times > frame_range.first) & (times < frame_range.last)
     free |= (times == 0) & (frame_range.first == 0) | (times == num_frames - 1) & (frame_range.last == num_frames - 1)
     return layout, free & ~np.isin(times, [pin.frame for pin in frame_range.pins])
-
-
-def _poses(motion: Motion, num_joints: int, like: Array) -> PosedFrames:
-    """Return the motion's poses, with the rotations of so many joints after the root."""
-    local = motion.body_pose[:, : 3 * num_joints].reshape(-1, num_joints, 3)
-    return PosedFrames(
-        exp_so3(constant(motion.global_orient, like)), exp_so3(constant(local, like)), constant(motion.transl, like)
-    )
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:

@@ -9,8 +9,9 @@ from typing import Any
 from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import PoseLayout
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import Motion
 
 BLOCK_POSES = 500
 """Frames posed at a time."""
@@ -31,6 +32,13 @@ class PosedFrames:
     def layout(self) -> PoseLayout:
         """Where the parts of a frame's tangent stand."""
         return PoseLayout(self.local.shape[1])
+
+    @classmethod
+    def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
+        """Return a motion's poses, with the rotations of the joints that a solve turns."""
+        vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
+        root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
+        return cls(root, local, constant(motion.transl, like))
 
     @classmethod
     def concatenate(cls, parts: Sequence[PosedFrames]) -> PosedFrames:

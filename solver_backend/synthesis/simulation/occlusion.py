@@ -102,7 +102,7 @@ def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
         sided = side in ("left", "right")
         for joint in _AROUND.get(rest if sided else name, ()):
             full = joint if joint in SMPL_JOINTS else f"{side}_{joint}"
-            own[k] |= part == body.smpl_joints[SMPL_JOINTS.index(full)]
+            own[k] |= part == body.recorded_joints[SMPL_JOINTS.index(full)]
     return own
 
 

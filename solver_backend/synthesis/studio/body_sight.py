@@ -57,7 +57,7 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):
         if name in SMPL_JOINTS and not own[k].any():
-            joint = body.smpl_joints[SMPL_JOINTS.index(name)]
+            joint = body.recorded_joints[SMPL_JOINTS.index(name)]
             meeting = [joint, body.parents[joint], *(j for j, p in enumerate(body.parents) if p == joint)]
             own[k] = np.isin(part, meeting)
     return own

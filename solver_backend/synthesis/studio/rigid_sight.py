@@ -49,7 +49,7 @@ def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidS
     at, bone, tables, parts = [], [], [], []
     ways = _directions()
     for group in _GROUPS:
-        bones = [body.smpl_joints[SMPL_JOINTS.index(name)] for name in group]
+        bones = [body.recorded_joints[SMPL_JOINTS.index(name)] for name in group]
         carried = np.flatnonzero(landmarks.weights[:, bones].sum(axis=1) > 0.85)
         target = landmarks.anchors[carried].sum(axis=1)
         of_group = np.flatnonzero(np.isin(face_part, bones))

@@ -36,4 +36,6 @@ def test_points_of_a_motion_are_no_calibrated_persons():
     motion = solve(Capture("take", markers=record_markers(40, seed=4).cloud), QUICK).motion
     body = load_body()
     problem = Problem.of(body, load_sposer(), measure_motion(body, motion, [], np.zeros(1)))
-    np.testing.assert_array_equal(KnownPersonPlan.of(problem, SolveSettings()).constant_m, np.full(24, CONSTANT_M))
+    np.testing.assert_array_equal(
+        KnownPersonPlan.of(problem, SolveSettings()).constant_m(problem.body.layout), np.full(24, CONSTANT_M)
+    )
