@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -62,6 +63,14 @@ class PoseMixtureTerm:
     """s."""
     rest_precision: np.ndarray = field(default_factory=rest_precision)
     """(63,) the diagonal of Q, 1/rad²: how strongly every joint is drawn to rest."""
+
+    def select(self, frames: Any) -> PoseMixtureTerm:
+        """Return the term: it is the same for all frames."""
+        return self
+
+    def astype(self, precision: Any) -> PoseMixtureTerm:
+        """Return the term: it takes on the precision of the poses."""
+        return self
 
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, 21, 3, 3) rotations; its factors are the shares (F, K) that make the Hessian.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from solver_backend.geometry.arrays import Array
+from solver_backend.residuals.frame_term import FrameTerm
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class PoseEvidence:
     """(F, n) what the term's ``hessian`` is formed from, where it is asked for."""
 
 
-class PoseTerm(Protocol):
+class PoseTerm(FrameTerm, Protocol):
     """Anything that judges poses one by one."""
 
     def __call__(self, local: Array) -> PoseEvidence:

@@ -14,6 +14,7 @@ from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations, pose
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import fit_frames, posed
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3, matrix_from_quat
 from solver_backend.residuals.point_term import PointEvidence
@@ -43,6 +44,9 @@ class Ceiling:
     def select(self, frames: Any) -> "Ceiling":
         return self
 
+    def astype(self, precision: Any) -> "Ceiling":
+        return replace(self, weight=precision(self.weight))
+
 
 @dataclass(frozen=True)
 class Bent:
@@ -57,6 +61,12 @@ class Bent:
         gradient = np.swapaxes(left_jacobian_inverse_so3(log_so3(local)), -1, -2) @ (self.weight * off)[..., None]
         cost = 0.5 * self.weight * (off**2).sum((1, 2))
         return PoseEvidence(cost, gradient.reshape(len(off), -1), np.full((len(off), 1), self.weight))
+
+    def select(self, frames: Any) -> "Bent":
+        return self
+
+    def astype(self, precision: Any) -> "Bent":
+        return replace(self, target=self.target.astype(precision))
 
     def hessian(self, factors: np.ndarray) -> np.ndarray:
         return factors[..., None] * np.eye(63, dtype=factors.dtype)
@@ -137,3 +147,10 @@ def test_keys_obey_a_term_over_keys(scene):
         keys[name] = solve_keys(model, scene.layout, scene.start, Schedule((12.0, 3.0), 8)).keys
     assert np.abs(keys["plain"].transl[:, 2] - HEIGHT_M).min() > 0.1
     np.testing.assert_allclose(keys["level"].transl[:, 2], HEIGHT_M, atol=1e-3)
+
+
+def test_made_up_terms_are_solved_in_single_precision_with_the_others(scene):
+    frames = FrameObjective((scene.term, Ceiling(40.0)), (PoseMixtureTerm(), Bent(3.0, np.ones((21, 3)))))
+    model = replace(scene.model(), objective=BundleObjective(frames, (SMOOTH,))).astype(np.float32)
+    cost, form = model.equations(scene.layout.rows(), scene.start.astype(np.float32), 3.0)
+    assert cost.dtype == form().g.dtype == np.float32

@@ -17,7 +17,7 @@ The published bundle (thesis eqs. 6.6-6.8) has the reprojection term alone; the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
@@ -62,6 +62,10 @@ class BundleObjective:
     def part(self, keys: slice) -> BundleObjective:
         """Return the objective of some of the keys; frames are picked by their numbers."""
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
+
+    def astype(self, precision: Any) -> BundleObjective:
+        """Return the objective with measurements in a precision; the terms over keys take on that of the keys."""
+        return replace(self, frames=self.frames.astype(precision))
 
 
 def bundle_objective(

@@ -137,10 +137,11 @@ def solve_in_single(
     each: Stretches,
 ) -> KeySolution:  # fmt: skip
     """Solve all keys as ``solve_long`` does, in single precision where they stand near enough to the origin for it."""
-    if float(array_namespace(start.transl).max(abs(start.transl))) >= SINGLE_TO_M:
+    xp = array_namespace(start.transl)
+    if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
         return solve_long(model, layout, start, schedule, alive, each=each)
-    model = model.single()
-    found = solve_long(model, layout, start.astype(model.subject.betas.dtype), schedule, alive, each=each)
+    single = model.astype(xp.float32), layout, start.astype(xp.float32)
+    found = solve_long(*single, schedule, alive, each=each)
     return replace(found, keys=found.keys.astype(start.z.dtype))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -22,7 +23,6 @@ from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
@@ -86,10 +86,9 @@ class BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
 
-    def single(self) -> BundleModel:
-        """Return the model in single precision."""
-        objective = replace(self.objective, frames=single_objective(self.objective.frames))
-        return replace(self, subject=single_subject(self.subject), objective=objective)
+    def astype(self, precision: Any) -> BundleModel:
+        """Return the model in a precision; single halves the memory's traffic where more digits add nothing."""
+        return replace(self, subject=self.subject.astype(precision), objective=self.objective.astype(precision))
 
     def poses(
         self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, spline: bool = False

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -36,6 +37,10 @@ class Subject:
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:
         """Return the average person without bias, in arrays like ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
+
+    def astype(self, precision: Any) -> Subject:
+        """Return the person in a precision."""
+        return replace(self, betas=astype(self.betas, precision), offsets=astype(self.offsets, precision))
 
 
 @dataclass(frozen=True)
