@@ -8,8 +8,7 @@ from typing import Any
 from solver_backend.exchange.errors import JobInvalid
 
 METHODS = ("global", "sliding", "frame", "noise-aware")
-BY_FRAME = ("frame", "noise-aware")
-"""Methods that solve every frame on its own, and so even a single one."""
+"""Names of the methods; ``methods.METHODS`` has what each is, and imports every solver."""
 BACKENDS = ("numpy", "torch", "cuda")
 
 

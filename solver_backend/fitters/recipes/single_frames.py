@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
@@ -15,7 +16,9 @@ from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings
 
 
-def solve_by_frame(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> MethodResult:
+def solve_single_frames(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
     """Fit every seen frame on its own; unseen frames are bridged between their neighbours."""
     seen = np.flatnonzero(problem.measurements.seen)
     states = fit_to_points(problem, subject, seen)

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
@@ -37,7 +38,9 @@ def pose_prior() -> GaussianVAE:
     return load_vae("rvposer")
 
 
-def solve_noise_aware(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> MethodResult:
+def solve_noise_aware(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
     """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3); unseen frames are bridged between their neighbours.
 
     Shape, poses and translations come first, with fixed variances: the shape from ``SHAPE_FRAMES`` frames, as a take

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
+from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_sliding
 from solver_backend.fitters.model.keyframe_curve import key_poses
@@ -15,7 +16,9 @@ from solver_backend.fitters.solution import MethodResult, SolvedFrames
 from solver_backend.residuals.robust import graduated_scales
 
 
-def solve_by_sliding(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> MethodResult:
+def solve_sliding_windows(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
     """Slide a window of two free keys over the take: the published scheme, with Gauss-Newton steps."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window)
     keys = initial_keys(problem, subject, layout)
