@@ -84,7 +84,7 @@ class ClusterStretches:
     def _submitted(self, stretch: Stretch, common: Any) -> Any:
         alone = stretch.alone()
         model = alone.model
-        rest = (model.objective, model.residuals, alone.layout, alone.keys, alone.schedule, alone.fixed)
+        rest = (model.objective, model.free, alone.layout, alone.keys, alone.schedule, alone.fixed)
         try:
             return self._client.submit(_solve, common, rest, __version__, pure=False, retries=_RETRIES)
         except Exception:
@@ -111,10 +111,10 @@ class ClusterStretches:
 
 def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
     """Solve a stretch; this is what workers do."""
-    objective, residuals, layout, keys, schedule, fixed = rest
+    objective, free, layout, keys, schedule, fixed = rest
     if version != __version__:
         raise VersionsDiffer(f"the worker has Manifold MoCap {__version__}, the take is solved with {version}")
-    return Stretch(BundleModel(*common, objective, residuals), layout, keys, schedule, fixed).solve()
+    return Stretch(BundleModel(*common, objective, free), layout, keys, schedule, fixed).solve()
 
 
 def _why(future: Any) -> str:

@@ -8,12 +8,13 @@ from typing import Protocol
 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.chunked import Stretches
-from solver_backend.fitters.keyframes.global_method import solve_by_bundle
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.known_person import solve_known_person
 from solver_backend.fitters.recipes.noise_aware import pose_prior, solve_noise_aware
 from solver_backend.fitters.recipes.single_frames import solve_single_frames
 from solver_backend.fitters.recipes.sliding_windows import solve_sliding_windows
+from solver_backend.fitters.recipes.views import solve_views
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult
 from solver_backend.priors.base import AutoencodingPrior
@@ -57,10 +58,18 @@ class Method:
         return problem.prior if self.prior is None else self.prior()
 
 
+def _solve_take(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Solve all keys of a take at once, by whether the person is known before."""
+    recipe = solve_views if problem.measurements.subject is None else solve_known_person
+    return recipe(problem, subject, settings, progress, each)
+
+
 METHODS = {
     method.name: method
     for method in (
-        Method("global", solve_by_bundle),
+        Method("global", _solve_take),
         Method("sliding", solve_sliding_windows),
         Method("frame", solve_single_frames, per_frame=True),
         Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, prior=pose_prior),

@@ -17,7 +17,6 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.resolve_range import solve_range
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
@@ -28,6 +27,7 @@ from solver_backend.fitters.methods import METHODS
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.frame_range import solve_range
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import Solution
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.body.state_layout import TRANSL
+from solver_backend.body.state_layout import TRANSL, StateLayout
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
@@ -81,7 +81,7 @@ class Level:
     def part(self, keys: slice) -> "Level":
         return self
 
-    def cost(self, keys: Keyframes) -> np.ndarray:
+    def cost(self, keys: Keyframes, free: StateLayout) -> np.ndarray:
         return 0.5 * self.weight * (keys.transl[:, 2] - HEIGHT_M) ** 2
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:

@@ -68,7 +68,7 @@ class StickScene:
         return FrameObjective((self.term,), NO_PERSON)
 
     def model(self, *keys: KeyTerm) -> BundleModel:
-        free = any(isinstance(term, ResidualRotationTerm) for term in keys)
+        free = LAYOUTS[any(isinstance(term, ResidualRotationTerm) for term in keys)]
         return BundleModel(self.subject, self.prior, BundleObjective(self.objective, keys), free)
 
     def data(self, *, residuals: bool) -> FrameData:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
@@ -41,8 +42,8 @@ class KeyTerm(Protocol):
         """Return the term of some of the keys."""
         ...
 
-    def cost(self, keys: Keyframes) -> Array:
-        """Return the energy (K,) at each of these keys."""
+    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
+        """Return the energy (K,) at each of these keys, of what some of the free blocks change."""
         ...
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:

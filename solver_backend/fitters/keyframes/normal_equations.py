@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.body.state_layout import StateLayout
+from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.fitters.model.codes import d_pose_d_key
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange, rows_of
 from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
+from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
@@ -106,8 +107,20 @@ class FrameData:
     """Decoder of the codes."""
     objective: FrameObjective
     """Of all frames."""
-    layout: StateLayout
-    """Of the unknowns of a key; rotation vectors that are none do not act."""
+    free: StateLayout
+    """Of the unknowns of a key; rotation vectors that are none do not act, codes that are none are decoded once."""
+
+    def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
+        """Return (W·n, J, 3, 3) for each block of the rows: what fixed codes decode to; None where they are free."""
+        if CODE in self.free:
+            return None
+
+        def decode(windows: slice) -> Array:
+            triples = keys.triples(np.arange(windows.start, windows.stop))
+            codes = sider_weights(triples.z[:, None], constant(rows.time[windows], keys.z))
+            return self.prior.decode(rows_of(codes.value))
+
+        return map_blocks(decode, _blocks(rows, keys), keys.z)
 
 
 @dataclass(frozen=True)
@@ -141,8 +154,9 @@ class DataEquations:
 
 
 def data_equations(
-    data: FrameData, keys: Keyframes, rows: WindowRows, scale: float, hessian_frames: int = HESSIAN_FRAMES
-) -> DataEquations:
+    data: FrameData, keys: Keyframes, rows: WindowRows, scale: float, hessian_frames: int = HESSIAN_FRAMES,
+    decoded: list[Array] | None = None,
+) -> DataEquations:  # fmt: skip
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
 
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7), ``x_f`` on the curve through the
@@ -158,40 +172,47 @@ def data_equations(
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.
         hessian_frames: frames of a window whose Hessians are formed.
+        decoded: see ``FrameData.decode_fixed``; None decodes here.
     """
-    columns = rows.columns(hessian_frames)
+    columns, blocks = rows.columns(hessian_frames), _blocks(rows, keys)
+    local = data.decode_fixed(keys, rows) if decoded is None else decoded
 
-    def block(windows: slice) -> tuple[Array, Array, Callable[[], Array]]:
+    def block(number: int) -> tuple[Array, Array, Callable[[], Array]]:
+        windows = blocks[number]
         part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
-        return _block(data, part, rows.select(windows), columns, scale)
+        return _block(data, part, rows.select(windows), columns, scale, None if local is None else local[number])
 
-    blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
-    parts = map_blocks(block, blocks, keys.z)
-    gradient = zeros((keys.z.shape[0], data.layout.dof), keys.z)
+    parts = map_blocks(block, range(len(blocks)), keys.z)
+    gradient = zeros((keys.z.shape[0], data.free.dof), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
     cost = array_namespace(gradient).concat([part[0] for part in parts])
-    return DataEquations(cost, gradient, data.layout, blocks, [part[2] for part in parts])
+    return DataEquations(cost, gradient, data.free, blocks, [part[2] for part in parts])
+
+
+def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
+    """Return the ranges of windows that are worked on at a time."""
+    return rows.blocks(block_size(BLOCK_FRAMES, keys.z))
 
 
 def _block(
-    data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float
+    data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float, decoded: Array | None
 ) -> tuple[Array, Array, Callable[[], Array]]:
     """Return the (N,) costs of windows, their (2 N + 1, D) derivative by the keys, and what forms the matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
-    turned = bool(data.layout.turned)
+    turned = bool(data.free.turned)
     curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=turned)
-    poses, vjp = curve.poses_with_vjp(data.prior)
+    poses, vjp = curve.poses_with_vjp(data.prior, decoded)
     chosen = (np.arange(count)[:, None] * width + columns).reshape(-1)
     equations = frame_equations(data.subject, poses, data.objective.select(rows.frames.reshape(-1)), scale, chosen)
     weight = constant(rows.weight.reshape(-1), keys.z)
-    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys, data.layout)
+    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys, data.free)
     form = _mixed if turned else _exact
     return (
         xp.sum(xp.reshape(equations.cost * weight, (count, width)), axis=1),
         gradient,
-        lambda: form(data.layout, data.prior, keys, rows.sampled(columns), equations.hessian),
+        lambda: form(data.free, data.prior, keys, rows.sampled(columns), equations.hessian),
     )
 
 

@@ -10,7 +10,6 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.keyframes.turned_keys import d_pose_d_turned
 from solver_backend.fitters.model.codes import d_pose_d_key
 from solver_backend.fitters.model.keyframe_curve import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -59,12 +58,8 @@ def joint_covariance(
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
-    residual = keys.residual if model.residuals else None
-    by_keys = (
-        d_pose_d_key(model.layout, model.prior, keys.z, residual)
-        if model.codes
-        else d_pose_d_turned(model.layout, keys)
-    )
+    residual = keys.residual if model.free.turned else None
+    by_keys = d_pose_d_key(model.free, model.prior, keys.z, residual)
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
     landmarks = joint_landmarks(model.subject.body, model.subject.body.layout.recorded)
     constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)

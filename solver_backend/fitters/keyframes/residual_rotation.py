@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.geometry.arrays import Array, constant
@@ -44,7 +45,7 @@ class ResidualRotationTerm:
         """Return the term of some of the keys: it is the same for all."""
         return self
 
-    def cost(self, keys: Keyframes) -> Array:
+    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
         """Return the energy (K,) at each of these keys, and of the bend about it."""
         xp, n = array_namespace(keys.z), self.frames_per_key
         scaled = self._scaled(keys)

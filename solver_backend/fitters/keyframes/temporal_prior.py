@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.body.state_layout import CODE, ROOT, TRANSL
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframes import Keyframes
@@ -37,8 +37,6 @@ class MotionPrior:
     """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
     unseen: np.ndarray | None = None
     """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""
-    codes: bool = True
-    """Codes are unknowns; others have no say."""
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
@@ -52,11 +50,11 @@ class MotionPrior:
         """Return the priors on some of the keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
-    def cost(self, keys: Keyframes) -> Array:
+    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
         """Return the energy (K,) at each of these keys: of the differences about it, or from it to the next."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
-        for _, value, _, sigma in self._smooth_parts(keys):
+        for _, value, _, sigma in self._smooth_parts(keys, free):
             for stencil, weight in self._stencils(sigma):
                 rest, weights = _differences(value, stencil, weight)
                 first = (len(stencil) - 1) // 2
@@ -65,7 +63,7 @@ class MotionPrior:
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the equations of these keys to those of the data, in place."""
-        for name, value, tangents, sigma in self._smooth_parts(keys):
+        for name, value, tangents, sigma in self._smooth_parts(keys, equations.layout):
             for stencil, weight in self._stencils(sigma):
                 self._add_differences(equations, value, tangents, stencil, weight, equations.layout[name].start)
 
@@ -76,15 +74,15 @@ class MotionPrior:
             return [((1, -2, 1), weight)]
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
-    def _smooth_parts(self, keys: Keyframes) -> list[tuple[str, Array, Array, float]]:
-        """Return (block, value (K, n), tangents (K, n, d), sigma) of what moves smoothly."""
+    def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
+        """Return (block, value (K, n), tangents (K, n, d), sigma) of the free blocks that move smoothly."""
         xp = array_namespace(keys.z)
         eye = identity(3, keys.z)
         placed = [
             (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
             (TRANSL, keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma),
         ]
-        if not self.codes:
+        if CODE not in free:
             return placed
         return [(CODE, keys.z, CODES.tangent_basis(keys.z), self.latent_sigma), *placed]
 

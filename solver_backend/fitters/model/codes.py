@@ -44,11 +44,23 @@ def decoded_with_vjp(
     turn, bend = exp_so3(residual), left_jacobian_so3(residual)
 
     def vjp(by_joints: Array) -> tuple[Array, Array]:
-        column = by_joints[..., None]
-        by_decoded, by_residual = (xp.matmul(xp.matrix_transpose(M), column)[..., 0] for M in (turn, bend))
+        by_decoded, by_residual = (_transposed(M, by_joints) for M in (turn, bend))
         return decoder_vjp(by_decoded), by_residual
 
     return xp.matmul(turn, local), vjp
+
+
+def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
+    """Return ``exp(ρ_j) R_j`` of decoded poses (F, J, 3, 3) that stay, and its vector-Jacobian product by ρ alone."""
+    bend = left_jacobian_so3(residual)
+    turned = array_namespace(local).matmul(exp_so3(residual), local)
+    return turned, lambda by_joints: (None, _transposed(bend, by_joints))
+
+
+def _transposed(matrices: Array, vectors: Array) -> Array:
+    """Return ``Mᵀ v`` of (..., 3, 3) and (..., 3)."""
+    xp = array_namespace(matrices)
+    return xp.matmul(xp.matrix_transpose(matrices), vectors[..., None])[..., 0]
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
@@ -66,7 +78,12 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, p, n): the pose tangents of spherical codes by the tangents of their own states."""
+    """Return (F, p, n): the pose tangents of spherical codes by the tangents of their own states.
+
+    Without the code's block the decoder's derivative is not formed.
+    """
+    if CODE not in layout:
+        return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
     by_code = array_namespace(z).matmul(by_code, CODES.tangent_basis(z))
     return d_pose_d_state(layout, by_code, by_residual=by_residual)

@@ -8,26 +8,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import StateLayout
-from solver_backend.fitters.model.codes import CODES, d_pose_d_state, decoded, decoded_with_vjp, decoder_jacobian
+from solver_backend.fitters.model.codes import (
+    CODES,
+    d_pose_d_state,
+    decoded,
+    decoded_with_vjp,
+    decoder_jacobian,
+    turned_with_vjp,
+)
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.spherical_mean import SphericalMean
 from solver_backend.geometry.arrays import Array, constant, index, zeros
-from solver_backend.geometry.interpolation import KeyWeights, sider_weights
+from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.rotations import matrix_from_quat, quat_left_tangent
 from solver_backend.priors.base import PosePrior
 
 
 class Interpolant(Protocol):
-    """Points between keys, and what carries derivatives by them back to the keys; ``KeyWeights`` is one."""
+    """Points between keys, and their derivatives by the keys."""
 
     @property
     def value(self) -> Array:
@@ -36,6 +44,10 @@ class Interpolant(Protocol):
 
     def vjp(self, cotangent: Array) -> Array:
         """Return (W, n, k, d) by each of the k keys from (W, n, d)."""
+        ...
+
+    def jacobian(self, key: int) -> Array:
+        """Return (W, n, d, d), the derivative of the points by one of the keys."""
         ...
 
 
@@ -54,8 +66,8 @@ def lagrange(time: Array, num_keys: int = 3) -> Array:
 class KeyCotangents:
     """Derivatives of a cost by the keys of W windows, by the coordinates of codes and quaternions."""
 
-    z: Array
-    """(W, k, d)."""
+    z: Array | None
+    """(W, k, d); None where codes stay."""
     quat: Array
     """(W, k, 4)."""
     transl: Array
@@ -65,9 +77,11 @@ class KeyCotangents:
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
         """Return (2 W + 1, n): by the tangents of the keys, summed where neighbouring windows share one."""
-        xp = array_namespace(self.z)
-        by_code = xp.matmul(xp.matrix_transpose(CODES.tangent_basis(keys.z)), summed_by_keys(self.z)[..., None])[..., 0]
-        parts = [by_code, by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
+        xp = array_namespace(self.quat)
+        parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
+        if self.z is not None:
+            basis_T = xp.matrix_transpose(CODES.tangent_basis(keys.z))
+            parts.insert(0, xp.matmul(basis_T, summed_by_keys(self.z)[..., None])[..., 0])
         if self.residual is not None:
             parts.append(turns_of(summed_by_keys(self.residual), layout))
         return xp.concat(parts, axis=-1)
@@ -79,8 +93,7 @@ class KeyframeCurve:
 
     keys: Keyframes
     """(W, k) keys."""
-    codes: Interpolant
-    """Of the codes z, thesis eq. 6.9."""
+    _codes: Callable[[], Interpolant]
     quats: Interpolant
     """Of the root's quaternions, thesis eq. 6.10."""
     weights: Array
@@ -104,8 +117,8 @@ class KeyframeCurve:
             quats: the same for the root's quaternions.
         """
         t = constant(time, keys.z)
-        between = codes(keys.z[:, None], t), quats(keys.quat[:, None], t)
-        return cls(keys, *between, lagrange(t, keys.z.shape[1]), residuals)
+        between = quats(keys.quat[:, None], t)
+        return cls(keys, lambda: codes(keys.z[:, None], t), between, lagrange(t, keys.z.shape[1]), residuals)
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
@@ -117,7 +130,13 @@ class KeyframeCurve:
             residuals: let the residual rotations act.
         """
         weights = constant(shares, keys.z)
-        return cls(keys, SphericalMean.of(keys.z, weights), SphericalMean.of(keys.quat, weights), weights, residuals)
+        between = SphericalMean.of(keys.quat, weights)
+        return cls(keys, lambda: SphericalMean.of(keys.z, weights), between, weights, residuals)
+
+    @cached_property
+    def codes(self) -> Interpolant:
+        """Of the codes z, thesis eq. 6.9; made when asked for, as codes that stay are decoded once."""
+        return self._codes()
 
     @property
     def transl(self) -> Array:
@@ -137,13 +156,23 @@ class KeyframeCurve:
         """Return the W·n poses."""
         return self._placed(decoded(prior, rows_of(self.codes.value), self.residual))
 
-    def poses_with_vjp(self, prior: PosePrior) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
+    def poses_with_vjp(
+        self, prior: PosePrior, decoded: Array | None = None
+    ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
 
         It takes the derivative of a cost by the (W·n, p) pose tangents and, if the cost has such terms, by the
         (W·n, d) codes.
+
+        Args:
+            prior: decoder of the codes.
+            decoded: (W·n, J, 3, 3) what codes that stay decode to; the product then has no part by them.
         """
-        local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
+        if decoded is None:
+            local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
+        else:
+            assert self.residual is not None
+            local, decoder_vjp = turned_with_vjp(decoded, self.residual)
         poses = self._placed(local)
         layout = poses.layout
 
@@ -151,12 +180,14 @@ class KeyframeCurve:
             xp, shape = array_namespace(by_poses), self.weights.shape[:2]
             joints = xp.reshape(by_poses[:, layout.joints], (-1, layout.num_joints, 3))
             by_z, by_residual = decoder_vjp(joints)
-            by_z = by_z if by_codes is None else by_z + by_codes
+            if by_z is not None:
+                by_z = by_z if by_codes is None else by_z + by_codes
+                by_z = xp.sum(self.codes.vjp(xp.reshape(by_z, (*shape, -1))), axis=1)
             # A turn d of the frame changes its quaternion q by 1/2 (0, d) q; (d q)·q* goes the other way.
             turn = xp.reshape(by_poses[:, layout.root], (*shape, 3, 1))
             by_quat = xp.matmul(4.0 * quat_left_tangent(self.quats.value), turn)[..., 0]
             return KeyCotangents(
-                xp.sum(self.codes.vjp(xp.reshape(by_z, (*shape, -1))), axis=1),
+                by_z,
                 xp.sum(self.quats.vjp(by_quat), axis=1),
                 self._shared(by_poses[:, layout.transl]),
                 None if by_residual is None else self._shared(by_residual),
@@ -169,7 +200,6 @@ class KeyframeCurve:
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, quats = self.codes, self.quats
-        assert isinstance(codes, KeyWeights) and isinstance(quats, KeyWeights)
         basis, weights = CODES.tangent_basis(self.keys.z), rows_of(self.weights)
         G_T, G_keys = xp.matrix_transpose(quat_left_tangent(quats.value)), quat_left_tangent(self.keys.quat)
         parts = []

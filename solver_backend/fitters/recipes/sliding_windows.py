@@ -7,10 +7,12 @@ from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_sliding
+from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.bundle import ON_THE_MANIFOLD
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult, SolvedFrames
 from solver_backend.residuals.robust import graduated_scales
@@ -23,7 +25,8 @@ def solve_sliding_windows(
     layout = KeyframeLayout.even(problem.num_frames, settings.window)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
-    model = BundleModel(subject, problem.prior, BundleObjective(problem.objective))
+    free = state_layout(problem.prior).only(ON_THE_MANIFOLD)
+    model = BundleModel(subject, problem.prior, BundleObjective(problem.objective), free)
     found = solve_sliding(model, layout, keys, Schedule(scales, settings.iterations), progress)
     frames = key_poses(problem.prior, found.keys, layout, residuals=False)
     return SolvedFrames(subject, frames, layout.key_times), found.convergence

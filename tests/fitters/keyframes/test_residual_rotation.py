@@ -33,7 +33,9 @@ def cost(deviations: float) -> float:
     residual = np.zeros_like(keys.residual)
     residual[1, 4, 0] = deviations * SIGMA
     return float(
-        ResidualRotationTerm(np.full((21, 3), SIGMA), 2.0, steadiness=0.0).cost(replace(keys, residual=residual))[1]
+        ResidualRotationTerm(np.full((21, 3), SIGMA), 2.0, steadiness=0.0).cost(
+            replace(keys, residual=residual), WHOLE
+        )[1]
     )
 
 

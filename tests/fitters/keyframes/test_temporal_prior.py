@@ -29,7 +29,9 @@ def test_gradient_equals_central_differences(residuals, unseen):
     rng = np.random.default_rng(0)
     for _ in range(5):
         direction = rng.normal(size=(KEYS, dof))
-        costs = [sum(term.cost(keys.retract(s * 1e-5 * direction, layout)).sum() for term in terms) for s in (1, -1)]
+        costs = [
+            sum(term.cost(keys.retract(s * 1e-5 * direction, layout), layout).sum() for term in terms) for s in (1, -1)
+        ]
         numeric = (costs[0] - costs[1]) / 2e-5
         assert gradient @ direction.reshape(-1) == pytest.approx(numeric, rel=1e-6)
 

@@ -1,22 +1,21 @@
 """How close keys stand and which passes are made, by how fast a person in markers moves."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.exchange.progress import silent
-from solver_backend.fitters.keyframes import known_person
 from solver_backend.fitters.keyframes.key_density import closer_window, paces
-from solver_backend.fitters.keyframes.known_person_plan import CLOSEST, KnownPersonPlan
-from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.measurements.base import Measurements, RoughMotion
+from solver_backend.fitters.measurements.base import RoughMotion
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.model.frame_states import FrameStates
-from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes import steps
+from solver_backend.fitters.recipes.bundle import FIXED_CODES, ON_THE_MANIFOLD
+from solver_backend.fitters.recipes.known_person import CLOSEST, KnownPersonPlan
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.marker_demo import record_markers
@@ -55,15 +54,16 @@ def test_fast_takes_have_closer_keys_and_a_calm_one_starts_near() -> None:
         return KnownPersonPlan.of(problem, SolveSettings())
 
     slow, usual, fast = plan(24.0), plan(60.0), plan(240.0)
-    assert slow.first is None and plan(24.0, rough=None).first is not None
-    assert fast.first is not None
+    assert len(slow.passes) == 1 and len(plan(24.0, rough=None).passes) == 2
+    assert len(fast.passes) == 2
     assert (slow.window, usual.window) == (4, 10)
-    assert CLOSEST * 40 <= fast.window < 20 and fast.second.stride == round(0.2 * fast.window)
+    assert CLOSEST * 40 <= fast.window < 20 and fast.passes[-1].schedule.stride == round(0.2 * fast.window)
 
 
 @pytest.mark.parametrize("marker_sigma", [None, 0.008])
-def test_far_markers_draw_again_where_the_person_was_calibrated_and_nowhere_else(
-    monkeypatch: pytest.MonkeyPatch, marker_sigma: float | None
+@pytest.mark.parametrize("residuals", [False, True])
+def test_outlier_markers_draw_again_where_the_person_was_calibrated_and_nowhere_else(
+    marker_sigma: float | None, residuals: bool
 ) -> None:
     """A motion's own keypoints, which a clean-up solves, belong to no marker that could lie on a bent hand."""
     body, take = load_body(), record_markers(12, 30.0, seed=3).cloud
@@ -71,15 +71,7 @@ def test_far_markers_draw_again_where_the_person_was_calibrated_and_nowhere_else
     measured = replace(measured, subject=Subject.average(body, measured.landmarks, np.zeros(1)))
     sigma = None if marker_sigma is None else np.full(len(measured.landmarks.names), marker_sigma)
     problem = Problem.of(body, load_sposer(), replace(measured, marker_sigma=sigma))
-    drawn: list[int] = []
-
-    def recorded(
-        measurements: Measurements, model: BundleModel, layout: object, keys: Keyframes, *_: object
-    ) -> Keyframes:
-        drawn.append(measurements.num_frames)
-        return keys
-
-    monkeypatch.setattr(known_person, "drawn_back", recorded)
-    assert problem.measurements.subject is not None
-    known_person.solve_known_person(problem, problem.measurements.subject, SolveSettings(iterations=2), silent)
-    assert drawn == ([] if marker_sigma is None else [12])
+    plan = KnownPersonPlan.of(problem, SolveSettings(residual_rotations=residuals))
+    found = [step.func for step in plan.after if isinstance(step, partial)]
+    assert found == ([steps.resolve_outlier_markers] if residuals and marker_sigma is not None else [])
+    assert plan.passes[-1].free == (FIXED_CODES if residuals else ON_THE_MANIFOLD)

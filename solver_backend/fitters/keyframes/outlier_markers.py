@@ -19,7 +19,7 @@ from solver_backend.fitters.model.subject import points_of
 from solver_backend.geometry.arrays import to_numpy
 
 
-def drawn_back(
+def resolve_outlier_markers(
     measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule,
     frames: np.ndarray,
 ) -> Keyframes:  # fmt: skip
@@ -35,19 +35,19 @@ def drawn_back(
 
     Reference: Blake and Zisserman 1987, graduated non-convexity; Black and Rangarajan 1996.
     """
-    far = _far(measurements, model, layout, keys, frames)
+    far = _outliers(measurements, model, layout, keys, frames)
     windows_of, _ = layout.positions(frames)
     lost = np.zeros(layout.num_windows, dtype=bool)
     lost[windows_of[far.any(axis=1)]] = True
     for windows in ranges_around(lost):
         again = keys.replaced(keys_of(windows), cut_out(model, layout, keys, schedule, windows).solve().keys)
         here = (windows_of >= windows.start) & (windows_of < windows.stop)
-        if _far(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
+        if _outliers(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
             keys = again
     return hemisphere_aligned(keys)
 
 
-def _far(
+def _outliers(
     measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: np.ndarray
 ) -> np.ndarray:
     """Return (F, M) bool: the marker is far from the body."""

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.bundle_objective import bundle_objective
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.key_density import window_of
-from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, solve_keys
-from solver_backend.fitters.keyframes.posterior import (
-    joint_covariance,
-    keypoint_constant_m,
-    marker_constant_m,
-    noise_inflation,
-)
+from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
+from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
 from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, spliced
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
+from solver_backend.fitters.recipes.passes import Pass
+from solver_backend.fitters.recipes.result import constant_m_of
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import Solution
 from solver_backend.fitters.subject_calibration.keypoint_variance import with_learned_noise
@@ -68,51 +66,51 @@ def solve_range(
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     judged, objective = before.select(sample), problem.objective.select(sample)
-    subject = refit_shape(
-        subject,
-        judged,
-        objective,
-        scale,
-        ShapePrior(free_betas=False, free_offsets=problem.measurements.subject is None),
-    )
-    data = with_learned_noise(problem, subject, judged, settings)
-    layout, free = _layout(frame_range, motion.num_frames, window)
-    measured = bundle_objective(
-        problem, layout, window, (data,), residuals=settings.residual_rotations, smoothing=settings.smoothing
-    )
-    model = BundleModel(subject, problem.prior, measured, settings.residual_rotations)
+    person = ShapePrior(free_betas=False, free_offsets=problem.measurements.subject is None)
+    subject = refit_shape(subject, judged, objective, scale, person)
+    layout, moving = _layout(frame_range, motion.num_frames, window)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
-    anew = hemisphere_aligned(_mixed(free, initial_keys(problem, subject, layout), fixed))
-    found: list[KeySolution] = []
-    for start in (fixed, anew):
-        schedule = Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3)
-        found.append(solve_keys(model, layout, start, schedule, ~free))
-        progress(STAGE, len(found), 3)
-    best, contacts = min(found, key=lambda solution: solution.cost), None
+    anew = hemisphere_aligned(_mixed(moving, initial_keys(problem, subject, layout), fixed))
+    free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    both = Pass(Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3), free)
+    bundle = Bundle.start(
+        problem, subject, settings, layout, window, fixed, both.schedule, partial(solve_keys, fixed=~moving),
+        keys_of_frames(problem, subject, layout),
+    )  # fmt: skip
+    bundle = replace(bundle, data=with_learned_noise(problem, subject, judged, settings))
+    found = [
+        both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in enumerate((fixed, anew))
+    ]
+    best = min(found, key=cost_of)
     if settings.contacts and problem.measurements.subject is None:
-        contacts = contacts_in_place(problem, subject, before, model.poses(best.keys, layout), layout, frame_range)
-        points = (data, contacts.term(best.keys.z, settings.foot_lock))
-        standing = bundle_objective(
-            problem, layout, window, points, residuals=model.residuals, smoothing=settings.smoothing
-        )
-        schedule = Schedule((scale,), settings.iterations, tolerance=1e-3)
-        best = solve_keys(replace(model, objective=standing), layout, best.keys, schedule, ~free)
-    solved = SolvedRange(frame_range, layout, free, model.poses(best.keys, layout), contacts, best.convergence.status)
-    found_by = keypoint_constant_m if problem.measurements.marker_sigma is None else marker_constant_m
-    constant_m = found_by(problem.body.layout.recorded)
-    covariance = _covariance(problem, model, solved, best.keys, scale, max(1, window // 2), constant_m)
+
+        def find_standing_feet(bundle: Bundle) -> Bundle:
+            posed = bundle.posed.poses
+            return replace(bundle, contacts=contacts_in_place(problem, subject, before, posed, layout, frame_range))
+
+        last = Pass(Schedule((scale,), settings.iterations, tolerance=1e-3), free, (find_standing_feet,))
+        best = last.run(best, partial(progress, STAGE, 2, 3))
+    assert best.solution is not None
+    frames, status = best.posed.poses, best.solution.convergence.status
+    solved = SolvedRange(frame_range, layout, moving, frames, best.contacts, status)
+    covariance = _covariance(best.judge(free, contacts=False), solved)
     progress(STAGE, 3, 3)
-    return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), solved.status)
+    return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), status)
 
 
-def _covariance(
-    problem: Problem, model: BundleModel, solved: SolvedRange, keys: Keyframes, scale: float, frames_per_key: int,
-    constant_m: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+def cost_of(bundle: Bundle) -> float:
+    """Return what the last pass left."""
+    assert bundle.solution is not None
+    return bundle.solution.cost
+
+
+def _covariance(bundle: Bundle, solved: SolvedRange) -> np.ndarray:
     """Return (n, 24, 6) of the joints in the frames of the layout (see ``packed``)."""
-    layout, data = solved.layout, problem.measurements.term.select(solved.layout.frames)
-    inflation = noise_inflation(points_of(model.subject, solved.frames), data, scale, frames_per_key)
+    layout, model, keys, scale = solved.layout, bundle.model, bundle.posed.keys, bundle.settings.robust_scale
+    data, points = bundle.problem.measurements.term.select(layout.frames), points_of(model.subject, solved.frames)
+    inflation = noise_inflation(points, data, scale, max(1, bundle.window // 2))
     system = model.information(layout, keys, scale).with_fixed(~solved.free).block_tridiagonal()
+    constant_m = constant_m_of(bundle.problem)
     return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation, constant_m)))
 
 
