@@ -111,7 +111,7 @@ class BundleModel:
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
-        # Codes that stay have no derivative, so frames that stand for several are as good as those in their middle.
+        # Fixed codes: rows are strided before those that form Hessians are chosen among them, so that few are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
