@@ -99,7 +99,7 @@ class BundleModel:
         They lie on the windows' own curves, which is what is solved; or, as a take is handed over, on the spline of
         control points.
         """
-        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals, spline=spline)
+        return key_poses(self.prior, keys, layout, frames, residuals=bool(self.layout.turned), spline=spline)
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES

@@ -59,7 +59,7 @@ def joint_covariance(
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
-    residual = keys.residual if model.residuals else None
+    residual = keys.residual if model.layout.turned else None
     by_keys = (
         d_pose_d_key(model.layout, model.prior, keys.z, residual)
         if model.codes

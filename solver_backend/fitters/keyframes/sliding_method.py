@@ -6,7 +6,6 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_sliding
-from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
@@ -22,5 +21,5 @@ def solve_by_sliding(problem: Problem, subject: Subject, settings: SolveSettings
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
     model = BundleModel(subject, problem.prior, BundleObjective(problem.objective))
     found = solve_sliding(model, layout, keys, Schedule(scales, settings.iterations), progress)
-    frames = key_poses(problem.prior, found.keys, layout, residuals=False)
+    frames = model.poses(found.keys, layout)
     return SolvedFrames(subject, frames, layout.key_times), found.convergence
