@@ -60,7 +60,7 @@ def solve(
         capture: calibrated cameras and 2D keypoints, or labelled optical markers.
         settings: method, backend and the rest.
         progress: called as stages advance.
-        prior: decoder of poses from codes that are unit vectors of zero mean, of any length; SPoser as it ships if None.
+        prior: decoder of poses from unit codes of zero mean, of any length; SPoser as it ships if None.
         person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
         each: solves the stretches of a long take, on other machines perhaps; the global method's alone.
 
