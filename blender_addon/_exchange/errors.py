@@ -183,6 +183,12 @@ class WeightsInvalid(MocapError):
     code = "weights_invalid"
 
 
+class PriorInvalid(MocapError):
+    """A pose prior does not fit its own joints or codes, or not the body."""
+
+    code = "prior_invalid"
+
+
 class TrainingMismatch(MocapError):
     """A checkpoint was made with other settings than the run that wants to go on from it."""
 

@@ -26,18 +26,20 @@ AMASS_POSE_WIDTH = 156
 """SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
 _BODY = 3 + 3 * SMPL.num_solved
 """Columns of AMASS's ``poses`` before the fingers."""
-_LAYOUT = ("body_layout", "joint_names", "joint_parents", "joint_groups")
-"""Of motions of other layouts than SMPL's: its name, and name, parent and group of each joint."""
+_LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
+"""Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
+_PARENTS = "joint_parents"
+"""Parent of each joint, -1 at the root."""
 _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
     "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "markers", "marker_labels", "marker_residual_mm",
-    "provenance", *_LAYOUT,
+    "provenance", *_LAYOUT, _PARENTS,
 )  # fmt: skip
 STORED = (
     "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
     "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
     "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
-    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT,
+    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT, _PARENTS,
 )  # fmt: skip
 """Every array of a motion file that is read back."""
 _DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8, "marker_flags": np.uint8}
@@ -207,8 +209,9 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
         "provenance": np.array(motion.provenance),
     }
     if layout != SMPL:
-        values = (layout.name, layout.joints, layout.parents, layout.groups)
-        arrays |= {key: np.array(value) for key, value in zip(_LAYOUT, values, strict=True)}
+        texts = (layout.name, layout.joints, layout.groups, layout.resting)
+        arrays |= {key: np.array(value, dtype=np.str_) for key, value in zip(_LAYOUT, texts, strict=True)}
+        arrays[_PARENTS] = np.array(layout.parents)
     if hands.any():
         arrays["hand_pose"] = hands
     if motion.joint_set:
@@ -231,10 +234,11 @@ def layout_of(fields: Fields) -> BodyLayout:
     """
     if "joint_names" not in fields:
         return SMPL
-    name, joints, groups = fields.text("body_layout", ""), fields.texts("joint_names"), fields.texts("joint_groups")
-    parents = fields.floats("joint_parents", MotionInvalid).reshape(-1) if "joint_parents" in fields else ()
+    joints, groups, resting = (fields.texts(key) for key in _LAYOUT[1:])
+    parents = fields.floats(_PARENTS, MotionInvalid).reshape(-1) if _PARENTS in fields else ()
     try:
-        return BodyLayout(name, joints, tuple(int(parent) for parent in parents), groups or joints)
+        tree = tuple(int(parent) for parent in parents)
+        return BodyLayout(fields.text("body_layout", ""), joints, tree, groups or joints, resting)
     except (BodyInvalid, ValueError, OverflowError) as error:
         raise MotionInvalid(f"The joints are no layout: {error}", where=str(fields.path)) from error
 

@@ -47,7 +47,7 @@ def solve(
         capture: calibrated cameras and 2D keypoints, or labelled optical markers.
         settings: method, backend and the rest.
         progress: called as stages advance.
-        prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
+        prior: decoder of poses from unit codes of zero mean, of any length; SPoser as it ships if None.
         person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
         each: solves the stretches of a long take, on other machines perhaps; the global method's alone.
 
@@ -58,6 +58,7 @@ def solve(
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
         SubjectInvalid: the person is of another body, or wears other markers.
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
+        PriorInvalid: the prior does not fit itself or the body.
         BackendMissing: torch was asked for and is not installed, or finds no CUDA device.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """

@@ -95,5 +95,7 @@ def bundle_objective(
         MotionPrior.bounded(spacing / problem.fps, smoothing, layout.gaps(problem.measurements.seen))
     ]
     if residuals:
-        terms.append(ResidualRotationTerm(looseness * problem.prior.residual_sigma, frames_per_key=0.5 * spacing))
+        prior = problem.prior
+        sigma = looseness * prior.residual_sigma
+        terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=prior.uncovered))
     return BundleObjective(FrameObjective(points, problem.pose_terms), tuple(terms))

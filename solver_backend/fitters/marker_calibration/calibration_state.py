@@ -33,8 +33,9 @@ class CalibrationState:
     @classmethod
     def of(cls, subject: Subject, prior: PosePrior, frames: FrameStates) -> CalibrationState:
         """Return the state of poses on the manifold."""
-        residual = zeros((frames.z.shape[0], len(prior.joints), 3), frames.z)
-        return cls(subject, frames, residual, state_layout(prior))
+        still = zeros((frames.z.shape[0], len(prior.joints), 3), frames.z)
+        residual = still if frames.residual is None else frames.residual
+        return cls(subject, replace(frames, residual=None), residual, state_layout(prior))
 
     def poses(self, prior: PosePrior) -> PosedFrames:
         """Return the poses that the states decode to."""

@@ -18,7 +18,7 @@ CODES = ZeroMeanSphere()
 
 def state_layout(prior: PosePrior) -> StateLayout:
     """Return where the parts of a state stand that the prior decodes to a pose."""
-    return StateLayout.of(CODES.dimension(prior.latent_dim), len(prior.joints))
+    return StateLayout.of(CODES.dimension(prior.latent_dim), len(prior.joints), prior.uncovered)
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:

@@ -116,9 +116,9 @@ class Bundle:
         keys: Keyframes, schedule: Schedule, solve: Solve, restart: Start, frames: np.ndarray | None = None,
     ) -> Bundle:  # fmt: skip
         """Return a bundle before its first pass, which judges keys on the manifold by the data."""
-        data, posed = problem.measurements.term, PosedKeys(subject, problem.prior, layout, keys, False, frames)
+        free, data = state_layout(problem.prior).only(ON_THE_MANIFOLD), problem.measurements.term
+        posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
         objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
-        free = state_layout(problem.prior).only(ON_THE_MANIFOLD)
         return cls(problem, settings, posed, window, schedule, solve, restart, data, free, objective)
 
     @property
@@ -140,10 +140,9 @@ class Bundle:
         """
         held = self.contacts if contacts else None
         term = () if held is None else (held.term(self.posed.keys.z, self.settings.foot_lock),)
-        residuals = RESIDUAL in free
         objective = bundle_objective(
-            self.problem, self.posed.layout, self.window, (self.data, *term), residuals=residuals,
+            self.problem, self.posed.layout, self.window, (self.data, *term), residuals=RESIDUAL in free,
             smoothing=self.settings.smoothing, looseness=looseness,
         )  # fmt: skip
         layout = state_layout(self.problem.prior).only(free)
-        return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=residuals))
+        return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=bool(layout.turned)))

@@ -8,7 +8,6 @@ from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_sliding
 from solver_backend.fitters.model.codes import state_layout
-from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
@@ -28,5 +27,5 @@ def solve_sliding_windows(
     free = state_layout(problem.prior).only(ON_THE_MANIFOLD)
     model = BundleModel(subject, problem.prior, BundleObjective(problem.objective), free)
     found = solve_sliding(model, layout, keys, Schedule(scales, settings.iterations), progress)
-    frames = key_poses(problem.prior, found.keys, layout, residuals=False)
+    frames = model.poses(found.keys, layout)
     return SolvedFrames(subject, frames, layout.key_times), found.convergence

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.body.state_layout import RESIDUAL
+from solver_backend.body.state_layout import RESIDUAL, UNCOVERED
 from solver_backend.fitters.model.codes import d_pose_d_key, state_layout
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -60,7 +60,7 @@ def fit_shape(
         settings: of each scale.
         shape_prior: what is known of shape and offsets.
     """
-    state, layout = _State(subject, start), state_layout(prior).without(RESIDUAL)
+    state, layout = _State(subject, start), state_layout(prior).without(UNCOVERED, RESIDUAL)
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
 
     def retract(s: _State, step: Array) -> _State:
@@ -83,8 +83,8 @@ def _arrowhead(
 ) -> tuple[Array, Arrowhead]:
     """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)
-    frames, layout = posed(prior, state.frames), state_layout(prior).without(RESIDUAL)
-    d_pose_d_state, dof = d_pose_d_key(layout, prior, state.frames.z), frames.layout.dof
+    frames, layout = posed(prior, state.frames), state_layout(prior).without(UNCOVERED, RESIDUAL)
+    d_pose_d_state, dof = d_pose_d_key(layout, prior, state.frames.z, state.frames.residual), frames.layout.dof
     J, gradient, information, cost = _point_jacobian(state.subject, frames, objective, scale)
     count = J.shape[0]
 
