@@ -26,8 +26,6 @@ from solver_backend.solver.independent_lbfgs import QuasiNewtonSettings
 
 SHAPE_FRAMES = 12
 """Frames that the shape is found from, as in MoSh++ (Mahmood et al. 2019)."""
-UNCERTAINTY_WEIGHT = 0.3
-"""λ_σ of the log-variances' prior (thesis 5.5); tuned on training motions."""
 STEPS = QuasiNewtonSettings()
 """Of both stages."""
 
@@ -46,7 +44,7 @@ def solve_noise_aware(
     Shape, poses and translations come first, with fixed variances: the shape from ``SHAPE_FRAMES`` frames, as a take
     has one; then, with the shape held, poses, translations and each landmark's log-variance in each frame.
     """
-    return solve_in_stages(problem, subject, settings, progress, LearnedVariances(UNCERTAINTY_WEIGHT))
+    return solve_in_stages(problem, subject, settings, progress, LearnedVariances())
 
 
 def solve_in_stages(
