@@ -96,8 +96,8 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
         return call([sys.executable, *plain[args.verb]])
     set_up()
     if args.verb in ("test", "lint"):
-        tests = [[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]] if args.verb == "test" else []
-        return checks(tests, fix=getattr(args, "fix", False))
+        pytest = [str(PYTHON), "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", *rest]
+        return checks([pytest] if args.verb == "test" else [], fix=getattr(args, "fix", False))
     made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"]}
     if args.verb in made:
         return call([str(PYTHON), *made[args.verb]])
