@@ -37,6 +37,7 @@ VERBS = {
     "build": "the extension's zip",
     "vendor": "the exchange library copied into the add-on",
     "setup": "the environment alone",
+    "docs": "the pages of docs/reference, from the program's own tables",
     "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
 }
 READING = {
@@ -100,7 +101,7 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     if args.verb in ("test", "lint"):
         pytest = [str(PYTHON), "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", *rest]
         return checks([pytest] if args.verb == "test" else [], fix=getattr(args, "fix", False))
-    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"]}
+    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"], "docs": ["-m", "supply.pages"]}
     if args.verb in made:
         return call([str(PYTHON), *made[args.verb]])
     print(f"The environment is ready: {PYTHON}")

@@ -15,14 +15,15 @@ from solver_backend.cli.describe import describe_motion
 from solver_backend.cli.motion_and_page import write_both
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
+from solver_backend.cli.setting_options import given_settings
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
 from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import READING, Job, Resolve
 from solver_backend.types import Capture
 
@@ -217,24 +218,21 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
-    files, chosen = (
-        ("capture", "out", "report", "subject", "told", "overwrite"),
-        ("method", "backend", "body", "layout", "noise", "leave_out"),
-    )
-    names = (*files, *READING, *chosen, "resolve", "frames")
-    given = [name for name in names if getattr(args, name) is not None]
+    files = ("capture", "out", "report", "subject", "told", "overwrite")
+    settings = given_settings(args)
+    given = [name for name in (*files, *READING, "resolve", "frames") if getattr(args, name) is not None]
     if args.job is not None:
-        if given:
+        if given or settings:
             raise CommandLineInvalid(
-                f"--job cannot be combined with {', '.join(given)}.", hint="Write it into the job file."
+                f"--job cannot be combined with {', '.join([*given, *settings])}.", hint="Write it into the job file."
             )
         return [Job.read(path) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
-    settings = SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given})
     job = {
         "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite),
-        **reading(args), "settings": settings, "resolve": _resolve(args),
+        **reading(args), "settings": SolveSettings.from_dict(settings),
+        "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
     if not trials:
