@@ -256,8 +256,7 @@ def require(command: list[str], out: Path) -> None:
     """Run a command that must succeed."""
     if (code := call(command)) == 0:
         return
-    kept = any(out.iterdir())
-    if not kept:
+    if not (kept := any(out.iterdir())):
         out.rmdir()
     raise Failed(f"This stage failed (exit code {code}).", f"What was finished is in {out}." if kept else "", code)
 
@@ -265,8 +264,8 @@ def require(command: list[str], out: Path) -> None:
 def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:
     """Run a command in the repository's root and return its exit code."""
     try:
-        sink = subprocess.DEVNULL if quiet else None
-        process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=sink, stderr=sink)
+        out = subprocess.DEVNULL if quiet else None
+        process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=out, stderr=out)
     except FileNotFoundError:
         return 127
     try:
