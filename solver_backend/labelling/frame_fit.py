@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.labelling.outputs import MARKERS

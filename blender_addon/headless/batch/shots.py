@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 from ..._exchange.errors import MocapError
 from ..._exchange.progress import Progress
+from ..._exchange.version import VERSION
 from ...errors import ShotsMissing
 from ..child_verb import run_verb
 from ..solver import run_solver
 from .limits import TakeLimits
-from .record import version
 
 RECORDS, SHOTS = "tasks", "shots"
 """Folders of a data set: of the tasks' records, of the shots."""
@@ -97,7 +97,7 @@ def keys_of_shot(request: ShotsRequest, choices: dict[str, Any], item: Path) -> 
     """Return the steps of a shot with their keys, of description, name and version."""
     steps = (FILM, COLOUR) if request.colour else (FILM,)
     return {
-        step: hashlib.sha256(json.dumps([choices, item.name, step, version()]).encode()).hexdigest() for step in steps
+        step: hashlib.sha256(json.dumps([choices, item.name, step, VERSION]).encode()).hexdigest() for step in steps
     }
 
 

@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.synthesis.simulation.filming import Person
 
 _SLAB_M = 0.08

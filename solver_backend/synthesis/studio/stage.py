@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.synthesis.simulation.filming import Person
 from solver_backend.synthesis.studio.errors import CameraInsideBody, NobodySeen

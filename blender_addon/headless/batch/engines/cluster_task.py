@@ -10,7 +10,7 @@ from typing import Any
 
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import silent
-from ..record import version
+from ...._exchange.version import VERSION
 from ..run_take import UNFINISHED, recalled, run_step
 from ..steps import request_of
 from .marker import marker_in
@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
     from importlib.metadata import version as version_of
 
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"Manifold MoCap": version(), "Dask distributed": version_of("distributed"), "Python": python}
+    return {"Manifold MoCap": VERSION, "Dask distributed": version_of("distributed"), "Python": python}
 
 
 def describe(out: str) -> dict[str, Any]:

@@ -147,7 +147,7 @@ def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: 
 def test_a_new_version_solves_again(captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = fingerprint(captures / "good.npz", {})
     assert fingerprint(captures / "good.npz", {}) == before
-    monkeypatch.setattr("blender_addon.headless.batch.record.version", lambda: "99.0")
+    monkeypatch.setattr("blender_addon.headless.batch.record.VERSION", "99.0")
     assert fingerprint(captures / "good.npz", {}) != before
 
 
