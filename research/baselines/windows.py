@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
+from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframe_curve import Interpolant, KeyframeCurve, by_turns
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -21,9 +21,8 @@ from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
-from solver_backend.solver.manifold import SO3, Euclidean, Product
 
-SPHERICAL = Product((CODES, SO3(), Euclidean()))
+SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))
 """Where the free keys of a window live: SPoser's."""
 GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
 """The same for VPoser's codes."""

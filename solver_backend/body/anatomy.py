@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.raycast import cast_ray
 from solver_backend.exchange.body_layout import SMPL
 

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any, NoReturn
 
-from solver_backend import __version__
 from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
@@ -19,6 +18,7 @@ from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.video_arguments import add_video_verbs
 from solver_backend.cli.wand_verbs import add_wand_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.version import VERSION
 
 
 class _Parser(argparse.ArgumentParser):
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"Manifold MoCap {__version__}")
+    parser.add_argument("--version", action="version", version=f"Manifold MoCap {VERSION}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
     common, reading, writing = _common(), _reading(), _writing()
     _add_solve(verbs, [reading, writing, common])

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend import __version__
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
@@ -88,7 +88,7 @@ def solve_problem(
     give_back_freed_memory()
     prior = method.prior_of(problem)
     record = {
-        "solver": __version__,
+        "solver": VERSION,
         "settings": asdict(settings),
         "body": problem.body.id,
         "prior": {"name": prior.name, "weights": prior.metadata.get("sha256")},

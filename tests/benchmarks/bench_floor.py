@@ -18,12 +18,12 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend import solve
 from solver_backend.evaluation.butterworth import butterworth
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.simulation import strange_body
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.comparison.captures import capture_path, take_of

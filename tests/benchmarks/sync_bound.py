@@ -22,9 +22,11 @@ from unittest.mock import patch
 
 import numpy as np
 
+from research.simulation import filming
+from research.simulation.filming import FilmSettings
 from solver_backend.cameras.projection import project, project_with_jacobian
-from solver_backend.synthesis.simulation import filming
-from solver_backend.synthesis.simulation.filming import FilmSettings, Person, delayed, px_per_mm
+from solver_backend.synthesis.simulation.camera_errors import delayed, px_per_mm
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, DetectorOutput
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.signals import RATE_SIGMA

@@ -11,7 +11,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.state_layout import PoseLayout
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.objective import FrameObjective

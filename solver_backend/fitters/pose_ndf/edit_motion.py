@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend import __version__
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics, recorded_vectors
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
@@ -139,7 +139,7 @@ def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames,
     count = len(frames.transl)
     pose = recorded_vectors(body, log_so3(frames.local)).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)
-    edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": __version__}
+    edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": VERSION}
     edits = [*motion.provenance.get("edits", []), edit]
     return Motion(
         betas=motion.betas, global_orient=log_so3(frames.root), body_pose=pose, transl=frames.transl, fps=motion.fps,

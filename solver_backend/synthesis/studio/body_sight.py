@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.occlusion import own_faces
 from solver_backend.synthesis.studio.body_proxy import PosedProxy, body_proxy
 from solver_backend.synthesis.studio.rigid_sight import RigidSight, rigid_sight

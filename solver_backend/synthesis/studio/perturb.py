@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
-from solver_backend.synthesis.simulation.filming import delayed, miscalibrated, px_per_mm
+from solver_backend.synthesis.simulation.camera_errors import delayed, miscalibrated, px_per_mm
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, Sight, detect_keypoints
 from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.perturbation import Perturbation

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.synthesis.simulation.occlusion import stabbed_faces
 from solver_backend.types import SMPL_JOINTS
 

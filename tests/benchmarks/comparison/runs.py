@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from research.baselines import BaselineResult
+from research.simulation.benchmark import BenchmarkSettings
 from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from tests.benchmarks.comparison.captures import capture_path, filmed
 from tests.benchmarks.comparison.code_version import ROOT, code_version

@@ -10,7 +10,7 @@ from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
-from solver_backend.synthesis.simulation.filming import delayed
+from solver_backend.synthesis.simulation.camera_errors import delayed
 from solver_backend.types import Capture
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from research.simulation import bad_input
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.progress import silent
@@ -15,7 +16,6 @@ from solver_backend.fitters.measurements.sanitise import CheckedCapture, check_c
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation import bad_input
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Fault, FaultKind, Motion, Remedy
 from tests.support.faulty import swapped, with_detections
 from tests.support.recordings import BALANCING_TRIAL

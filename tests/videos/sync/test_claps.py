@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from research.simulation.filming import FilmSettings, around, film
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation.benchmark import Take, cast_person
-from solver_backend.synthesis.simulation.filming import FilmSettings, around, film
+from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.video_detections import VideoDetections

@@ -11,11 +11,12 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.synthesis.simulation.filming import Person, miscalibrated, px_per_mm
+from solver_backend.synthesis.simulation.camera_errors import miscalibrated, px_per_mm
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, Sight, detect_keypoints
 from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
 from solver_backend.synthesis.studio.motions import MotionSource

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from solver_backend.solver.line_search import Trial, WolfeSettings, strong_wolfe
-from solver_backend.solver.manifold import Manifold, State
+from research.descent.line_search import Trial, WolfeSettings, strong_wolfe
+from research.descent.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
 """State -> cost and its gradient, ambient (derivatives by the state's entries) or tangent."""

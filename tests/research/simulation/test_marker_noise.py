@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.synthesis.simulation.marker_noise import DataNoise, InferenceNoise
+from research.simulation.marker_noise import DataNoise, InferenceNoise
 
 FRAMES, COUNT = 400, 53
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from research.simulation.noise_measurement import measure_noise, millimetres_per_px
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.detector import DetectorNoise
-from solver_backend.synthesis.simulation.noise_measurement import measure_noise, millimetres_per_px
 from solver_backend.types import Keypoints2D
 from tests.support.recordings import BALANCING_TRIAL
 

@@ -8,12 +8,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product, Sphere
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation
-from solver_backend.solver.manifold import SO3, Euclidean, Product, Sphere, ZeroMeanSphere
 
 SEEDS = st.integers(0, 2**31)
-MANIFOLDS = {"euclidean": Euclidean(), "sphere": Sphere(), "zero_mean": ZeroMeanSphere(), "so3": SO3()}
+MANIFOLDS = {"euclidean": Euclidean(), "sphere": Sphere(), "zero_mean": CodeSphere(), "so3": SO3()}
 
 
 def point(name: str, rng: np.random.Generator, batch: tuple[int, ...] = (4,), d: int = 7) -> np.ndarray:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from research.simulation import bad_input
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation import bad_input
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import Cameras, Capture, JointSet
 from tests.support.walking_take import EXACT, walk

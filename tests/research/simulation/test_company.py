@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from research.simulation.benchmark import BenchmarkSettings
+from research.simulation.company import PASSING_M, crossing
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.people.person_selection import select_people
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, Take
-from solver_backend.synthesis.simulation.company import PASSING_M, crossing
+from solver_backend.synthesis.simulation.cast import Take
 from tests.support.walking_take import walk
 
 

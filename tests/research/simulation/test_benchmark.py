@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from research.simulation.filming import around
+from research.simulation.noise_measurement import measure_noise
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture, running_floor
-from solver_backend.synthesis.simulation.filming import around, delayed, miscalibrated
+from solver_backend.synthesis.simulation.camera_errors import delayed, miscalibrated
+from solver_backend.synthesis.simulation.cast import running_floor
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
-from solver_backend.synthesis.simulation.noise_measurement import measure_noise
 from solver_backend.types import JointSet
 from tests.support.walking_take import EXACT, walk
 

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.fitters.pipeline import solve
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, Take, benchmark_capture
+from solver_backend.synthesis.simulation.cast import Take
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.synthesis.simulation.strange_body import strange_body
 from solver_backend.types import Capture

@@ -1,97 +1,92 @@
-"""The steps of a take, in their order: solve, bake, render, export; each is done on its own and known by its key."""
+"""The captures of a batch as work: each converted, solved and, where asked for, baked, rendered and exported."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from ..._exchange.errors import MocapError
 from ..._exchange.outputs import atomic_outputs
-from ..._exchange.progress import Progress
 from ..bake import BakeRequest, run_bake
 from ..child_verb import run_verb
 from ..export import ExportRequest, run_export
 from ..solver import run_solver
-from .limits import TakeWatch
+from .limits import TakeLimits, TakeWatch
 from .record import fingerprint, read_record, step_key
-from .request import READING, BatchRequest, Work
-from .shots import ShotsRequest, do_step_of_shot, keys_of_shot
+from .request import READING, BatchRequest
+from .work import Place, Step
 
 
 @dataclass(frozen=True)
-class Step:
-    """One step of a take."""
+class Takes:
+    """The takes of a batch; each step is known by its key."""
 
-    name: str
-    """solve, bake, render or export."""
-    key: str
-    """Hash of what it is made from."""
+    request: BatchRequest
+    choices: dict[str, Any]
+    """What decides what is made of a capture, see ``BatchRequest.choices``: read once, the same for all workers."""
+    kind: ClassVar = "takes"
+
+    @property
+    def out(self) -> Path:
+        """Folder of the results."""
+        return self.request.out
+
+    @property
+    def limits(self) -> TakeLimits:
+        """Of the solver for each take."""
+        return self.request.limits
+
+    def sees(self, item: Path) -> bool:
+        """Return whether a capture can be seen from here."""
+        return item.exists()
+
+    def steps(self, item: Path) -> tuple[Step, ...]:
+        """Return the steps that are asked for of a capture, with their keys.
+
+        Raises:
+            OSError: the capture cannot be looked at.
+        """
+        request, choices = self.request, self.choices
+        solve = fingerprint(item, {name: choices[name] for name in ("settings", "python")})
+        wanted = {
+            "bake": request.bake,
+            "render": request.render,
+            "export": bool(request.formats or request.marker_formats),
+        }
+        about = {name: choices[name] for name in ("formats", "markers", "body") if name in choices}
+        chosen = {"bake": {"body": about["body"]}, "render": {"body": about["body"]}, "export": about}
+        others = (Step(name, step_key(solve, name, chosen[name])) for name, asked in wanted.items() if asked)
+        return Step("solve", solve), *others
+
+    def do_step(self, item: Path, step: str, place: Place) -> dict[str, Any]:
+        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
+
+        Raises:
+            MocapError: the step failed, or was stopped.
+        """
+        if step == "solve":
+            return _solve(self.request, self.choices["settings"], item, place)
+        if step == "export":
+            return _export(self.request, place)
+        return _show(self.request, item, place, blend=step == "bake")
+
+    def plain(self) -> dict[str, Any]:
+        """Return the work for another process or machine: plain values, paths from the root."""
+        return {"kind": self.kind, "request": self.request.plain(), "choices": self.choices}
+
+    @classmethod
+    def from_plain(cls, values: dict[str, Any]) -> Takes:
+        """Return the work that ``plain`` has written."""
+        return cls(BatchRequest.from_plain(values["request"]), values["choices"])
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where and under whose eyes a step is done."""
-
-    folder: Path
-    """Folder of the take."""
-    progress: Progress
-    """Told how far it has come."""
-    stopped: Callable[[], MocapError | None] = lambda: None
-    """Asked again and again; where it returns an error the step ends with it."""
-    in_child: bool = False
-    """Let Blender work in a process of its own, as many steps at a time need."""
-    scheduler: str = ""
-    """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
-
-
-def steps_of(request: Work, choices: dict[str, Any], capture: Path) -> tuple[Step, ...]:
-    """Return the steps that are wanted of a capture, or of a shot, with their keys.
-
-    Raises:
-        OSError: the capture cannot be looked at.
-    """
-    if isinstance(request, ShotsRequest):
-        return tuple(Step(name, key) for name, key in keys_of_shot(request, choices, capture).items())
-    assert isinstance(request, BatchRequest)
-    solve = fingerprint(capture, {name: choices[name] for name in ("settings", "python")})
-    wanted = {
-        "bake": request.bake,
-        "render": request.render,
-        "export": bool(request.formats or request.marker_formats),
-    }
-    about = {name: choices[name] for name in ("formats", "markers", "body") if name in choices}
-    chosen = {"bake": {"body": about["body"]}, "render": {"body": about["body"]}, "export": about}
-    others = (Step(name, step_key(solve, name, chosen[name])) for name, asked in wanted.items() if asked)
-    return Step("solve", solve), *others
-
-
-def do_step(request: Work, choices: dict[str, Any], capture: Path, step: str, place: Place) -> dict[str, Any]:
-    """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
-
-    Raises:
-        MocapError: the step failed, or was stopped.
-    """
-    if isinstance(request, ShotsRequest):
-        return do_step_of_shot(request, capture, step, place.progress, place.stopped)
-    assert isinstance(request, BatchRequest)
-    return _STEPS[step](request, choices, capture, place)
-
-
-def request_of(values: dict[str, Any]) -> Work:
-    """Return the request that its ``plain`` has written."""
-    return ShotsRequest.from_plain(values) if "data_set" in values else BatchRequest.from_plain(values)
-
-
-def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    folder, shared = place.folder, choices["settings"]
-    name = folder.name
+def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+    folder, name = place.folder, place.folder.name
     copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
-    said = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
-    reading = [text for option in said.items() for text in option]
+    given = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
+    reading = [text for option in given.items() for text in option]
     reading += ["--trim"] if shared.get("trim") else []
     watch = TakeWatch(request.limits)
     solver = partial(
@@ -115,22 +110,14 @@ def _solve(request: BatchRequest, choices: dict[str, Any], capture: Path, place:
     }
 
 
-def _bake(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    return _shown(request, capture, place, blend=True)
-
-
-def _render(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    return _shown(request, capture, place, blend=False)
-
-
-def _shown(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
+def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
     """Write the Blender file of each motion, or its video and contact sheet."""
-    made = [_shown_of(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
+    made = [_show_motion(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
     outputs = [path for one in made for path in one["outputs"]]
     return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
 
 
-def _shown_of(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
+def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
     folder, copy = place.folder, place.folder / f"{place.folder.name}_capture.npz"
     if place.in_child:
         words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
@@ -145,12 +132,12 @@ def _shown_of(motion: Path, capture: Path, request: BatchRequest, place: Place, 
     return run_bake(wanted, place.progress)
 
 
-def _export(request: BatchRequest, choices: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
-    outputs = [path for motion in _motions(place.folder) for path in _exported(motion, request, place)]
+def _export(request: BatchRequest, place: Place) -> dict[str, Any]:
+    outputs = [path for motion in _motions(place.folder) for path in _export_motion(motion, request, place)]
     return {"outputs": _inside(place.folder, outputs), "notes": []}
 
 
-def _exported(motion: Path, request: BatchRequest, place: Place) -> list[str]:
+def _export_motion(motion: Path, request: BatchRequest, place: Place) -> list[str]:
     exports, outputs = place.folder / "export", list[str]()
     if request.formats and place.in_child:
         words = [str(motion), "--format", *request.formats, "--out", str(exports), "--overwrite"]
@@ -159,10 +146,10 @@ def _exported(motion: Path, request: BatchRequest, place: Place) -> list[str]:
     elif request.formats:
         wanted = ExportRequest(motion, exports, request.formats, request.body, overwrite=True)
         outputs += run_export(wanted, place.progress)["outputs"]
-    return outputs + _exported_markers(request, motion, place)
+    return outputs + _export_markers(request, motion, place)
 
 
-def _exported_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
+def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
     """Write the cleaned markers of a take that was solved from markers, and return the files."""
     record = read_record(place.folder) or {}
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
@@ -172,9 +159,6 @@ def _exported_markers(request: BatchRequest, motion: Path, place: Place) -> list
         options = [str(motion), "--out", str(path), "--overwrite"]
         run_solver("export-markers", options, place.progress, python=request.python)
     return [str(path) for path in paths]
-
-
-_STEPS = {"solve": _solve, "bake": _bake, "render": _render, "export": _export}
 
 
 def _motions(folder: Path) -> list[Path]:

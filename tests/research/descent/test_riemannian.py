@@ -9,12 +9,12 @@ import pytest
 import torch
 from scipy.optimize import rosen, rosen_der
 
+from research.descent.line_search import Trial, WolfeSettings, strong_wolfe
+from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product, Sphere
+from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation
-from solver_backend.solver.line_search import Trial, WolfeSettings, strong_wolfe
-from solver_backend.solver.manifold import SO3, Euclidean, Product, Sphere, ZeroMeanSphere
-from solver_backend.solver.riemannian import MinimiseSettings, gradient_descent, lbfgs
 
 METHODS = pytest.mark.parametrize("method", [gradient_descent, lbfgs])
 LONG = MinimiseSettings(max_iterations=3000, gradient_tolerance=1e-7)
@@ -54,7 +54,7 @@ def test_lbfgs_needs_far_fewer_steps_than_descent():
 def test_zero_mean_sphere_finds_the_smallest_eigenvalue_within_the_hyperplane(method):
     A = symmetric(12)
     x0 = spherical_normalisation(start(12))
-    result = method(ZeroMeanSphere(), lambda x: (0.5 * x @ A @ x, A @ x), x0, LONG)
+    result = method(CodeSphere(), lambda x: (0.5 * x @ A @ x, A @ x), x0, LONG)
     P = np.eye(12) - 1.0 / 12
     assert result.cost == pytest.approx(0.5 * np.linalg.eigvalsh(P @ A @ P + 100.0 / 12)[0], abs=1e-12)
     assert abs(result.state.sum()) < 1e-12 and result.converged
@@ -92,7 +92,7 @@ def test_a_product_and_a_batch_are_solved_together(method):
 
     z0 = np.tile(spherical_normalisation(start(9)), (20, 1))
     state = (z0, np.tile(np.eye(3), (20, 1, 1)), np.zeros((20, 3)))
-    result = method(Product((ZeroMeanSphere(), SO3(), Euclidean())), objective, state, LONG)
+    result = method(Product((CodeSphere(), SO3(), Euclidean())), objective, state, LONG)
     assert result.converged
     np.testing.assert_allclose(result.state[0], spherical_normalisation(target), atol=1e-7)
     np.testing.assert_allclose(result.state[1], turn, atol=1e-7)

@@ -11,8 +11,8 @@ torch = pytest.importorskip("torch")
 runtime = pytest.importorskip("onnxruntime")
 pytest.importorskip("onnx")
 
+from research.landmarks.onnx_export import export_onnx, torch_network  # noqa: E402
 from solver_backend.labelling.point_network import lower_median, network_of  # noqa: E402
-from solver_backend.training.landmarks.onnx_export import export_onnx, torch_network  # noqa: E402
 from solver_backend.training.landmarks.point_net import PointNet, PointNetWidths  # noqa: E402
 
 
