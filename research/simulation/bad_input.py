@@ -17,8 +17,9 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_person
+from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, DetectorOutput
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 WALK_M_S = 1.4
@@ -111,7 +112,7 @@ def with_passerby(
     true = replace(cameras, R=capture.truth["R"], t=capture.truth["t"])
     walker, away_m = _across(cast_person(take, rng), capture.truth["joints"][:, 0], clearance_m, keypoints.fps)
     there = away_m < reach_m
-    found = film(walker, true, FilmSettings(JOINT_SET, keypoints.fps, DetectorModel()), rng)
+    found = film(walker, true, FilmSettings(JOINT_SET, keypoints.fps, MEASURED_DETECTOR), rng)
     found = replace(
         found, xy=np.where(there[:, None, None], found.xy, np.nan),
         confidence=np.where(there[:, None], found.confidence, 0.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from research.simulation.filming import FilmSettings, around, film
 from solver_backend.body.body import Body
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.synthesis.simulation.cast import Take, cast_person
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Capture, JointSet, Keypoints2D
 
 JOINT_SET = JointSet.BODY_25
@@ -37,7 +37,7 @@ class BenchmarkSettings:
     """Standard deviation per axis of how far the calibration misplaces the person in a view. The recording shows 22 mm
     (its views disagree by 27 mm as calibrated and by 10 mm with refined cameras), which is a poor calibration; chosen
     is one that people accept (Pagnon et al. 2021 ask for less than 10 mm)."""
-    detector: DetectorModel = field(default_factory=DetectorModel)
+    detector: DetectorFaults = MEASURED_DETECTOR
     """The detector."""
 
 

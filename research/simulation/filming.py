@@ -9,9 +9,10 @@ import numpy as np
 from research.simulation.occlusion import occluded_by, self_occluded
 from solver_backend.cameras.projection import project
 from solver_backend.synthesis.embedded.demo import tripods
+from solver_backend.synthesis.faults import DetectorFaults
 from solver_backend.synthesis.simulation.camera_errors import delayed, px_per_mm
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, DetectorOutput, Sight, detect_keypoints
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, Sight, detect_keypoints
 from solver_backend.types import Cameras, JointSet
 
 LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)
@@ -39,7 +40,7 @@ class FilmSettings:
     """Names of the K keypoints."""
     fps: float
     """Frames per second."""
-    detector: DetectorModel
+    detector: DetectorFaults
     """The detector."""
     offsets: np.ndarray | None = None
     """(K, 3) metres in the rest frames, from what the body means by a keypoint to what the detector means; None for

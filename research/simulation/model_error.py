@@ -8,12 +8,12 @@ import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.fitters.pipeline import solve
+from solver_backend.synthesis.faults import DetectorFaults
 from solver_backend.synthesis.simulation.cast import Take
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.synthesis.simulation.strange_body import strange_body
 from solver_backend.types import Capture
 
-EXACT = DetectorModel(
+EXACT = DetectorFaults(
     view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
 )
 """A detector that errs nowhere."""

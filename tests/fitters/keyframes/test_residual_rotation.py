@@ -18,7 +18,8 @@ from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.key_equations import dense, no_equations
 from tests.support.layouts import WHOLE
@@ -77,8 +78,8 @@ def test_toes_that_bend_far_are_followed():
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     points = pose(Subject(body, landmarks, truth["betas"], np.zeros((len(landmarks), 3))), frames).points
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
-    noise = DetectorNoise(sigma_px=2.0, missing=0.02, outliers=0.0)
-    xy, confidence = detect(px, cameras.image_size, noise, np.random.default_rng(1))
+    noise = replace(DEMO_DETECTOR, drift_mm=6.25, missing=0.02, outliers=0.0)
+    xy, confidence = detect(px, cameras.image_size, 60.0, noise, np.random.default_rng(1))
     capture = Capture("toes", cameras=cameras, keypoints=Keypoints2D(xy, confidence, JointSet.BODY_25, 60.0))
     found = swing_and_twist(exp_so3(solve(capture).motion.body_pose[HELD, :63].reshape(-1, 21, 3)))
     assert np.degrees(np.median(found[:, TOES, FLEXION])) < -38.0

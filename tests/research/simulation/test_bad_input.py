@@ -11,7 +11,7 @@ from research.simulation import bad_input
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
+from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from solver_backend.types import Cameras, Capture, JointSet
 from tests.support.walking_take import EXACT, walk
 
@@ -88,7 +88,7 @@ def test_a_person_who_is_away_is_seen_by_nobody_and_lost_view_by_view(capture: C
 
 
 def test_a_passerby_fills_a_second_place_and_the_person_is_still_chosen() -> None:
-    detector = DetectorModel(swaps_per_minute=0.0)
+    detector = replace(MEASURED_DETECTOR, swaps_per_minute=0.0)
     capture = benchmark_capture(walk(60), BenchmarkSettings(detector=detector))
     chosen, everybody = bad_input.with_passerby(capture, walk(60), seed=5, reach_m=0.3)
     assert everybody.xy.shape[:3] == (4, 60, 2)

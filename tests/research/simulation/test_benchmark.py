@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,9 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
+from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from solver_backend.synthesis.simulation.camera_errors import delayed, miscalibrated
 from solver_backend.synthesis.simulation.cast import running_floor
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import JointSet
 from tests.support.walking_take import EXACT, walk
 
@@ -99,7 +101,7 @@ def test_a_bad_calibration_misplaces_points_but_not_the_room() -> None:
 
 
 def test_the_truth_names_every_exchange() -> None:
-    detector = DetectorModel(swaps_per_minute=60.0)
+    detector = replace(MEASURED_DETECTOR, swaps_per_minute=60.0)
     truth = benchmark_capture(walk(), BenchmarkSettings(detector=detector)).truth
     counted = np.zeros(truth["swapped"].shape[:2] + (2,), dtype=bool)
     for view, limb, start, stop in truth["swaps"]:
@@ -112,7 +114,7 @@ def test_the_truth_names_every_exchange() -> None:
 
 
 def test_the_detector_of_a_benchmark_measures_like_the_recording() -> None:
-    detector = DetectorModel(swaps_per_minute=0.0)
+    detector = replace(MEASURED_DETECTOR, swaps_per_minute=0.0)
     capture = benchmark_capture(walk(150), BenchmarkSettings(calibration_mm=22.0, detector=detector))
     found = measure_noise(capture)
     assert np.median(found.as_calibrated_mm) == pytest.approx(27.0, abs=8.0)

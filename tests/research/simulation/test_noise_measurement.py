@@ -11,14 +11,25 @@ import pytest
 from research.simulation.noise_measurement import measure_noise, millimetres_per_px
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import DetectorNoise
+from solver_backend.synthesis.embedded.detector import PX_PER_MM
+from solver_backend.synthesis.faults import DetectorFaults
 from solver_backend.types import Keypoints2D
 from tests.support.recordings import BALANCING_TRIAL
 
+QUIET = DetectorFaults(drift_mm=1.0 / PX_PER_MM, drift_s=1 / (60 * np.log(2.0)))
+"""1 px, half of it left in the next frame."""
+
 
 def test_jitter_misses_and_correlation_come_back() -> None:
-    noise = DetectorNoise(sigma_px=3.0, correlation=0.6, missing=0.05, burst_frames=6.0, outliers=0.02)
-    capture = demo_capture(num_frames=240, noise=noise)
+    faults = DetectorFaults(
+        drift_mm=3.0 / PX_PER_MM,
+        drift_s=-1 / (60 * np.log(0.6)),
+        missing=0.05,
+        burst_s=0.1,
+        outliers=0.02,
+        outlier_mm=250.0,
+    )
+    capture = demo_capture(num_frames=240, faults=faults)
     found = measure_noise(capture)
     assert capture.cameras is not None
     true_mm = 3.0 * np.median(millimetres_per_px(capture.cameras, capture.truth["keypoints3d"]))
@@ -34,7 +45,7 @@ def test_jitter_misses_and_correlation_come_back() -> None:
 
 
 def test_a_bias_in_one_view_is_found_there_alone() -> None:
-    clean = demo_capture(num_frames=40, noise=DetectorNoise(1.0, 0.5, 0.0, 5.0, 0.0))
+    clean = demo_capture(num_frames=40, faults=QUIET)
     assert clean.keypoints is not None
     xy = clean.keypoints.xy.copy()
     xy[0, :, 4] += [6.0, 0.0]
@@ -44,7 +55,7 @@ def test_a_bias_in_one_view_is_found_there_alone() -> None:
 
 
 def test_exchanged_sides_are_counted() -> None:
-    clean = demo_capture(num_frames=40, noise=DetectorNoise(1.0, 0.5, 0.0, 5.0, 0.0))
+    clean = demo_capture(num_frames=40, faults=QUIET)
     keypoints = clean.keypoints
     assert keypoints is not None
     xy, mirrored = keypoints.xy.copy(), list(keypoints.joint_set.mirrored())
