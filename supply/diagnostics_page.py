@@ -15,13 +15,13 @@ What the reader of a capture, a solve and the check of its result can find. The 
 and `--json` show the same list; the words below are the ones they use, with the names and figures of the take.
 
 - **error**: the input is refused.
-- **warning**: the result may be wrong. `solve` ends with every warning on a line and "Look at …". With `--strict`, with
+- **warning**: the result may be wrong. `solve` ends with every warning on a line and "Look at …". With `--strict`,
   `"strict": true` in a job file, or with `batch --strict` it refuses the result: exit code 3, nothing is written.
 - **note**: worth knowing. A solve whose last line is "OK" may have notes.
 
-With `--json` each is an object with `code`, `severity`, `where` (`file`, `frames` as pairs of first and last, `cameras`,
-`markers`, `joints`, `person`; empty ones are left out), `values` and `remedy`: what the program did about it,
-{remedies}. A motion file holds the list in `provenance` under `diagnostics`.
+With `--json` each is an object with `code`, `severity`, `where` (`file`, `frames` as pairs of first and last,
+`cameras`, `markers`, `joints`, `person`; empty ones are left out), `values` and `remedy`: what the program did about
+it, {remedies}. A motion file holds the list in `provenance` under `diagnostics`.
 A program of another version shows a code that it does not know by its name."""
 
 
