@@ -13,7 +13,7 @@ from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.io.recognition.world_check import LARGEST_RESIDUAL_PX, LEG_SHARE
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.report.statistics import Residuals, detected_share, residuals_of
-from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 BELOW_FLOOR_M = 0.05
 """Depth of a foot joint under the floor beyond which the floor is doubted."""
@@ -92,11 +92,18 @@ def _flagged(motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic(f"{few}frames_unsure{kind}", frames=true_runs(unsure), percent=100 * unsure.mean())
 
 
+def _joints(motion: Motion, *names: str) -> np.ndarray | None:
+    """Return (F, N, 3) joints by name, None where the motion's body lacks one."""
+    known = motion.body_layout.joints
+    return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
+
+
 def _stature(motion: Motion) -> Iterator[Diagnostic]:
     """The stature by the legs, which every body of the family has in the same joints."""
-    joints = {name: motion.joints[0, SMPL_JOINTS.index(name)] for name in ("left_hip", "left_knee", "left_ankle")}
-    hip, knee, ankle = joints.values()
-    stature = float(np.linalg.norm(hip - knee) + np.linalg.norm(knee - ankle)) / LEG_SHARE
+    leg = _joints(motion, "left_hip", "left_knee", "left_ankle")
+    if leg is None:
+        return
+    stature = float(np.linalg.norm(np.diff(leg[0], axis=0), axis=-1).sum()) / LEG_SHARE
     if not STATURES_M[0] <= stature <= STATURES_M[1]:
         yield diagnostic("stature_odd", size=stature, least=STATURES_M[0], most=STATURES_M[1])
 
@@ -141,7 +148,9 @@ def _keypoints(capture: Capture, residuals: Residuals) -> Iterator[Diagnostic]:
 
 
 def _floor(motion: Motion) -> Iterator[Diagnostic]:
-    feet = motion.joints[:, [SMPL_JOINTS.index("left_foot"), SMPL_JOINTS.index("right_foot")]]
+    feet = _joints(motion, "left_foot", "right_foot")
+    if feet is None:
+        return
     lowest = feet[..., 2].min(axis=1)
     below = -float(lowest.min())
     if below > BELOW_FLOOR_M:

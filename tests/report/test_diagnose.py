@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.diagnostics import Severity, word
 from solver_backend.report.diagnose import diagnose
 from solver_backend.types import FLAG_UNSURE
@@ -87,3 +88,12 @@ def test_frames_that_are_hardly_known_are_a_warning_where_they_are_many():
     (many,) = (item for item in diagnose(capture, replace(motion, flags=flags)) if "unsure" in item.code)
     assert (few.severity, many.severity) == (Severity.NOTE, Severity.WARNING)
     assert many.where.frames == ((3, 8),)
+
+
+def test_a_body_without_a_left_leg_has_neither_stature_nor_feet_to_check():
+    capture, motion = solved(faults=False)
+    layout = SMPL.without(("left_hip", "left_knee", "left_ankle", "left_foot"), "one leg")
+    kept = [SMPL.joints.index(name) for name in layout.joints]
+    pose = np.zeros((motion.num_frames, 3 * (layout.num_joints - 1)))
+    sunk = replace(motion, joints=3 * motion.joints[:, kept] - 1.0, body_pose=pose, body_layout=layout)
+    assert not {"stature_odd", "floor_too_high"} & {item.code for item in diagnose(capture, sunk)}

@@ -39,7 +39,7 @@ class _Numbers(NamedTuple):
     places: np.ndarray
     """(F, 3) metres."""
     body_pose: np.ndarray | None
-    """(F, 69) axis-angle of SMPL's joints."""
+    """(F, 69) axis-angle of SMPL's joints; None where the body has others, whose ranges are not known."""
     betas: np.ndarray
 
 
@@ -65,7 +65,9 @@ def check_motion(motion: AnyMotion) -> tuple[Diagnostic, ...]:
 def _numbers(motion: AnyMotion) -> _Numbers:
     if isinstance(motion, BvhClip):
         return _Numbers(motion.fps, motion.root_positions, None, np.zeros(0))
-    return _Numbers(motion.fps, motion.transl, motion.body_pose, motion.betas)
+    solved = SMPL_JOINTS[: NUM_BODY_JOINTS + 1]
+    other = isinstance(motion, Motion) and motion.body_layout.joints[: len(solved)] != solved
+    return _Numbers(motion.fps, motion.transl, None if other else motion.body_pose, motion.betas)
 
 
 def _impossible_rate(motion: _Numbers) -> Iterator[Diagnostic]:
