@@ -82,6 +82,7 @@ class Job(JobFile):
             out=folder / _typed(values, "out", str),
             report=None if report is None else folder / report,
             overwrite=bool(_typed(values, "overwrite", bool)),
+            strict=bool(_typed(values, "strict", bool)),
             fps=None if fps is None else positive_fps(fps),
             trim=bool(_typed(values, "trim", bool)),
             joint_set=None if name is None else joint_set_named(name),

@@ -7,10 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from solver_backend.exchange.outputs import write_text
+from supply.diagnostics_page import diagnostics_page
 from supply.settings_page import settings_page
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
-PAGES: dict[str, Callable[[], str]] = {"settings.md": settings_page}
+PAGES: dict[str, Callable[[], str]] = {
+    "diagnostics.md": diagnostics_page,
+    "settings.md": settings_page,
+}
 """What makes each page, by the page's name."""
 
 

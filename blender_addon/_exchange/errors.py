@@ -219,6 +219,12 @@ class BackendMissing(MocapError):
     code = "backend_missing"
 
 
+class WarningsRefused(MocapError):
+    """A solve that was to be strict has warnings."""
+
+    code = "warnings_refused"
+
+
 class Cancelled(MocapError):
     """The user cancelled the work."""
 

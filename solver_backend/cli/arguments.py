@@ -112,6 +112,9 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     )
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="capture, or session of trials")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write; a session's folder")
+    solve.add_argument(
+        "--strict", action="store_true", default=None, help="refuse a result with warnings, write nothing"
+    )
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
     solve.add_argument("--told", type=Path, metavar="TOLD.json", help="names of points from a person, which bind")

@@ -18,7 +18,7 @@ READING = {
     "subject_prefix": "--subject-prefix", "person": "--person",
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
-_SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
+_SHARED_KEYS = frozenset({"version", "trim", "strict", "settings", *READING})
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class BatchRequest:
     """Formats to write the cleaned markers of takes of markers to."""
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Of the solver for each take; a take that was done within others is not done again."""
+    strict: bool = False
+    """Refuse takes whose solves have warnings, whatever the job file says."""
 
     def plain(self) -> dict[str, Any]:
         """Return the request for another process or machine: plain values, paths from the root."""
@@ -67,7 +69,8 @@ class BatchRequest:
 
     def choices(self) -> dict[str, Any]:
         """Return what decides what is made of a capture, as plain values."""
-        plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": _shared(self.job)}
+        shared = {**_shared(self.job), **({"strict": True} if self.strict else {})}
+        plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": shared}
         plain |= {"markers": self.marker_formats} if self.marker_formats else {}
         return {**plain, "body": str(self.body), "python": str(self.python)}
 

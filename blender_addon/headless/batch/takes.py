@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from ..._exchange.outputs import atomic_outputs
 from ..bake import BakeRequest, run_bake
 from ..child_verb import run_verb
@@ -104,7 +105,7 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     people = {"people": [take.get("person", "") for take in takes]} if "takes" in solved else {}
     return {
         "outputs": [copy.name, job_file.name, *(several or (motion.name, page.name))],
-        "notes": list(solved.get("problems", [])),
+        "notes": [sentence(item) for take in takes for item in warnings_in(read_diagnostics(take["diagnostics"]))],
         "figures": {key: value for key, value in worst.items() if key != "event"},
         **people,
     }
@@ -177,7 +178,7 @@ def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: di
         "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
         "overwrite": True, "settings": shared.get("settings") or {},
     }  # fmt: skip
-    values |= {"person": shared["person"]} if shared.get("person") else {}
+    values |= {key: shared[key] for key in ("person", "strict") if shared.get(key)}
     with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
         temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
     return path

@@ -57,7 +57,7 @@ class Solver:
             "unsure_frames": 3,
             "unseen_frames": 0,
         }
-        return {"event": "result", "motion": job["out"], "problems": [], **figures}
+        return {"event": "result", "motion": job["out"], "diagnostics": [], **figures}
 
 
 @pytest.fixture
@@ -94,6 +94,14 @@ def test_the_worst_comes_first_and_one_failure_stops_nobody(captures: Path, solv
     assert sorted(p.name for p in (out / "good").iterdir()) == [
         "good.html", "good.job.json", "good.npz", "good_capture.npz", "take.json",
     ]  # fmt: skip
+
+
+def test_a_strict_batch_has_strict_jobs_and_solves_again_what_was_not(
+    captures: Path, solver: Solver, tmp_path: Path
+) -> None:
+    run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    run_batch(BatchRequest(captures, tmp_path / "out", strict=True), silent)
+    assert [job.get("strict", False) for job in solver.jobs] == [False] * 4 + [True] * 4
 
 
 def test_recordings_of_markers_are_captures_and_their_markers_are_exported(
