@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Makes the project's environment and runs its verbs; needs nothing but Python 3.11.
 
-``python3 dev.py test`` runs every check and every test; ``python3 dev.py --help`` lists the verbs.
-The environment is ``.venv`` beside this file. It is made on the first call and again when pyproject.toml changes.
+``python3 dev.py test`` runs every check and every test, ``--python 3.13 test`` the tests with Blender 5's module.
+The environment is ``.venv`` (or ``.venv-3.13``), made on the first call or when pyproject.toml changes; see ``--help``.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
-VENV = ROOT / ".venv"
+VERSION = os.environ.get("MOCAP_DEV_PYTHON", "3.11")
+WANTED = tuple(int(part) for part in VERSION.split(".") if part.isdigit())
+VENV = ROOT / (".venv" if VERSION == "3.11" else f".venv-{VERSION}")
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 LOCK = ROOT / "requirements-ci.lock"
 STAMP = VENV / "manifold_mocap.stamp"
-IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {(WANTED := (3, 11))})"
+IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "oak", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
@@ -35,6 +37,7 @@ VERBS = {
     "build": "the extension's zip",
     "vendor": "the exchange library copied into the add-on",
     "setup": "the environment alone",
+    "docs": "the pages of docs/reference, from the program's own tables",
     "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
 }
 READING = {
@@ -96,9 +99,9 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
         return call([sys.executable, *plain[args.verb]])
     set_up()
     if args.verb in ("test", "lint"):
-        tests = [[str(PYTHON), "-m", "pytest", "-q", "-n", "2", *rest]] if args.verb == "test" else []
-        return checks(tests, fix=getattr(args, "fix", False))
-    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"]}
+        pytest = [str(PYTHON), "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", *rest]
+        return checks([pytest] if args.verb == "test" else [], fix=getattr(args, "fix", False))
+    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"], "docs": ["-m", "supply.pages"]}
     if args.verb in made:
         return call([str(PYTHON), *made[args.verb]])
     print(f"The environment is ready: {PYTHON}")
@@ -110,7 +113,7 @@ def set_up() -> None:
     mark = fingerprint()
     if PYTHON.exists() and STAMP.exists() and STAMP.read_text(encoding="utf-8") == mark:
         return
-    print("Setting up .venv (once; it downloads about 1 GB)", flush=True)
+    print(f"Setting up {VENV.name} (once; it downloads about 1 GB)", flush=True)
     STAMP.unlink(missing_ok=True)
     make_venv()
     install()
@@ -183,12 +186,10 @@ def checks(more: list[list[str]], fix: bool = False) -> int:
     steps = [
         [*python, "ruff", "check", *(["--fix"] if fix else []), "."],
         [*python, "ruff", "format", *([] if fix else ["--check"]), "--quiet", "."],
-        [str(BIN / "lint-imports")],
-        [*python, "pyright"],
-        *more,
     ]
+    steps += [[str(BIN / "lint-imports")], [*python, "pyright"], *more]
     failed = []
-    for step in steps:
+    for step in steps if VERSION == "3.11" else more:  # the linters look into .venv
         name = " ".join(part for part in step[1:] if part not in ("-m", "--quiet")) or "lint-imports"
         print(f"── {name}", flush=True)
         if call(step) != 0:
@@ -255,8 +256,7 @@ def require(command: list[str], out: Path) -> None:
     """Run a command that must succeed."""
     if (code := call(command)) == 0:
         return
-    kept = any(out.iterdir())
-    if not kept:
+    if not (kept := any(out.iterdir())):
         out.rmdir()
     raise Failed(f"This stage failed (exit code {code}).", f"What was finished is in {out}." if kept else "", code)
 
@@ -264,8 +264,8 @@ def require(command: list[str], out: Path) -> None:
 def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None = None) -> int:
     """Run a command in the repository's root and return its exit code."""
     try:
-        sink = subprocess.DEVNULL if quiet else None
-        process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=sink, stderr=sink)
+        out = subprocess.DEVNULL if quiet else None
+        process = subprocess.Popen(command, cwd=ROOT, env=env, stdout=out, stderr=out)
     except FileNotFoundError:
         return 127
     try:
@@ -279,18 +279,20 @@ def call(command: list[str], *, quiet: bool = False, env: dict[str, str] | None 
 
 
 def with_wanted_python() -> int:
-    """Run ``main`` in Python 3.11: here, or in the 3.11 that can be found."""
+    """Run ``main`` in the wanted Python: here, or in the one that can be found."""
+    if "--python" in sys.argv[:-1]:
+        place = sys.argv.index("--python")
+        os.environ["MOCAP_DEV_PYTHON"] = sys.argv[place + 1]
+        return call([sys.executable, str(Path(__file__).resolve()), *sys.argv[1:place], *sys.argv[place + 2 :]])
     if sys.version_info[:2] == WANTED:
         return main()
     version = ".".join(map(str, WANTED))
     for command in ([f"python{version}"], ["py", f"-{version}"], [str(PYTHON)]):
         if call([*command, "-c", IS_WANTED], quiet=True) == 0:
             return call([*command, str(Path(__file__).resolve()), *sys.argv[1:]])
-    print(
-        f"✗ This is Python {sys.version.split()[0]}; Blender 4.5's module needs Python {version}, which is not here.\n"
-        f"  Install Python {version} (python.org, pyenv or your system's packages), then: python{version} dev.py …",
-        file=sys.stderr,
-    )
+    missing = f"✗ This is Python {sys.version.split()[0]}; Blender's module needs Python {version}, which is not here."
+    hint = f"Install Python {version} (python.org, pyenv or your system's packages), then: python{version} dev.py …"
+    print(f"{missing}\n  {hint}", file=sys.stderr)
     return 1
 
 

@@ -14,7 +14,7 @@ from assets_procedural.detail.fingers import finger_knots, relax_fingers
 from assets_procedural.detail.lay_on import lay_on_details
 from assets_procedural.layout import BORDERS, PARENTS
 from assets_procedural.mesh.charts import build_texture_map
-from assets_procedural.mesh.meshing import build_mesh
+from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
 from assets_procedural.mesh.parts import MATERIAL_NAMES, PART_FACING, face_materials, face_parts
 from assets_procedural.population.shape import build_shape_space
 from assets_procedural.population.statistics import load_statistics
@@ -33,21 +33,21 @@ _ROOT = 4294967295
 _T = TypeVar("_T")
 
 
-def build_body(num_vertices: int = NUM_VERTICES) -> dict[str, np.ndarray]:
+def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> dict[str, np.ndarray]:
     """Return the arrays of the body file; the pelvis is the origin for every shape.
+
+    ``fitted`` is the mesh of the skin where it exists already; without it one of ``num_vertices`` vertices is made.
 
     Keys of SMPL: ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Ours: ``body_id``; ``uv``
     (V, 2); ``vt`` (T, 2) and ``ft`` (F, 3) with seams; ``face_material`` (F,) and ``material_names``; ``mirror`` (V,);
     the joints that the regressor was fitted to, ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10).
     """
     statistics, fitted_joints = load_statistics(), load_joints()
-    fitted = _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
-    detailed = _timed("details", lambda: lay_on_details(fitted, fitted_joints))
+    skin = fitted or _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
+    detailed = _timed("details", lambda: lay_on_details(skin, fitted_joints))
     mesh, part = detailed.mesh, face_parts(detailed.mesh.vertices, detailed.mesh.faces)
     carried = np.concatenate([mesh.vertices, finger_knots(fitted_joints)])
-    space = _timed(
-        "shape", lambda: build_shape_space(fitted.vertices, fitted.faces, fitted_joints, statistics, carried)
-    )
+    space = _timed("shape", lambda: build_shape_space(skin.vertices, skin.faces, fitted_joints, statistics, carried))
     origin, count = space.joints[0], len(mesh.vertices)
     spread, joints = space.carried - origin, space.joints - origin
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from assets_procedural.mesh.meshing import Plane
-from solver_backend.types import SMPL_JOINTS
+from solver_backend.exchange.body_layout import SMPL
 
-PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
-"""Parent of each of the 24 joints."""
-JOINT = {name: index for index, name in enumerate(SMPL_JOINTS)}
+PARENTS = SMPL.parents
+"""Parent of each joint."""
+JOINT = {name: index for index, name in enumerate(SMPL.joints)}
 """Index of each joint by name."""
-MIRROR_JOINT = tuple(
-    JOINT[n.replace("left", "right") if n.startswith("left") else n.replace("right", "left")] for n in SMPL_JOINTS
-)
+MIRROR_JOINT = SMPL.mirror
 """Index of the joint on the other side; midline joints are their own."""
-CHILDREN = tuple(tuple(c for c, p in enumerate(PARENTS) if p == j) for j in range(len(PARENTS)))
+CHILDREN = SMPL.children
 """Children of each joint."""
 
 NECKLINE = Plane((-0.55, 1.0, 0.42), 1.1776, (-1.0, 1.30, -0.3), (0.12, 1.55, 0.3))

@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.exchange.version import VERSION
+
 if TYPE_CHECKING:
     from solver_backend.body.body import Body, load_body
     from solver_backend.exchange.errors import MocapError
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from solver_backend.synthesis.embedded.demo import demo_capture
     from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, Motion
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOMES = {
     "body.body": ("Body", "load_body"),

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.body_choice import is_path
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.job_file import VERSION, JobFile
+from solver_backend.exchange.setting import settings_of_class
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
 READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix", "person")
 """Fields that say how a capture is read."""
+PATHS = {
+    name: is_path if row.kind == "name_or_file" else bool
+    for name, row in settings_of_class(SolveSettings).items()
+    if row.kind in ("file", "name_or_file")
+}
+"""Settings that may be paths, and what tells whether a text is one."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,7 @@ class Job(JobFile):
             out=folder / _typed(values, "out", str),
             report=None if report is None else folder / report,
             overwrite=bool(_typed(values, "overwrite", bool)),
+            strict=bool(_typed(values, "strict", bool)),
             fps=None if fps is None else positive_fps(fps),
             trim=bool(_typed(values, "trim", bool)),
             joint_set=None if name is None else joint_set_named(name),
@@ -135,7 +143,7 @@ def positive_fps(value: float) -> float:
 
 
 def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
-    """Return the settings after checking that each value is of the type of its default.
+    """Return the settings of plain values, with whole paths.
 
     Args:
         values: the job's settings.
@@ -144,13 +152,9 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     Raises:
         JobInvalid: a key is unknown, a type wrong or a value impossible.
     """
-    for item in fields(SolveSettings):
-        kind = (int, float) if isinstance(item.default, float) else type(item.default)
-        _typed(values, item.name, (list, tuple) if item.default is None or kind is tuple else kind)
-    settings = SolveSettings.from_dict({key: value for key, value in values.items() if value is not None})
-    files = {name: str(folder / getattr(settings, name)) for name in ("layout", "noise") if getattr(settings, name)}
-    settings = replace(settings, **files)
-    return replace(settings, body=str(folder / settings.body)) if is_path(settings.body) else settings
+    settings = SolveSettings.from_dict(values)
+    given = {name: getattr(settings, name) for name in PATHS}
+    return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
 
 
 def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:

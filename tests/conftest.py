@@ -7,6 +7,8 @@ import os
 # Small matrices gain nothing from BLAS threads and suites run side by side; set before NumPy loads its BLAS.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+# The solver gives torch every core. Threads that wait by turning in circles keep the other worker's core busy.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from importlib.util import find_spec  # noqa: E402
 from pathlib import Path  # noqa: E402

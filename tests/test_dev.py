@@ -246,6 +246,22 @@ def test_another_python_looks_for_3_11_and_explains(tmp_path):
     assert "then: python3.99 dev.py" in done.stderr
 
 
+def test_a_chosen_python_has_its_own_environment_and_runs_the_tests_alone(dev, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["dev.py", "test", "--python", "3.13", "tests/io"])
+    monkeypatch.setenv("MOCAP_DEV_PYTHON", "3.11")
+    assert dev.with_wanted_python() == 0
+    assert [command[2:] for command, _ in dev.commands] == [["test", "tests/io"]]
+    spec = importlib.util.spec_from_file_location("dev", ROOT / "dev.py")
+    assert spec is not None and spec.loader is not None
+    chosen: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(chosen)
+    assert chosen.WANTED == (3, 13) and chosen.VENV == ROOT / ".venv-3.13"
+    dev.commands.clear()
+    monkeypatch.setattr(chosen, "call", dev.call)
+    assert chosen.checks([["python", "-m", "pytest"]]) == 0
+    assert [command for command, _ in dev.commands] == [["python", "-m", "pytest"]]
+
+
 def test_vendoring_needs_no_environment(dev, monkeypatch):
     monkeypatch.setattr(dev, "set_up", lambda: pytest.fail("the environment was made"))
     assert dev.main(["vendor"]) == 0

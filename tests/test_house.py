@@ -27,11 +27,11 @@ def dotted(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-def imported(path: Path, *, everywhere: bool) -> Iterator[str]:
-    """Yield the full names that a file imports, also those taken out of modules; at its top level, or everywhere."""
+def imported(path: Path) -> Iterator[str]:
+    """Yield the full names that a file imports, also those taken out of modules, inside functions and for types."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     package = dotted(path).split(".")[: None if path.name == "__init__.py" else -1]
-    for node in ast.walk(tree) if everywhere else tree.body:
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -43,7 +43,7 @@ def imported(path: Path, *, everywhere: bool) -> Iterator[str]:
 
 def imports_under(files: list[Path], prefixes: tuple[str, ...]) -> list[str]:
     """Return who imports what, where the imported name begins with one of the prefixes."""
-    pairs = ((dotted(path), name) for path in files for name in imported(path, everywhere=True))
+    pairs = ((dotted(path), name) for path in files for name in imported(path))
     return [f"{importer} imports {name}" for importer, name in pairs if name.startswith(prefixes)]
 
 
@@ -51,9 +51,7 @@ def test_no_file_imports_a_test() -> None:
     every = sorted((ROOT / "tests").rglob("*.py"))
     tests = {dotted(path) for path in every if path.name.startswith("test_")}
     assert len(tests) > 100
-    assert not {
-        f"{dotted(path)} imports {name}" for path in every for name in imported(path, everywhere=True) if name in tests
-    }
+    assert not {f"{dotted(path)} imports {name}" for path in every for name in imported(path) if name in tests}
 
 
 def test_tests_import_benchmarks_only_beside_them() -> None:
@@ -69,7 +67,7 @@ def test_the_product_imports_no_tests() -> None:
 @pytest.mark.parametrize("package", PRODUCT)
 def test_no_modules_import_each_other_in_a_ring(package: str) -> None:
     files = {dotted(path): path for path in (ROOT / package).rglob("*.py")}
-    graph = {name: set(imported(path, everywhere=False)) & files.keys() - {name} for name, path in files.items()}
+    graph = {name: set(imported(path)) & files.keys() - {name} for name, path in files.items()}
     assert sum(map(len, graph.values())) > len(files)
     try:
         TopologicalSorter(graph).prepare()

@@ -48,11 +48,17 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
     ("change", "message"),
     [
         ({"methd": "frame"}, r"Unknown key methd\..*Known keys: capture, fps, joint_set, out, overwrite"),
-        ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, backend, window"),
+        ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, window, refine_window"),
         ({"settings": {"window": 3}}, r"window = 3 is not valid; a whole number from 4 to 240"),
-        ({"settings": {"residual_rotations": "no"}}, r"residual_rotations is 'no'; true or false is expected"),
-        ({"settings": {"robust_scale": "wide"}}, r"robust_scale is 'wide'; a number is expected"),
-        ({"settings": {"betas": 3}}, r"betas is 3; a list is expected"),
+        (
+            {"settings": {"residual_rotations": "no"}},
+            r"rotations = 'no' is not valid; true or false is expected",
+        ),
+        (
+            {"settings": {"robust_scale": "wide"}},
+            r"robust_scale = 'wide' is not valid; a number from 0\.1 to 100",
+        ),
+        ({"settings": {"betas": 3}}, r"betas = 3 is not valid; 10 numbers or null is expected"),
         ({"settings": ["frame"]}, r"settings is \['frame'\]; an object is expected"),
         ({"version": 2}, r"The job has version 2; 1 is read"),
         ({"version": None}, r"The job has version None; 1 is read.*Write \"version\": 1"),

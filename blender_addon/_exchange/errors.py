@@ -183,6 +183,12 @@ class WeightsInvalid(MocapError):
     code = "weights_invalid"
 
 
+class PriorInvalid(MocapError):
+    """A pose prior does not fit its own joints or codes, or not the body."""
+
+    code = "prior_invalid"
+
+
 class TrainingMismatch(MocapError):
     """A checkpoint was made with other settings than the run that wants to go on from it."""
 
@@ -211,6 +217,12 @@ class BackendMissing(MocapError):
     """The chosen array backend, the solver or a Python to run it with is not there."""
 
     code = "backend_missing"
+
+
+class WarningsRefused(MocapError):
+    """A solve that was to be strict has warnings."""
+
+    code = "warnings_refused"
 
 
 class Cancelled(MocapError):

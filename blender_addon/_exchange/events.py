@@ -25,6 +25,12 @@ def _texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
+def _diagnostics(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(item, dict) and _text(item.get("code")) and _text(item.get("severity")) for item in value
+    )
+
+
 def _or_none(test: _Test) -> _Test:
     return lambda value: value is None or test(value)
 
@@ -56,7 +62,7 @@ _CAPTURE: dict[str, _Test] = {
     "notes": _texts, "problems": _texts,
 }  # fmt: skip
 _SOLVED: dict[str, _Test] = {
-    "motion": _text, "report": _or_none(_text), "problems": _texts, "frames": _whole,
+    "motion": _text, "report": _or_none(_text), "diagnostics": _diagnostics, "frames": _whole,
     "reprojection_median_px": _or_none(_number), "unsure_frames": _whole, "unseen_frames": _whole,
 }  # fmt: skip
 _RESULTS: dict[str, dict[str, _Test]] = {"convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED}

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-SMPL_JOINTS: tuple[str, ...] = (
-    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
-    "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
-    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
-    "left_hand", "right_hand",
-)  # fmt: skip
-"""SMPL's 24 joints in SMPL's order (Loper et al. 2015)."""
+from .body_layout import SMPL
 
-SMPL_PARENTS: tuple[int, ...] = (
-    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21,
-)  # fmt: skip
+SMPL_JOINTS: tuple[str, ...] = SMPL.joints
+"""SMPL's joints in SMPL's order."""
+SMPL_PARENTS: tuple[int, ...] = SMPL.parents
 """Parent of each SMPL joint; -1 at the root."""
-
-NUM_JOINTS = 24
-NUM_BODY_JOINTS = 21
-"""Joints 1..21, the ones a pose prior models (no hands)."""
+NUM_JOINTS = SMPL.num_joints
+"""Joints of SMPL."""
+NUM_BODY_JOINTS = SMPL.num_solved
+"""Joints after the root that solves turn and the priors that ship with the code model: no hands."""
 NUM_BETAS = 10
+"""Numbers of a shape."""
 
 _COCO = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",

@@ -12,7 +12,7 @@ from .._exchange.npz import read_arrays
 from .._exchange.schema import Fields
 from ..backend_environment import PACKAGE, backend_folder
 from ..conventions.skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
-from .smpl_family import on_24_joints
+from .smpl_family import on_smpl_joints
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
 _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
@@ -78,7 +78,7 @@ def read_body(path: Path) -> BodyFile:
         )
     stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
     _require_numbers(stored, path)
-    arrays = on_24_joints(stored, path)
+    arrays = on_smpl_joints(stored, path)
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
     _check(arrays, path)
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
@@ -129,4 +129,4 @@ def _check(arrays: dict[str, np.ndarray], path: Path) -> None:
     if (arrays["weights"].sum(axis=1) <= 0).any():
         raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
     if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != PARENTS[1:]:
-        raise BodyInvalid("The tree is not SMPL's tree of 24 joints.", where=str(path))
+        raise BodyInvalid("The tree is not SMPL's tree of joints.", where=str(path))

@@ -1,4 +1,4 @@
-"""SMPL-H and SMPL-X bodies on SMPL's 24 joints: fingers go with the hand, jaw and eyes with the head."""
+"""SMPL-H and SMPL-X bodies on SMPL's joints: fingers go with the hand, jaw and eyes with the head."""
 
 from __future__ import annotations
 
@@ -6,19 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from .._exchange.body_layout import FAMILY, SMPL
 from .._exchange.errors import BodyInvalid
-from ..conventions.skeleton import NUM_JOINTS, PARENTS
-
-_BODY = 22
-"""Joints that the whole family shares."""
-_MIDDLE_FINGERS = {52: (25, 40), 55: (28, 43)}
-"""Roots of the left and right middle finger, which stand for SMPL's hands, by number of joints."""
-_CARRIED_BY = {15: 15, 20: 22, 21: 23}
-"""Joint that carries what hangs on the head, the left wrist and the right wrist."""
 
 
-def on_24_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an SMPL-H or SMPL-X body with 24 joints; those of other bodies as they are.
+def on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints; those of other bodies as they are.
 
     With flat hands the skin is the same: correctives of fingers, jaw and eyes vanish at rest and are left out.
 
@@ -31,7 +24,7 @@ def on_24_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndar
     """
     tree = np.asarray(arrays["kintree_table"])
     count = tree.shape[1] if tree.ndim == 2 and len(tree) == 2 else 0
-    if count not in _MIDDLE_FINGERS:
+    if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
     parents, vertices = tree[0].astype(np.int64), len(arrays["v_template"])
     shapes = {
@@ -44,20 +37,21 @@ def on_24_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndar
             raise BodyInvalid(f"{key} has shape {arrays[key].shape}; {shape} is expected.", where=str(path))
     if (parents[1:] >= np.arange(1, count)).any() or (parents[1:] < 0).any():
         raise BodyInvalid("A joint comes before its parent.", where=str(path))
-    carrier = [*range(_BODY)]
-    for joint in range(_BODY, count):
+    layout, kept = FAMILY[count], 1 + SMPL.num_solved
+    carrier = [*range(kept)]
+    for joint in range(kept, count):
         above = int(parents[joint])
-        carrier.append(carrier[above] if above >= _BODY else _CARRIED_BY.get(above, above))
-    weights = np.zeros((vertices, NUM_JOINTS))
+        hand = layout.groups[joint] if layout.groups[joint] in SMPL.joints else ""
+        carrier.append(SMPL.joints.index(hand) if hand and above < kept else carrier[above])
+    weights = np.zeros((vertices, SMPL.num_joints))
     np.add.at(weights.T, carrier, np.asarray(arrays["weights"], np.float64).T)
-    rows = [*range(_BODY), *_MIDDLE_FINGERS[count]]
     reduced = {
         **arrays,
         "weights": weights,
-        "J_regressor": np.asarray(arrays["J_regressor"])[rows],
-        "kintree_table": np.array([[*parents[:_BODY], *PARENTS[_BODY:]], range(NUM_JOINTS)]),
+        "J_regressor": np.asarray(arrays["J_regressor"])[list(layout.standing_for(SMPL))],
+        "kintree_table": np.array([[*parents[:kept], *SMPL.parents[kept:]], range(SMPL.num_joints)]),
     }
     if "posedirs" in arrays:
-        body = np.asarray(arrays["posedirs"])[:, :, : 9 * (_BODY - 1)]
-        reduced["posedirs"] = np.concatenate([body, np.zeros((vertices, 3, 9 * (NUM_JOINTS - _BODY)))], axis=2)
+        body, hands = np.asarray(arrays["posedirs"])[:, :, : 9 * SMPL.num_solved], SMPL.num_joints - kept
+        reduced["posedirs"] = np.concatenate([body, np.zeros((vertices, 3, 9 * hands))], axis=2)
     return reduced

@@ -136,6 +136,7 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     _add_workers(batch, "takes")
     batch.add_argument("--stretches", action="store_true", help="spread the stretches of each long take, too (Dask)")
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
+    batch.add_argument("--strict", action="store_true", help="refuse takes whose solves have warnings")
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
     batch.add_argument("--render", action="store_true", help="write a video and a contact sheet of each take")
     batch.add_argument("--take-seconds", type=_positive, metavar="S", help="end the solver of a take after so long")

@@ -2,7 +2,7 @@
 
 import bpy
 
-NAME = "manifold_mocap"
+from .child_verb import COMMAND
 
 
 def run(arguments: list[str]) -> int:
@@ -10,7 +10,7 @@ def run(arguments: list[str]) -> int:
     from .main import main
 
     try:
-        return main(arguments, f"blender --command {NAME}")
+        return main(arguments, f"blender --command {COMMAND}")
     except SystemExit as done:  # argparse has printed its help, or what is wrong
         return int(done.code or 0)
 
@@ -23,7 +23,7 @@ class Command:
 
     def register(self) -> None:
         """Make the command known."""
-        self._handle = bpy.utils.register_cli_command(NAME, run)
+        self._handle = bpy.utils.register_cli_command(COMMAND, run)
 
     def unregister(self) -> None:
         """Take it back."""

@@ -14,6 +14,8 @@ from ..solving.child import SolverProcess
 from ..solving.run import Run
 from .run_to_its_end import run_to_its_end
 
+COMMAND = "manifold_mocap"
+"""What the command line is called inside Blender: ``blender --command manifold_mocap``."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -59,9 +61,7 @@ def command_line() -> list[str]:
     """Return how this command line is started: by Python, or by the Blender that runs it."""
     blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
     if blender:
-        from .blender_command import NAME
-
-        return [blender, "--command", NAME]
+        return [blender, "--command", COMMAND]
     return [sys.executable, "-m", _PACKAGE.name]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.errors import Cancelled, MocapError
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
@@ -93,7 +94,8 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     result = run_solver("solve", options.rest, progress, python=options.python)
     outputs = [result[key] for key in ("motion", "report") if result.get(key)]
-    return {**result, "outputs": outputs, "notes": list(result.get("problems", []))}
+    found = [item for take in result.get("takes", [result]) for item in read_diagnostics(take.get("diagnostics"))]
+    return {**result, "outputs": outputs, "notes": [sentence(item) for item in warnings_in(found)]}
 
 
 def _calibrate(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -161,7 +163,7 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     request = BatchRequest(
         options.captures or options.watch, options.out, options.job, options.bake, options.render, formats,
         options.body, options.python, tuple(dict.fromkeys(options.export_markers)),
-        TakeLimits(options.take_seconds, options.take_memory),
+        TakeLimits(options.take_seconds, options.take_memory), options.strict,
     )  # fmt: skip
     spread = Spread(
         options.scheduler, options.workers, options.watch is not None, options.settled, options.idle,

@@ -15,7 +15,8 @@ from ..errors import BlenderMissing
 from .batch.dispatch import dispatch
 from .batch.request import Spread
 from .batch.run_batch import engine_for
-from .batch.shots import Shots, ShotsRequest, require_all
+from .batch.shots import Shots, digest_of, require_all
+from .batch.source import Listed
 from .solver import run_solver
 
 
@@ -88,12 +89,13 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
 
 def _by_workers(request: StudioRequest, shots: list[str], coloured: bool, progress: Progress) -> list[str]:
     """Make all shots by the workers, and return what a person should know about these."""
-    wanted = ShotsRequest(request.description, request.out, tuple(shots), coloured, request.python)
-    choices, records = wanted.choices(), list[dict[str, Any]]()
-    with engine_for(wanted, choices, progress, request.spread) as engine:
-        dispatch(wanted, choices, Shots(wanted), engine, progress, lambda record, recalled: records.append(record))
+    work = Shots(request.description, request.out, digest_of(request.description), coloured, request.python)
+    records = list[dict[str, Any]]()
+    with engine_for(work, progress, request.spread) as engine:
+        items = Listed([work.item(name) for name in shots])
+        dispatch(work, items, engine, progress, lambda record, recalled: records.append(record))
         notes = engine.notes()
-    require_all(records, wanted)
+    require_all(records, work.data_set)
     return notes
 
 

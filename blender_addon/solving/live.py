@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._exchange.body_layout import SMPL
 from .._exchange.errors import sentence
 from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
@@ -23,7 +24,6 @@ _MOST_LINES = 100_000
 _LOG_LINES = 200
 SENSORS_GRACE_S = 20.0
 """Sensors' processes have 5 s to end, and what they recorded is written to the disk before."""
-_BODY_JOINTS, _ALL_JOINTS = 21, 24
 
 
 @dataclass(frozen=True)
@@ -141,12 +141,12 @@ def read_pose_line(line: str) -> LivePose | None:
     off = _numbers(values.get("off_mm"), 1)
     rotvec = transl = None
     if "pose" in values:
-        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * _BODY_JOINTS)
+        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * SMPL.num_solved)
         transl = _numbers(values.get("trans"), 3)
         if root is None or pose is None or transl is None:
             return None
-        rotvec = np.zeros((_ALL_JOINTS, 3))
-        rotvec[0], rotvec[1 : 1 + _BODY_JOINTS] = root, pose.reshape(-1, 3)
+        rotvec = np.zeros((SMPL.num_joints, 3))
+        rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),

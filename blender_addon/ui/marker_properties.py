@@ -21,7 +21,7 @@ BONE_ITEMS = (
     ("NONE", "Nothing", "It is left out of the solve"),
     *(
         (joint, joint.replace("_", " ").capitalize(), f"The bone of {joint}, wherever it sits on it")
-        for joint in JOINTS[:22]
+        for joint in JOINTS[:-2]
     ),
 )
 """What a marker may be attached to by hand; hands' ends are no bones that markers tell."""

@@ -11,6 +11,7 @@ from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, acti
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
 from .rig_properties import RIG_CLASSES, MocapRig
+from .setting_properties import CHOSEN_BY_PRESETS, DEFAULTS, ROWS, SettingProperties, panel_values
 from .studio_properties import MocapStudio
 from .video_properties import VIDEO_CLASSES, MocapVideos
 
@@ -20,17 +21,6 @@ _PRESET_ITEMS = (
     ("BALANCED", "Balanced", "The solver's own settings: for most takes"),
     ("BEST", "Best", "Keys closer together: for dance, sports and other fast limbs"),
     ("CUSTOM", "Custom", "The settings below"),
-)
-_METHOD_ITEMS = (
-    ("global", "Whole Take", "All keyframes of the take at once"),
-    ("sliding", "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
-    ("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
-    ("noise-aware", "Noise-Aware", "Every frame on its own, each landmark's reliability estimated, as published"),
-)
-_BACKEND_ITEMS = (
-    ("numpy", "NumPy", "Works everywhere"),
-    ("torch", "PyTorch", "Needs a Python with torch, chosen in the add-on's preferences"),
-    ("cuda", "CUDA", "Needs a Python with torch for CUDA and an NVIDIA graphics processor"),
 )
 _UNIT_ITEMS = (
     (AUTO, "As the File Says", "Told from the calibration"),
@@ -100,70 +90,15 @@ class MocapReading(bpy.types.PropertyGroup):
         return [*options, "--trim"] if self.trim else options
 
 
-CHOSEN_BY_PRESETS = (
-    "method", "window", "refine_window", "residual_rotations", "contacts", "learn_noise", "iterations", "robust_scale",
-)  # fmt: skip
-"""Settings that are the user's own with the preset Custom alone."""
-
-
-class MocapSolve(bpy.types.PropertyGroup):
+class MocapSolve(SettingProperties, bpy.types.PropertyGroup):
     """How to solve."""
 
     preset: bpy.props.EnumProperty(
         name="Preset", description="What the solve is for", items=_PRESET_ITEMS, default="BALANCED"
     )
-    method: bpy.props.EnumProperty(name="Method", description="How frames are tied together", items=_METHOD_ITEMS)
-    window: bpy.props.IntProperty(
-        name="Window",
-        description="Frames at 60 a second between the ends of a window of keyframes",
-        default=20,
-        min=4,
-        max=240,
-    )
-    refine_window: bpy.props.IntProperty(
-        name="Refined Window", description="The same for the last passes; fewer follow faster limbs",
-        default=10, min=2, max=240,
-    )  # fmt: skip
-    residual_rotations: bpy.props.BoolProperty(
-        name="Free Joints", description="Let joints leave the manifold of learned poses a little", default=True
-    )
-    contacts: bpy.props.BoolProperty(
-        name="Feet Stand", description="Hold feet that stand to where they stand", default=True
-    )
-    learn_noise: bpy.props.BoolProperty(
-        name="Weigh Views", description="Learn how reliable each keypoint is in each view", default=True
-    )
-    iterations: bpy.props.IntProperty(
-        name="Iterations", description="Linearisations at most for each robust step", default=30, min=1, max=200
-    )
-    robust_scale: bpy.props.FloatProperty(
-        name="Outlier Scale", description="Standard deviations at which a detection starts to be doubted",
-        default=4.0, min=0.1, max=100,
-    )  # fmt: skip
-    smoothing: bpy.props.FloatProperty(
-        name="Smoothing", default=1.0, min=0.1, soft_max=10.0, max=100.0,
-        description="How many times as calm as recorded motion: 1 follows the detections, 3 is calm, 10 loses detail",
-    )  # fmt: skip
-    foot_lock: bpy.props.FloatProperty(
-        name="Foot Lock", default=1.0, min=0.1, max=5.0,
-        description="How many times as firmly standing feet are held where they stand",
-    )  # fmt: skip
-    estimate_sync: bpy.props.BoolProperty(
-        name="Correct Delays", description="Where some camera is late, move the others by their delays too; "
-        "without, only sure delays from 0.3 frames on are corrected", default=False,
-    )  # fmt: skip
-    backend: bpy.props.EnumProperty(name="Arrays", description="What computes", items=_BACKEND_ITEMS)
-    body: bpy.props.StringProperty(
-        name="Body", description="Name of a body, or the path of a body file; empty for the one that ships"
-    )
     subject: bpy.props.StringProperty(
         name="Subject", subtype="FILE_PATH", options=RELATIVE,
         description="Calibrated person who wears the markers; empty to learn shape and places from the take itself",
-    )  # fmt: skip
-    noise: bpy.props.StringProperty(
-        name="Detector's Noise", subtype="FILE_PATH", options=RELATIVE,
-        description="File that says how far the detector's keypoints scatter at each confidence, as the command line's "
-        "detector-noise measures it; empty takes confidences as they are",
     )  # fmt: skip
     keep_shape: bpy.props.BoolProperty(
         name="Keep Shape",
@@ -173,18 +108,10 @@ class MocapSolve(bpy.types.PropertyGroup):
     report: bpy.props.BoolProperty(name="Report", description="Write a page about the solve", default=True)
 
     def values(self) -> dict[str, Any]:
-        """Return the job file's settings."""
-        chosen: dict[str, Any] = {"backend": self.backend} if self.backend != "numpy" else {}
-        if self.estimate_sync:
-            chosen["estimate_sync"] = True
-        if self.body:
-            chosen["body"] = self.body
-        for name in ("smoothing", "foot_lock"):
-            if abs(getattr(self, name) - 1.0) > 1e-6:
-                chosen[name] = round(getattr(self, name), 4)
-        if self.preset != "CUSTOM":
-            return {**PRESETS[self.preset], **chosen}
-        return {**{name: getattr(self, name) for name in CHOSEN_BY_PRESETS}, **chosen}
+        """Return the job file's settings: those of the preset or one's own, and what else is not as it ships."""
+        method = panel_values(self, CHOSEN_BY_PRESETS) if self.preset == "CUSTOM" else PRESETS[self.preset]
+        others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
+        return method | {name: value for name, value in others.items() if value != DEFAULTS[name]}
 
 
 class MocapLive(bpy.types.PropertyGroup):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
 
 from .._exchange.capture_file import portable_path
 from .._exchange.errors import OutputNotWritable
-from .._exchange.job_file import JobFile
+from .._exchange.job_file import JobFile, Resolve
 from .._exchange.outputs import write_text
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
@@ -17,8 +18,38 @@ from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
 from ..review.pinning import FrameRange, resolve_of
-from ..solving.take_paths import capture_folder, next_take
+from ..solving.take_paths import TakeFiles, capture_folder, next_take
 from .locations import files_folder, usable
+
+_SUBJECT = ("the calibrated subject", "Calibrate the subject again")
+_NOISE = ("the detector's noise", "Measure it again (detector-noise)")
+"""What is missing where such a file is gone, and how it is made anew."""
+
+
+@dataclass(frozen=True)
+class SolveRequest:
+    """What a scene wants solved."""
+
+    scene: bpy.types.Scene
+    capture: bpy.types.PropertyGroup
+    """One of the scene's captures."""
+    person: int
+    """Index of one of its people."""
+    frames: FrameRange | None
+    """A range to solve again, None for the whole take."""
+
+
+@dataclass(frozen=True)
+class CheckedFiles:
+    """The files that a solve reads; each was there when it was looked for."""
+
+    capture: Path
+    subject: Path | None
+    """Of the calibrated person, None where markers are calibrated on the take itself."""
+    noise: Path | None
+    """Of the detector's noise, None for none."""
+    resolve: Resolve | None
+    """What is solved again, None for the whole take."""
 
 
 def prepare_job(
@@ -27,7 +58,7 @@ def prepare_job(
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
-    """Return the job of the scene's settings and the path it is to be written to.
+    """Return the job of the scene's settings and the path it is to be written to, after writing the files it names.
 
     Args:
         scene: the scene.
@@ -35,43 +66,87 @@ def prepare_job(
         of: one of the scene's captures; None for the one panels are about.
         person: index of one of its people; None for the one panels are about.
 
-    Takes go beside their capture, or where new captures go if that folder has become read-only.
-
     Raises:
         OutputNotWritable: takes cannot be written where they should go.
         TakeMissing: the capture, the motion to solve again, or a file of the settings is no longer on the disk.
     """
-    settings = scene.mocap
-    chosen = settings.capture if of is None else of
-    index = chosen.person_index if person is None else person
-    review, capture = chosen.review_of(index), capture_file(chosen)
-    take = next_take(folder_of_takes(scene, capture.parent if chosen.file else _own_folder(scene, capture)))
-    values, subject = settings.solve.values(), _subject(settings, chosen) if frames is None else None
-    mesh = body_mesh(review.armature) if review.armature is not None else None
-    if mesh is not None and subject is None and (settings.solve.keep_shape or frames is not None):
-        values["betas"] = [round(float(v), 6) for v in get_betas(mesh)]
-    layout = written_layout(chosen, take.job.with_name(take.job.name.replace(".job.json", ".layout.json")))
-    told = written_told(chosen, take.job.with_name(take.job.name.replace(".job.json", ".told.json")))
-    if left_out := chosen.leave_out(scene_frame_rate(scene)):
-        values["leave_out"] = left_out
-    if layout is not None:
-        values["layout"] = layout.name
-    if settings.solve.noise and not chosen.marker_items:
-        values["noise"] = str(_detectors_noise(settings))
-    report = take.report if settings.solve.report and chosen.file else None
-    whom = chosen.people[index].key if chosen.people else None
-    job = JobFile(
-        capture=capture, out=take.motion, report=report, person=whom, subject=subject, told=told, settings=values
+    capture = scene.mocap.capture if of is None else of
+    request = SolveRequest(scene, capture, capture.person_index if person is None else person, frames)
+    files = check_files(request)
+    take = name_take(request, files.capture)
+    layout, told = write_inputs(capture, take)
+    return build_job(request, files, take, layout, told), take.job
+
+
+def check_files(request: SolveRequest) -> CheckedFiles:
+    """Return the files that a solve reads.
+
+    Raises:
+        TakeMissing: one of them is no longer on the disk.
+    """
+    settings, capture, frames = request.scene.mocap.solve, request.capture, request.frames
+    markers = bool(capture.marker_items)
+    return CheckedFiles(
+        capture=capture_file(capture),
+        subject=_file_of(settings, "subject", *_SUBJECT) if markers and frames is None else None,
+        noise=None if markers else _file_of(settings, "noise", *_NOISE),
+        resolve=None if frames is None else resolve_of(frames),
     )
-    if frames is not None:
-        job = replace(job, resolve=resolve_of(frames))
-    return job, take.job
 
 
-def _own_folder(scene: bpy.types.Scene, motion: Path) -> Path:
-    """Return where takes of a motion go that came without its recording: never into the library it is from."""
-    own = files_folder(scene)
-    return motion.parent if motion.is_relative_to(own) else capture_folder(own, motion)
+def name_take(request: SolveRequest, capture: Path) -> TakeFiles:
+    """Return the files of the next take: beside its capture, or where new captures go if that is read-only.
+
+    A motion that came without its recording gets a folder of its own: nothing goes into the library it is from.
+
+    Raises:
+        OutputNotWritable: takes cannot be written there.
+    """
+    folder = capture.parent
+    if not request.capture.file:
+        own = files_folder(request.scene)
+        folder = folder if capture.is_relative_to(own) else capture_folder(own, capture)
+    return next_take(folder_of_takes(request.scene, folder))
+
+
+def write_inputs(capture: bpy.types.PropertyGroup, take: TakeFiles) -> tuple[Path | None, Path | None]:
+    """Write the layout and the names that were set by hand beside a take; None for what there is none of.
+
+    Raises:
+        OutputNotWritable: see ``write_text``.
+    """
+    beside = (take.motion.with_suffix(f".{what}.json") for what in ("layout", "told"))
+    return written_layout(capture, next(beside)), written_told(capture, next(beside))
+
+
+def build_job(
+    request: SolveRequest, files: CheckedFiles, take: TakeFiles, layout: Path | None, told: Path | None
+) -> JobFile:
+    """Return the job of a request, from its scene's settings.
+
+    Args:
+        request: what is to be solved.
+        files: what it reads.
+        take: what it writes.
+        layout: the marker layout set by hand, None for none.
+        told: the names of points set by hand, None for none.
+    """
+    capture, solve = request.capture, request.scene.mocap.solve
+    armature = capture.review_of(request.person).armature
+    mesh = body_mesh(armature) if armature is not None else None
+    keeps_shape = files.subject is None and (solve.keep_shape or request.frames is not None)
+    more = {
+        "betas": [round(float(v), 6) for v in get_betas(mesh)] if mesh is not None and keeps_shape else None,
+        "layout": layout and layout.name,
+        "leave_out": capture.leave_out(scene_frame_rate(request.scene)),
+        "noise": files.noise and str(files.noise),
+    }
+    values = {name: value for name, value in solve.values().items() if name not in more}
+    return JobFile(
+        capture=files.capture, out=take.motion, report=take.report if solve.report and capture.file else None,
+        person=capture.people[request.person].key if capture.people else None, subject=files.subject, told=told,
+        settings=values | {name: value for name, value in more.items() if value}, resolve=files.resolve,
+    )  # fmt: skip
 
 
 def portable_job(job: JobFile, folder: Path) -> JobFile:
@@ -102,8 +177,6 @@ def written_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     Raises:
         OutputNotWritable: see ``write_text``.
     """
-    import json
-
     places = {item.name: item.place for item in capture.marker_items if item.place is not None}
     if not places:
         return None
@@ -117,8 +190,6 @@ def written_told(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     Raises:
         OutputNotWritable: see ``write_text``.
     """
-    import json
-
     points = [{"point": item.point, "frame": item.frame, "marker": item.marker} for item in capture.told]
     if not points:
         return None
@@ -126,22 +197,24 @@ def written_told(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     return write_text(path, json.dumps(values, indent=1) + "\n", overwrite=True)
 
 
-def _subject(settings: bpy.types.PropertyGroup, capture: bpy.types.PropertyGroup) -> Path | None:
-    """Return the file of the calibrated person of a recording of markers, None where there is none."""
-    if not settings.solve.subject or not capture.marker_items:
+def _file_of(settings: bpy.types.PropertyGroup, name: str, what: str, again: str) -> Path | None:
+    """Return the file that a property names, None where it is empty.
+
+    Args:
+        settings: the property group.
+        name: of the property.
+        what: is in the file, for the message.
+        again: how to make it anew, for the hint.
+
+    Raises:
+        TakeMissing: it is no longer on the disk.
+    """
+    if not getattr(settings, name):
         return None
-    path = file_of(settings.solve.subject)
+    path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name
     if not path.is_file():
-        hint = "Calibrate the subject again, or empty the field Subject."
-        raise TakeMissing("The file of the calibrated subject is gone.", where=str(path), hint=hint)
-    return path
-
-
-def _detectors_noise(settings: bpy.types.PropertyGroup) -> Path:
-    path = file_of(settings.solve.noise)
-    if not path.is_file():
-        hint = "Measure it again (detector-noise), or empty the field Detector's Noise."
-        raise TakeMissing("The file of the detector's noise is gone.", where=str(path), hint=hint)
+        hint = f"{again}, or empty the field {label}."
+        raise TakeMissing(f"The file of {what} is gone.", where=str(path), hint=hint)
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .._exchange.solve_settings import METHODS
 from .locations import RELATIVE
 
 OWN = "OWN"
@@ -57,8 +58,7 @@ FAULTS = (
 )
 _METHODS = (
     ("triangulation", "Triangulation", "No body: what the keypoints themselves reach"),
-    ("global", "Whole Take", "All keyframes of the take at once"),
-    ("frame", "Frame by Frame", "Every frame on its own"),
+    *((method.value, method.label, method.description) for method in METHODS),
 )
 _ENGINES = (
     ("workbench", "Workbench", "Fast"),

@@ -15,14 +15,14 @@ from research.baselines.base import Baseline, BaselineResult
 from research.baselines.person import ROBUST_SCALE, Prepared, prepare
 from research.baselines.sequence import Sequence, States, pose_prior
 from research.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Window
+from research.descent.manifolds import Product
+from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.single_frame.fit import fit_frames
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings
-from solver_backend.solver.manifold import Product
-from solver_backend.solver.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.types import Capture
 
 MAX_ITERATIONS = 30

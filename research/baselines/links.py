@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from research.baselines.sequence import DOF, STATE, Equations, PosedJoints, States
+from solver_backend.body.state_layout import CODE
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.rotations import log_so3
@@ -43,7 +44,7 @@ class SlowCodes:
     def __call__(self, states: States, poses: PosedFrames, d_pose_d_state: np.ndarray) -> Equations:
         """Return cost and Gauss-Newton equations."""
         per_s = np.full(DOF, self.root_per_s)
-        per_s[STATE.latent] = self.codes_per_s
+        per_s[STATE[CODE]] = self.codes_per_s
         weight = per_s**-2.0 * self.fps**2
         turn = log_so3(states.root[1:] @ states.root[:-1].swapaxes(-1, -2))
         step = np.concatenate([np.diff(states.z, axis=0), turn, np.diff(states.transl, axis=0)], axis=1)

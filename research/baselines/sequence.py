@@ -15,24 +15,25 @@ import numpy as np
 from research.baselines.person import Prepared
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.fitters.model.codes import decoded, decoder_jacobian
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
+from solver_backend.fitters.model.codes import d_pose_d_state, decoded, decoder_jacobian
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations
-from solver_backend.fitters.model.tangent import PoseTangent, StateTangent, d_pose_d_state
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import bridged_states, posed
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
+from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE, load_vae
+from solver_backend.priors.weights import BODY_JOINTS
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import DenseBlocks
 from solver_backend.types import JointSet
 
-STATE = StateTangent(32)
+STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)
 """Of the state of a frame: 38."""
-DOF = STATE.dof()
+DOF = STATE.dof
 _FLOOR = 1e-2
 """Added to the diagonal: parts that nothing sees stay."""
 
@@ -50,8 +51,8 @@ class States:
 
     def retract(self, step: np.ndarray) -> States:
         """Move by (F, 38) tangent steps."""
-        root = exp_so3(step[:, STATE.root]) @ self.root
-        return States(self.z + step[:, STATE.latent], root, self.transl + step[:, STATE.transl])
+        root = exp_so3(step[:, STATE[ROOT]]) @ self.root
+        return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
 
     def select(self, frames: np.ndarray) -> States:
         """Return the states of these frames."""
@@ -109,7 +110,7 @@ class Sequence:
 
     def d_pose_d_state(self, states: States) -> np.ndarray:
         """Return the (F, 69, 38) derivative of the pose tangents by those of the states."""
-        return d_pose_d_state(decoder_jacobian(self.prior, states.z)[0])
+        return d_pose_d_state(STATE, decoder_jacobian(self.prior, states.z)[0])
 
     def equations(self, states: States, scale: float, link: Link | None) -> Equations:
         """Return the Gauss-Newton model at the states."""
@@ -118,8 +119,8 @@ class Sequence:
         C_T = C.swapaxes(-1, -2)
         H = C_T @ (data.hessian @ C) + _FLOOR * np.eye(DOF)
         g = (C_T @ data.gradient[..., None])[..., 0]
-        H[:, STATE.latent, STATE.latent] += self.latent_weight * np.eye(STATE.latent_dof)
-        g[:, STATE.latent] += self.latent_weight * states.z
+        H[:, STATE[CODE], STATE[CODE]] += self.latent_weight * np.eye(LATENT_DIM)
+        g[:, STATE[CODE]] += self.latent_weight * states.z
         cost = data.cost + 0.5 * self.latent_weight * (states.z**2).sum(-1)
         own = Equations(cost, H, g)
         return own if link is None else own + link(states, poses, C)
@@ -173,7 +174,7 @@ class PosedJoints:
         assert found.by_rotations is not None
         eye = np.broadcast_to(np.eye(3), (*found.points.shape[:2], 3, 3))
         J = np.concatenate([found.by_rotations, eye], axis=-1)
-        J = J.reshape(len(by_states), -1, PoseTangent.DOF)
+        J = J.reshape(len(by_states), -1, J.shape[-1])
         return cls(found.points.reshape(len(J), -1), J @ by_states)
 
 

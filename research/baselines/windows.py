@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
+from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
+from solver_backend.fitters.model.keyframe_curve import Interpolant, KeyframeCurve, by_turns
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -21,9 +21,8 @@ from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.point_term import PointTerm
-from solver_backend.solver.manifold import SO3, Euclidean, Product
 
-SPHERICAL = Product((CODES, SO3(), Euclidean()))
+SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))
 """Where the free keys of a window live: SPoser's."""
 GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
 """The same for VPoser's codes."""
@@ -67,6 +66,7 @@ class Window:
         by_poses = np.concatenate([by_rotations, evidence.gradient.sum(axis=1)], axis=1)
         cost = float(evidence.cost.sum()) + 0.5 * self.latent_weight * float((z**2).sum())
         by_keys = vjp(by_poses, self.latent_weight * z)
+        assert by_keys.z is not None
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def _curve(self, state: KeyState) -> KeyframeCurve:
@@ -107,6 +107,10 @@ class KeyToKeySlerp:
         middle = early[..., 1:, :] + late[..., :1, :]
         return np.concatenate([early[..., :1, :], middle, late[..., 1:, :]], axis=-2)
 
+    def jacobian(self, key: int) -> np.ndarray:
+        """Return (W, n, d, d), the derivative of the points by one of the keys."""
+        return _jacobian(self, key)
+
 
 @dataclass(frozen=True)
 class StretchedSlerp:
@@ -139,3 +143,14 @@ class StretchedSlerp:
         by_unit = np.einsum("wfi,wfjik->wfjk", along, self.unit.mixing) @ u
         by_unit = by_unit - (by_unit * u).sum(-1, keepdims=True) * u
         return self.unit.weights[..., :, None] * cotangent[..., None, :] + by_unit / self.length
+
+    def jacobian(self, key: int) -> np.ndarray:
+        """Return (W, n, d, d), the derivative of the points by one of the keys."""
+        return _jacobian(self, key)
+
+
+def _jacobian(points: Interpolant, key: int) -> np.ndarray:
+    """Return (W, n, d, d) of any points between keys: row i is the vector-Jacobian product of the i-th unit vector."""
+    value = points.value
+    rows = [points.vjp(np.broadcast_to(unit, value.shape))[..., key, :] for unit in np.eye(value.shape[-1])]
+    return np.stack(rows, axis=-2)

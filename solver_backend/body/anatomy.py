@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.raycast import cast_ray
-from solver_backend.types import SMPL_JOINTS
+from solver_backend.exchange.body_layout import SMPL
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,7 @@ class LandmarkBuilder:
         """
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
+        self._joints = dict(zip(SMPL.joints, body.layout.standing_for(SMPL), strict=True))
         self._rest: list[np.ndarray] = []
         self._shapedirs: list[np.ndarray] = []
         self._weights: list[np.ndarray] = []
@@ -123,7 +124,7 @@ class LandmarkBuilder:
         return len(self._rest) - 1
 
     def _joint(self, joint: str, side: str) -> int:
-        return self._body.smpl_joints[SMPL_JOINTS.index(joint if joint in SMPL_JOINTS else f"{side}_{joint}")]
+        return self._joints[joint if joint in self._joints else f"{side}_{joint}"]
 
     def _vector(self, value: tuple[float, float, float], side: str) -> np.ndarray:
         return np.array(value, dtype=np.float64) * self._scale * ([-1, 1, 1] if side == "right" else [1, 1, 1])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import FAMILY, BodyLayout
 from solver_backend.exchange.errors import BodyInvalid, FileDamaged, FileMissing
 from solver_backend.exchange.npz import read_npz
 from solver_backend.types import NUM_BETAS
@@ -16,11 +17,9 @@ from solver_backend.types.shapes import Float, Int
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"
 REQUIRED_KEYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
-_READ_KEYS = frozenset({*REQUIRED_KEYS, "posedirs", "body_id"})
-FAMILIES = {24: "SMPL", 52: "SMPL-H", 55: "SMPL-X"}
-"""Family by number of joints; all share joints 0..21."""
-_HANDS = {24: (22, 23), 52: (25, 40), 55: (28, 43)}
-"""Joints that stand for SMPL's left and right hand: themselves, or the root of the middle finger."""
+_LAYOUT_KEYS = ("joint_names", "joint_groups")
+"""Of bodies outside the SMPL family: a name and a group for each joint."""
+_READ_KEYS = frozenset({*REQUIRED_KEYS, *_LAYOUT_KEYS, "posedirs", "body_id"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,17 +37,17 @@ class Body:
     shapedirs: Float[np.ndarray, "vertices 3 10"]
     """(V, 3, 10) metres per unit of shape."""
     posedirs: Float[np.ndarray, "vertices 3 features"]
-    """(V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1; J = 24 here."""
+    """(V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: Float[np.ndarray, "joints vertices"]
     """(J, V), rows sum to 1."""
     weights: Float[np.ndarray, "vertices joints"]
     """(V, J), rows sum to 1."""
-    parents: tuple[int, ...]
-    """Parent of each joint; -1 at the root."""
+    layout: BodyLayout
+    """Its joints."""
     faces: Int[np.ndarray, "triangles 3"]
     """(T, 3) vertex indices."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
-    """(J - 22, 3) axis-angles that SMPL-H and SMPL-X add to those of the joints after the 22nd; None = flat hands."""
+    """(r, 3) axis-angles that SMPL-H and SMPL-X add to those of the r joints that rest in solves; None = flat hands."""
     joints_template: Float[np.ndarray, "joints 3"] = field(init=False)
     """(J, 3) rest joints of the mean shape."""
     joints_shapedirs: Float[np.ndarray, "joints 3 10"] = field(init=False)
@@ -64,14 +63,14 @@ class Body:
         return self.joints_template + self.joints_shapedirs @ np.asarray(betas, dtype=np.float64)
 
     @property
-    def family(self) -> str:
-        """'SMPL', 'SMPL-H' or 'SMPL-X'."""
-        return FAMILIES[len(self.parents)]
+    def parents(self) -> tuple[int, ...]:
+        """Parent of each joint; -1 at the root."""
+        return self.layout.parents
 
-    @property
-    def smpl_joints(self) -> tuple[int, ...]:
-        """The joints that stand for SMPL's 24, in SMPL's order."""
-        return (*range(22), *_HANDS[len(self.parents)])
+    @cached_property
+    def recorded_joints(self) -> tuple[int, ...]:
+        """The joints that a motion of this body holds, in its order: of the SMPL family those that stand for SMPL's."""
+        return self.layout.standing_for(self.layout.recorded)
 
     @property
     def stature_m(self) -> float:
@@ -112,12 +111,12 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
             a face names a vertex that is not there; the tree has not one root with parents before their children.
     """
     body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
+    names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)
     arrays = {key: _numbers(key, arrays[key], where) for key in (*REQUIRED_KEYS, "posedirs") if key in arrays}
     v_template, kintree = arrays["v_template"], arrays["kintree_table"].astype(np.int64)
     count, num_joints = len(v_template), kintree.shape[-1] if kintree.ndim == 2 else 0
-    if num_joints not in FAMILIES:
-        known = ", ".join(f"{n} ({name})" for n, name in FAMILIES.items())
-        raise BodyInvalid(f"kintree_table has {num_joints} joints; {known} are expected.", where=where)
+    parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in kintree[0]) if num_joints else ()
+    layout = _layout(body_id, parents, names, groups, where)
     posedirs = arrays.get("posedirs")
     if posedirs is None:
         posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
@@ -140,12 +139,6 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
     weights, shares = arrays["weights"], arrays["weights"].sum(axis=1, keepdims=True)
     if count == 0 or shares.min() <= 0:
         raise BodyInvalid("weights leaves vertices without a joint; every row is expected to sum to 1.", where=where)
-    parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in kintree[0])
-    if any(p >= j for j, p in enumerate(parents)) or parents.count(-1) != 1:
-        raise BodyInvalid(
-            f"Parents {parents} are no tree; one root (-1) and parents before their children are expected.",
-            where=where,
-        )
     faces = arrays["f"].astype(np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min(initial=0) < 0 or faces.max(initial=0) >= count:
         raise BodyInvalid(
@@ -160,9 +153,28 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
         posedirs=expected["posedirs"][0],
         J_regressor=expected["J_regressor"][0],
         weights=weights / shares,
-        parents=parents,
+        layout=layout,
         faces=faces,
     )
+
+
+def _layout(
+    body_id: str, parents: tuple[int, ...], names: np.ndarray | None, groups: np.ndarray | None, where: str
+) -> BodyLayout:
+    """Return the layout of a file: its own, or that of the SMPL family with as many joints."""
+    try:
+        if names is not None:
+            own = tuple(str(name) for name in np.ravel(names))
+            return BodyLayout(body_id, own, parents, own if groups is None else tuple(map(str, np.ravel(groups))))
+        if len(parents) in FAMILY:
+            return replace(FAMILY[len(parents)], parents=parents)
+    except BodyInvalid as error:
+        raise BodyInvalid(error.message, where=where, hint=error.hint) from error
+    known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
+    raise BodyInvalid(
+        f"kintree_table has {len(parents)} joints; {known} are expected.", where=where,
+        hint="A body outside the SMPL family names its joints in joint_names.",
+    )  # fmt: skip
 
 
 def _numbers(name: str, value: Any, where: str) -> np.ndarray:

@@ -23,8 +23,9 @@ import numpy as np
 
 from solver_backend.body.anatomy import AtJoints, Between, LandmarkBuilder, OnSurface, Rule
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
-from solver_backend.types import SMPL_JOINTS, JointSet
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.exchange.body_layout import SMPL, BodyLayout
+from solver_backend.types import JointSet
 
 _MIDLINE: dict[str, Rule] = {
     "nose": OnSurface("head", (0, 0, 1), (0, 0.045, 0)),
@@ -73,11 +74,20 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
         BodyInvalid: a ray misses the mesh, so the body is not a closed T-posed mesh in SMPL's frame.
     """
     if joint_set is JointSet.SMPL_24:
-        chosen = list(body.smpl_joints)
-        one_hot = np.eye(len(body.parents))[chosen]
-        joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]
-        return Landmarks.of_points(SMPL_JOINTS, joints, directions, one_hot)
+        return joint_landmarks(body, SMPL)
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
+
+
+def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
+    """Return the joints that stand for another layout's, as landmarks with its names.
+
+    Raises:
+        BodyInvalid: the body lacks one of them.
+    """
+    chosen = list(body.layout.standing_for(layout))
+    one_hot = np.eye(body.layout.num_joints)[chosen]
+    joints, directions = body.joints_template[chosen], body.joints_shapedirs[chosen]
+    return Landmarks.of_points(layout.joints, joints, directions, one_hot)
 
 
 def _sided_rules(midline: dict[str, Rule], left: dict[str, Rule]) -> dict[str, tuple[str, Rule]]:

@@ -15,7 +15,7 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class PosedSkeleton:
-    """A posed tree; F frames, J joints (24; 52 for SMPL-H, 55 for SMPL-X), world frame, metres."""
+    """A posed tree; F frames, J joints, world frame, metres."""
 
     G: Float[Array, "frames joints 3 3"]
     """(F, J, 3, 3) global rotation of each joint."""
@@ -38,7 +38,7 @@ def forward_kinematics(
         body: the body model.
         betas: (10,) shape.
         global_orient: (F, 3, 3) rotation body to world; it turns about the pelvis joint.
-        local: (F, n, 3, 3) rotations of joints 1..n, e.g. 21 with the hands at rest, or all J - 1.
+        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or all J - 1.
         transl: (F, 3) metres.
     """
     xp = array_namespace(global_orient)
@@ -55,11 +55,11 @@ def forward_kinematics(
 
 def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames m 3 3"]:
     """Return local rotations with the body's own relaxed fingers appended, where it has any and none are given."""
-    if body.hands_mean is None or local.shape[1] > 21:
+    if body.hands_mean is None or local.shape[1] > body.layout.num_solved:
         return local
     xp = array_namespace(local)
-    hands = exp_so3(constant(body.hands_mean, local))
-    return xp.concat([local[:, :21], xp.broadcast_to(hands, (local.shape[0], *hands.shape))], axis=1)
+    hands, solved = exp_so3(constant(body.hands_mean, local)), local[:, : body.layout.num_solved]
+    return xp.concat([solved, xp.broadcast_to(hands, (local.shape[0], *hands.shape))], axis=1)
 
 
 def local_rotations(body: Body, rotvec: Float[Array, "frames n 3"]) -> Float[Array, "frames n 3 3"]:
@@ -69,8 +69,17 @@ def local_rotations(body: Body, rotvec: Float[Array, "frames n 3"]) -> Float[Arr
     """
     if body.hands_mean is None:
         return exp_so3(rotvec)
-    mean = np.concatenate([np.zeros((21, 3)), body.hands_mean])
+    mean = np.concatenate([np.zeros((body.layout.num_solved, 3)), body.hands_mean])
     return exp_so3(rotvec + constant(mean, rotvec))
+
+
+def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
+    """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's; joints without rest."""
+    own = np.array(body.recorded_joints[1:]) - 1
+    pose = np.zeros((len(vectors), len(own), 3))
+    turned = own < vectors.shape[1]
+    pose[:, turned] = vectors[:, own[turned]]
+    return pose
 
 
 def pose_feature(local: Float[Array, "frames n 3 3"]) -> Float[Array, "frames features"]:

@@ -6,7 +6,6 @@ shape alone, so a take is a few matrix products.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -16,71 +15,10 @@ from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics, pose_feature, with_resting_hands
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.tangents import rotation_jacobian
 from solver_backend.geometry.arrays import Array, constant, unset
 from solver_backend.types.shapes import Float
-
-
-@dataclass(frozen=True, eq=False)
-class Landmarks:
-    """L named points: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with the bones b they hang on."""
-
-    names: tuple[str, ...]
-    """One name a landmark."""
-    weights: Float[np.ndarray, "landmarks joints"]
-    """(L, J) share of each bone, rows sum to 1."""
-    anchors: Float[np.ndarray, "landmarks joints 3"]
-    """(L, J, 3) rest position of the mean shape times the bone's share, metres."""
-    shapedirs: Float[np.ndarray, "landmarks joints 3 10"]
-    """(L, J, 3, 10) derivative of the anchors by the shape."""
-    posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None
-    """(L, 3, 9 (J - 1)) pose correctives of points on the skin; None where landmarks are rigid."""
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    @classmethod
-    def of_points(
-        cls, names: tuple[str, ...], rest: np.ndarray, shapedirs: np.ndarray, weights: np.ndarray,
-        mix: np.ndarray | None = None, posedirs: np.ndarray | None = None,
-    ) -> Landmarks:  # fmt: skip
-        """Return landmarks from P skinned points.
-
-        Args:
-            names: L names.
-            rest: (P, 3) rest positions of the mean shape, metres.
-            shapedirs: (P, 3, 10) metres per unit of shape.
-            weights: (P, J) skinning weights, rows sum to 1.
-            mix: (L, P) share of each point, rows sum to 1; each landmark is its own point if left out.
-            posedirs: (P, 3, 9 (J - 1)) pose correctives of landmarks that are their own points.
-
-        Raises:
-            ValueError: correctives are given for mixed points.
-        """
-        if mix is None:
-            mix = np.eye(len(rest))
-        elif posedirs is not None:
-            raise ValueError("Pose correctives belong to points of the skin; mixed points are rigid.")
-        anchors = np.tensordot(mix, weights[:, :, None] * rest[:, None], axes=1)
-        directions = np.tensordot(mix, weights[:, :, None, None] * shapedirs[:, None], axes=1)
-        return cls(names, mix @ weights, anchors, directions, posedirs)
-
-    def part(self, which: slice) -> Landmarks:
-        """Return some of the landmarks."""
-        posedirs = None if self.posedirs is None else self.posedirs[which]
-        return Landmarks(self.names[which], self.weights[which], self.anchors[which], self.shapedirs[which], posedirs)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Landmarks]) -> Landmarks:
-        """Return the landmarks of all parts, one part after the other; rigid ones get correctives of zero."""
-        names = tuple(name for part in parts for name in part.names)
-        shared = (np.concatenate([getattr(p, key) for p in parts]) for key in ("weights", "anchors", "shapedirs"))
-        skinned = next((part.posedirs for part in parts if part.posedirs is not None), None)
-        if skinned is None:
-            return cls(names, *shared)
-        rigid = [np.zeros((len(part), *skinned.shape[1:])) for part in parts]
-        posedirs = [zero if part.posedirs is None else part.posedirs for part, zero in zip(parts, rigid, strict=True)]
-        return cls(names, *shared, posedirs=np.concatenate(posedirs))
 
 
 @dataclass(frozen=True)
@@ -90,7 +28,7 @@ class PosedLandmarks:
     points: Float[Array, "frames landmarks 3"]
     """(F, L, 3)."""
     by_rotations: Float[Array, "frames landmarks 3 tangents"] | None
-    """(F, L, 3, 66) by left tangents of the root (world frame) and of joints 1..21 (each in its parent's frame)."""
+    """(F, L, 3, 3 + 3 n) by left tangents of the root (world) and of n joints after it (each in its parent's frame)."""
     by_betas: Float[Array, "frames landmarks 3 10"] | None
     """(F, L, 3, 10)."""
     by_offsets: Float[Array, "frames landmarks 3 3"] | None
@@ -110,7 +48,7 @@ def pose_landmarks(
     offsets: Float[Array, "landmarks 3"] | None = None,
     jacobian: bool = False,
     by_shape: bool = True,
-    num_rotations: int = 22,
+    num_rotations: int | None = None,
 ) -> PosedLandmarks:
     """Pose landmarks and differentiate them; the derivative by ``transl`` is the identity.
 
@@ -119,12 +57,12 @@ def pose_landmarks(
         landmarks: L landmarks.
         betas: (10,) shape.
         global_orient: (F, 3, 3).
-        local: (F, n, 3, 3) rotations of joints 1..n: 21, or more.
+        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
         transl: (F, 3) metres.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
         jacobian: also return the derivatives.
         by_shape: among them those by the shape.
-        num_rotations: rotations to differentiate by: root and the first joints.
+        num_rotations: rotations to differentiate by, root and the first joints; None: those that a solve turns.
     """
     xp = array_namespace(global_orient)
     local = with_resting_hands(body, local)
@@ -147,6 +85,7 @@ def pose_landmarks(
     points = xp.permute_dims(points, (0, 2, 1)) + skeleton.joints[:, :1]
     if not jacobian:
         return PosedLandmarks(points, None, None, None, skeleton)
+    num_rotations = 1 + body.layout.num_solved if num_rotations is None else num_rotations
     by_rotations = rotation_jacobian(body, landmarks, skeleton, points, local, levers, correction, num_rotations)
     by_betas = _by_betas(xp, body, landmarks, G) if by_shape else None
     return PosedLandmarks(points, by_rotations, by_betas, blend, skeleton)

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.body.anatomy import AtJoints, LandmarkBuilder, OnSurface, Rule
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 
 ON_BONE = "@"

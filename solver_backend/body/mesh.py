@@ -32,7 +32,7 @@ def pose_mesh(
         body: the body model.
         betas: (10,) shape.
         root: (F, 3, 3) rotation body to world about the pelvis joint.
-        local: (F, n, 3, 3) rotations of joints 1..n: 21, or more.
+        local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
         transl: (F, 3) metres.
         correctives: False leaves the pose correctives out (plain linear blend skinning).
     """

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, subtree_matrix
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.geometry.arrays import Array, constant, index, unset
 from solver_backend.types.shapes import Float
-
-if TYPE_CHECKING:
-    from solver_backend.body.landmarks import Landmarks
 
 _CHUNK = 128
 """Frames at a time: their intermediate arrays stay in a core's cache."""

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any, NoReturn
 
-from solver_backend import __version__
 from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
@@ -14,10 +13,12 @@ from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
+from solver_backend.cli.setting_options import add_settings
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.video_arguments import add_video_verbs
 from solver_backend.cli.wand_verbs import add_wand_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.version import VERSION
 
 
 class _Parser(argparse.ArgumentParser):
@@ -58,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"Manifold MoCap {__version__}")
+    parser.add_argument("--version", action="version", version=f"Manifold MoCap {VERSION}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
     common, reading, writing = _common(), _reading(), _writing()
     _add_solve(verbs, [reading, writing, common])
@@ -111,25 +112,20 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     )
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="capture, or session of trials")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write; a session's folder")
+    solve.add_argument(
+        "--strict", action="store_true", default=None, help="refuse a result with warnings, write nothing"
+    )
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
     solve.add_argument("--told", type=Path, metavar="TOLD.json", help="names of points from a person, which bind")
-    solve.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
-    solve.add_argument("--noise", metavar="NOISE.json", help="what a detector's confidence means, see detector-noise")
-    solve.add_argument("--method", help="global (default), sliding, frame or noise-aware")
-    solve.add_argument("--backend", help="numpy (default) or torch")
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
     solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
-    solve.add_argument(
-        "--leave-out", action="append", metavar="CAMERA[:FIRST-LAST]",
-        help="leave a camera out, in some frames (from 0) or in all; may be repeated",
-    )  # fmt: skip
-    solve.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     solve.add_argument("--scheduler", metavar="ADDRESS", help="let a Dask scheduler's workers solve stretches of it")
     solve.add_argument(
         "--job", type=Path, action="append", metavar="JOB.json",
-        help="read all of the above from a job file; several are solved one after another",
+        help="read all of this from a job file; several are solved one after another",
     )  # fmt: skip
+    add_settings(solve)
 
 
 def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:
@@ -146,8 +142,7 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
     )
     calibrate.add_argument("captures", nargs="+", type=Path, metavar="TAKE", help="one or several takes of one person")
     calibrate.add_argument("--out", type=Path, required=True, metavar="SUBJECT.npz")
-    calibrate.add_argument("--body", metavar="NAME|PATH", help="body to calibrate; neutral (default) ships, see bodies")
-    calibrate.add_argument("--layout", metavar="LAYOUT.json", help="which place each marker's label names, see layout")
+    add_settings(calibrate, ("body", "layout"))
 
     layout = verbs.add_parser(
         "layout",

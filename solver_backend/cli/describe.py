@@ -8,7 +8,6 @@ import numpy as np
 
 from solver_backend.cli.describe_markers import describe_markers
 from solver_backend.geometry.runs import true_runs
-from solver_backend.report.faults import fault_texts, faults_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
@@ -45,7 +44,6 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
         "marker_median_mm": round(float(np.median(marker_error)), 3) if marker_error.size else None,
         "unseen_frames": int(np.count_nonzero(flags & FLAG_UNSEEN)),
         "unsure_frames": int(np.count_nonzero(flags & FLAG_UNSURE)),
-        "findings": [fault.as_dict() for fault in faults_of(motion)],
     }  # fmt: skip
     residual, measured = (data["reprojection_median_px"], "px"), "detections"
     if motion.markers is not None and motion.reprojection_px is None:
@@ -55,7 +53,6 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
         f"  residual    {residual[0]} {residual[1]} (median)",
         f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
         f"{data['unseen_frames']} bridged",
-        *(f"  found       {fault.what}" for fault in fault_texts(faults_of(motion), motion.fps)),
     ]
     return "\n".join(lines), data
 

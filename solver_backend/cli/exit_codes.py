@@ -15,7 +15,7 @@ class ExitCode(IntEnum):
     USAGE = 2
     """The command line, the job file or a setting is wrong."""
     BAD_INPUT = 3
-    """A file is missing, damaged or unusable, or the output cannot be written."""
+    """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
     FAILED = 4
     """The solver broke."""
     CANCELLED = 130
@@ -34,7 +34,7 @@ class ExitCode(IntEnum):
 EPILOG = """exit codes:
   0    there is a result
   2    the command line, the job file or a setting is wrong
-  3    a file is missing, damaged or unusable, or the output cannot be written
+  3    a file is missing, damaged or unusable, the output cannot be written, or a solve with --strict has warnings
   4    the solver broke
   130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
 

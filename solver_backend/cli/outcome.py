@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TextIO
 
+from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import ConsoleProgress, JsonProgress, Progress
@@ -19,6 +21,13 @@ class Outcome:
     """For people; printed to standard output."""
     data: dict[str, Any]
     """For programs: plain JSON values of the result event."""
+    summary: tuple[str, ...] = ()
+    """For people, on standard error after the text: every warning, and a last line to trust."""
+
+
+def note_lines(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
+    """Return the lines of an outcome's text on the notes among diagnostics."""
+    return [f"  note        {sentence(item, fps)}" for item in notes_in(found)]
 
 
 class ForPeople:
@@ -31,6 +40,8 @@ class ForPeople:
     def result(self, outcome: Outcome) -> None:
         """Print the result."""
         print(plain(outcome.text, keep="\n"), file=self._stream, flush=True)
+        for line in outcome.summary:
+            print(plain(line), file=sys.stderr, flush=True)
 
     def error(self, error: MocapError) -> None:
         """Print what went wrong, where, and what to try."""

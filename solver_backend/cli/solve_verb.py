@@ -11,18 +11,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.describe import describe_motion
 from solver_backend.cli.motion_and_page import write_both
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
+from solver_backend.cli.setting_options import given_settings
+from solver_backend.cli.solve_outcome import outcome_of, record_found
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
 from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import READING, Job, Resolve
 from solver_backend.types import Capture
 
@@ -72,7 +73,8 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.io.recognition.motion_checks import motion_problems
+    from solver_backend.io.recognition.motion_checks import check_motion
+    from solver_backend.report.diagnose import by_gravity, recorded_diagnostics
 
     assert job.resolve is not None
     if job.report is not None:
@@ -81,12 +83,10 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
     motion = resolve_motion(measured, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
-    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
+    found = by_gravity([*recorded_diagnostics(motion), *check_motion(motion)])
+    timed = record_found(job, motion, found, solve_s)
     write_motion(job.out, timed, overwrite=job.overwrite)
-    text, data = describe_motion(timed, solve_s)
-    odd = list(motion_problems(timed))
-    files = {"motion": str(job.out), "report": None}
-    return Outcome(f"{text}\n  motion      {job.out}", {**files, **data, "problems": odd})
+    return outcome_of(job, timed, found, solve_s)
 
 
 def _told(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
@@ -103,7 +103,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion
     from solver_backend.io.native.subject_file import read_subject
-    from solver_backend.io.recognition.motion_checks import motion_problems
+    from solver_backend.report.diagnose import diagnose
 
     start = time.monotonic()
     if job.told is not None:
@@ -119,15 +119,10 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             capture = capture.of_person(earlier.provenance["person"])
         motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
-    timed = replace(motion, provenance={**motion.provenance, "solve_s": round(solve_s, 2)})
+    found = diagnose(capture, motion)
+    timed = record_found(job, motion, found, solve_s)
     write_both(job, capture, timed, progress)
-    text, data = describe_motion(timed, solve_s)
-    odd = motion_problems(timed)
-    text += "".join(f"\n  problem     {problem}" for problem in odd)
-    written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
-    files = "".join(f"\n  {name:<11} {path}" for name, path in written.items() if path)
-    whom = {"person": capture.person} if capture.person else {}
-    return Outcome(text + files, {**written, **whom, **data, "problems": [*capture.problems, *odd]})
+    return outcome_of(job, timed, found, solve_s, capture.person)
 
 
 @dataclass(frozen=True)
@@ -152,6 +147,8 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
         MocapError: nothing could be solved; the first error.
     """
     texts: list[str] = []
+    summary: list[str] = []
+    to_look_at: list[str] = []
     takes: list[dict[str, Any]] = []
     failed: list[dict[str, Any]] = []
     first: MocapError | None = None
@@ -167,6 +164,9 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
                 told = f"{where}{part.title}: "
                 outcome = _solve_one(part.job, part.capture, _prefixed(progress, told), each)
                 texts.append(f"{part.title}\n{outcome.text}")
+                warnings = outcome.summary[:-1]
+                summary += [f"{part.title}: {line}" for line in warnings]
+                to_look_at += [part.title] if warnings else []
                 takes.append({"capture": str(job.capture), "name": part.title, **outcome.data})
             except Cancelled:
                 raise
@@ -174,11 +174,13 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
                 first = first or error
                 title = part.title if part is not None else job.capture.name
                 texts.append(f"{title}\n  failed      {error}")
+                summary.append(f"{title}: error: {error}")
+                to_look_at.append(title)
                 failed.append({"capture": str(job.capture), "name": title, **error.as_event()})
     if first is not None and not takes:
         raise first
-    problems = [f"{item['name']}: {item['message']}" for item in failed]
-    return Outcome("\n".join(texts), {"takes": takes, "failed": failed, "problems": problems})
+    last = f"Look at {', '.join(to_look_at)}." if to_look_at else "OK"
+    return Outcome("\n".join(texts), {"takes": takes, "failed": failed}, (*summary, last))
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[_Part]:
@@ -217,24 +219,21 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
-    files, chosen = (
-        ("capture", "out", "report", "subject", "told", "overwrite"),
-        ("method", "backend", "body", "layout", "noise", "leave_out"),
-    )
-    names = (*files, *READING, *chosen, "resolve", "frames")
-    given = [name for name in names if getattr(args, name) is not None]
+    files = ("capture", "out", "report", "subject", "told", "overwrite", "strict")
+    settings = given_settings(args)
+    given = [name for name in (*files, *READING, "resolve", "frames") if getattr(args, name) is not None]
     if args.job is not None:
-        if given:
+        if given or settings:
             raise CommandLineInvalid(
-                f"--job cannot be combined with {', '.join(given)}.", hint="Write it into the job file."
+                f"--job cannot be combined with {', '.join([*given, *settings])}.", hint="Write it into the job file."
             )
         return [Job.read(path) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
-    settings = SolveSettings.from_dict({name: getattr(args, name) for name in chosen if name in given})
     job = {
         "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite),
-        **reading(args), "settings": settings, "resolve": _resolve(args),
+        "strict": bool(args.strict), **reading(args), "settings": SolveSettings.from_dict(settings),
+        "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
     if not trials:

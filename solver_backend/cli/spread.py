@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from solver_backend import __version__
 from solver_backend.exchange.errors import BackendMissing, Cancelled, CommandLineInvalid
+from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.keyframes.chunked import Stretch, in_turn
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution
 from solver_backend.fitters.model.subject import Subject
@@ -84,9 +84,9 @@ class ClusterStretches:
     def _submitted(self, stretch: Stretch, common: Any) -> Any:
         alone = stretch.alone()
         model = alone.model
-        rest = (model.objective, model.residuals, alone.layout, alone.keys, alone.schedule, alone.fixed)
+        rest = (model.objective, model.free, alone.layout, alone.keys, alone.schedule, alone.fixed)
         try:
-            return self._client.submit(_solve, common, rest, __version__, pure=False, retries=_RETRIES)
+            return self._client.submit(_solve, common, rest, VERSION, pure=False, retries=_RETRIES)
         except Exception:
             logger.exception("A stretch could not be handed over; it is solved here.")
             return None
@@ -111,10 +111,10 @@ class ClusterStretches:
 
 def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
     """Solve a stretch; this is what workers do."""
-    objective, residuals, layout, keys, schedule, fixed = rest
-    if version != __version__:
-        raise VersionsDiffer(f"the worker has Manifold MoCap {__version__}, the take is solved with {version}")
-    return Stretch(BundleModel(*common, objective, residuals), layout, keys, schedule, fixed).solve()
+    objective, free, layout, keys, schedule, fixed = rest
+    if version != VERSION:
+        raise VersionsDiffer(f"the worker has Manifold MoCap {VERSION}, the take is solved with {version}")
+    return Stretch(BundleModel(*common, objective, free), layout, keys, schedule, fixed).solve()
 
 
 def _why(future: Any) -> str:

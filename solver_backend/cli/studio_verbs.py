@@ -115,12 +115,12 @@ def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.exchange.outputs import check_output, write_text
     from solver_backend.synthesis.studio.judge.page import page_html
     from solver_backend.synthesis.studio.judge.place_errors import place_errors
-    from solver_backend.synthesis.studio.perturbation import read_perturbation
+    from solver_backend.synthesis.studio.perturbation import read_faults
     from solver_backend.synthesis.studio.spec import read_spec
 
     check_output(args.out, overwrite=bool(args.overwrite))
     spec = read_spec(args.description)
-    faults = {f", {name}": read_perturbation(name) for name in args.faults} or {"": spec.perturb}
+    faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [
         replace(place_errors(rig, given, seed=spec.seed, progress=progress), rig=f"{rig.name}{said}")
         for rig in spec.rigs for said, given in faults.items()

@@ -12,6 +12,7 @@ from solver_backend.cli.describe import describe_capture, describe_people, peopl
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import load, reading, trials_of
+from solver_backend.cli.setting_options import given_settings
 from solver_backend.exchange.errors import (
     BackendMissing,
     CaptureNotRecognised,
@@ -21,7 +22,7 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.types import Capture
 
 
@@ -34,8 +35,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.subject_file import write_subject
 
-    chosen = {name: getattr(args, name) for name in ("body", "layout") if getattr(args, name) is not None}
-    settings = SolveSettings.from_dict(chosen)
+    settings = SolveSettings.from_dict(given_settings(args))
     if args.layout is None:
         captures = [labelled_capture(capture, progress)[0] for capture in captures]
     person = calibrate_person(captures, settings, progress)

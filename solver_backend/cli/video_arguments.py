@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from solver_backend.cli.setting_options import ROWS, add_settings
+
 VIDEO_VERBS = ("detect", "from-videos", "detector-noise")
 
 
@@ -45,13 +47,10 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
         "--cameras", choices=("auto", "board", "person"), default="auto",
         help="what tells the cameras: whatever is there (default), or the board or the person even so",
     )  # fmt: skip
-    road.add_argument("--body", metavar="NAME|PATH", help="body to solve for; neutral (default) ships, see bodies")
     road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
     road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
     road.add_argument("--stature", type=float, metavar="METRES", help="of the person, who tells the scale")
-    road.add_argument("--method", help="global (default), sliding, frame or noise-aware")
-
-    road.add_argument("--noise", metavar="NOISE.json", help="what the confidence means, see detector-noise")
+    add_settings(road, [name for name in ROWS if name != "layout"])
 
     noise = verbs.add_parser(
         "detector-noise", parents=[writing, common], help="measure what a detector's confidence means"

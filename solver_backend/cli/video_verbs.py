@@ -9,9 +9,11 @@ from typing import Any
 
 from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.setting_options import given_settings
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.types import Capture
 
 
@@ -54,7 +56,6 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Go the road from a folder of videos to solved motions."""
-    from solver_backend.fitters.settings import SolveSettings
     from solver_backend.videos.pipeline.calibrate import KnownOfCameras
     from solver_backend.videos.pipeline.layout import look_through
     from solver_backend.videos.pipeline.plan import described, planned
@@ -70,10 +71,9 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     data: dict[str, Any] = {"plan": lines, "takes": {}}
     if args.dry_run:
         return Outcome("\n".join(lines), data)
-    chosen = {name: getattr(args, name) for name in ("body", "method", "noise") if getattr(args, name) is not None}
     settings = RoadSettings(
         detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs,
-        redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(chosen),
+        redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras),
     )  # fmt: skip
     failed: dict[str, MocapError] = {}

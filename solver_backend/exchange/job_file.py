@@ -73,6 +73,8 @@ class JobFile:
     """HTML page to be written, None for none."""
     overwrite: bool = False
     """Replace results that are already there."""
+    strict: bool = False
+    """Refuse a result that has warnings, and write nothing."""
     fps: float | None = None
     """Frame rate, where the capture does not say it."""
     trim: bool = False
@@ -116,7 +118,7 @@ class JobFile:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values in the file's schema; what is left at its default is left out."""
-        names = ("overwrite", "fps", "trim", "unit", "up_axis", "subject_prefix", "person", "settings")
+        names = ("overwrite", "strict", "fps", "trim", "unit", "up_axis", "subject_prefix", "person", "settings")
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .errors import MocapError, MotionInvalid
-from .joint_sets import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS
+from .body_layout import SMPL, BodyLayout
+from .errors import BodyInvalid, MocapError, MotionInvalid
+from .joint_sets import NUM_BETAS
 from .npz import array_names, read_arrays, write_npz
 from .schema import Fields, Shape
 
@@ -23,28 +24,32 @@ MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
 which was undone; was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
 AMASS_POSE_WIDTH = 156
 """SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
-_BODY = 3 + 3 * NUM_BODY_JOINTS
-"""Columns of ``poses`` before the fingers: the root and joints 1..21."""
+_BODY = 3 + 3 * SMPL.num_solved
+"""Columns of AMASS's ``poses`` before the fingers."""
+_LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
+"""Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
+_PARENTS = "joint_parents"
+"""Parent of each joint, -1 at the root."""
 _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
     "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "markers", "marker_labels", "marker_residual_mm",
-    "provenance",
+    "provenance", *_LAYOUT, _PARENTS,
 )  # fmt: skip
 STORED = (
     "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
     "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
     "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
-    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance",
+    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT, _PARENTS,
 )  # fmt: skip
 """Every array of a motion file that is read back."""
 _DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8, "marker_flags": np.uint8}
 
 
-def optional_shapes(frames: int) -> dict[str, Shape]:
-    """Return the shapes of the arrays that a motion of so many frames may lack."""
+def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Shape]:
+    """Return the shapes of the arrays that a motion of so many frames and joints may lack."""
     return {
-        "joints": (frames, NUM_JOINTS, 3), "keypoints3d": (frames, "keypoints", 3),
-        "joint_sigma": (frames, NUM_JOINTS), "joint_covariance": (frames, NUM_JOINTS, 6),
+        "joints": (frames, joints, 3), "keypoints3d": (frames, "keypoints", 3),
+        "joint_sigma": (frames, joints), "joint_covariance": (frames, joints, 6),
         "reprojection_px": ("views", frames, "keypoints"), "keyframes": (frames,), "contacts": (frames, 2),
         "flags": (frames,), "markers": (frames, "markers", 3), "marker_residual_mm": (frames, "markers"),
         "marker_flags": (frames, "markers"), "marker_sigma": ("markers",), "cleaned_markers": (frames, "markers", 3),
@@ -59,7 +64,7 @@ class MotionFile:
     name: str
     """Name of the take."""
     rotvec: np.ndarray
-    """(F, 24, 3) axis-angle: the root maps body to world, the others child to parent."""
+    """(F, J, 3) axis-angle: the root maps body to world, the others child to parent."""
     transl: np.ndarray
     """(F, 3) metres: the pelvis is at ``J_0(betas) + transl``."""
     betas: np.ndarray
@@ -68,8 +73,10 @@ class MotionFile:
     """Frames per second."""
     body: str = ""
     """Id of the body it was solved for, "" if the file does not say."""
+    body_layout: BodyLayout = SMPL
+    """Names and tree of the J joints."""
     joints: np.ndarray | None = None
-    """(F, 24, 3) world metres."""
+    """(F, J, 3) world metres."""
     keypoints3d: np.ndarray | None = None
     """(F, K, 3) triangulated keypoints in world metres, NaN where unseen."""
     joint_set: str = ""
@@ -79,9 +86,9 @@ class MotionFile:
     contacts: np.ndarray | None = None
     """(F, 2) bool: left and right foot on the floor."""
     joint_sigma: np.ndarray | None = None
-    """(F, 24) standard deviation of each joint in metres."""
+    """(F, J) standard deviation of each joint in metres."""
     joint_covariance: np.ndarray | None = None
-    """(F, 24, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
+    """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
     flags: np.ndarray | None = None
     """(F,) bit mask of ``FLAG_UNSEEN`` and ``FLAG_UNSURE``."""
     reprojection_px: np.ndarray | None = None
@@ -124,17 +131,18 @@ def is_motion(path: Path) -> bool:
         return False
 
 
-def read_motion(path: Path) -> MotionFile:
-    """Read what is shown of a motion file, or of a plain AMASS file.
+def read_motion(path: Path, layout: BodyLayout = SMPL) -> MotionFile:
+    """Read what is shown of a motion file of a layout, or of a plain AMASS file.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
-        MotionInvalid: shapes disagree, there are no frames, or values are not finite.
+        MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
     """
     fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
     _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
     motion = motion_of(fields)
+    motion.body_layout.require_same_joints(layout, str(fields.path))
     _require(np.isfinite(motion.fps) and 0.01 <= motion.fps <= 30000,
              f"The frame rate must be 0.01 to 30000, not {motion.fps}.", fields)  # fmt: skip
     for name in ("rotvec", "transl", "betas", "joints"):
@@ -149,10 +157,11 @@ def motion_of(fields: Fields) -> MotionFile:
     Raises:
         MotionInvalid: shapes disagree, or there is no frame rate.
     """
-    rotvec = _rotations(fields)
+    layout = layout_of(fields)
+    rotvec = _rotations(fields, layout)
     present: dict[str, Any] = {
         key: fields.shaped(key, shape, MotionInvalid).astype(_DTYPES.get(key, np.float64), copy=False)
-        for key, shape in optional_shapes(len(rotvec)).items()
+        for key, shape in optional_shapes(len(rotvec), layout.num_joints).items()
         if key in fields
     }
     return MotionFile(
@@ -162,6 +171,7 @@ def motion_of(fields: Fields) -> MotionFile:
         betas=_betas(fields),
         fps=_frame_rate(fields),
         body=fields.text("body", ""),
+        body_layout=layout,
         joint_set=fields.text("joint_set", ""),
         marker_labels=fields.texts("marker_labels"),
         layout=fields.texts("layout"),
@@ -173,16 +183,19 @@ def motion_of(fields: Fields) -> MotionFile:
 def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:
     """Write a motion; parts it lacks are left out of the file.
 
-    ``poses`` (F, 156) holds the root and joints 1..21; SMPL's hand joints 22 and 23, which AMASS does not know, are
-    kept in ``hand_pose`` (F, 6) where they are not zero.
+    ``poses`` (F, 156) holds the root and the joints that SMPL shares with AMASS; SMPL's hand joints, which AMASS does
+    not know, are kept in ``hand_pose`` (F, 6) where they are not zero. A motion of another layout holds all its joints
+    in ``poses`` (F, 3 J), and the layout.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
     """
-    rotvec = motion.rotvec.reshape(motion.num_frames, 3 * NUM_JOINTS)
-    poses = np.zeros((motion.num_frames, AMASS_POSE_WIDTH), np.float32)
-    poses[:, :_BODY] = rotvec[:, :_BODY]
-    hands = rotvec[:, _BODY:].astype(np.float32)
+    rotvec, layout, hands = motion.rotvec.reshape(motion.num_frames, -1), motion.body_layout, np.zeros(0)
+    poses = rotvec.astype(np.float32)
+    if layout == SMPL:
+        poses = np.zeros((motion.num_frames, AMASS_POSE_WIDTH), np.float32)
+        poses[:, :_BODY] = rotvec[:, :_BODY]
+        hands = rotvec[:, _BODY:].astype(np.float32)
     arrays: dict[str, np.ndarray] = {
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
@@ -195,6 +208,10 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
         **({} if motion.joints is None else {"joints": np.asarray(motion.joints, np.float32)}),
         "provenance": np.array(motion.provenance),
     }
+    if layout != SMPL:
+        texts = (layout.name, layout.joints, layout.groups, layout.resting)
+        arrays |= {key: np.array(value, dtype=np.str_) for key, value in zip(_LAYOUT, texts, strict=True)}
+        arrays[_PARENTS] = np.array(layout.parents)
     if hands.any():
         arrays["hand_pose"] = hands
     if motion.joint_set:
@@ -203,24 +220,44 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
         arrays["marker_labels"] = np.array(motion.marker_labels, dtype=np.str_)
     if motion.layout:
         arrays["layout"] = np.array(motion.layout, dtype=np.str_)
-    for key in optional_shapes(motion.num_frames):
+    for key in optional_shapes(motion.num_frames, layout.num_joints):
         if (value := getattr(motion, key)) is not None:
             arrays[key] = np.asarray(value, _DTYPES.get(key, np.float32))
     return write_npz(path, arrays, overwrite=overwrite)
 
 
-def _rotations(fields: Fields) -> np.ndarray:
-    poses = fields.floats("poses", MotionInvalid)
-    if poses.ndim != 2 or poses.shape[1] < _BODY:
-        message = f"poses has shape {poses.shape}; (frames, {_BODY} or more) is expected."
+def layout_of(fields: Fields) -> BodyLayout:
+    """Return the layout that a motion file names; files without one are SMPL's.
+
+    Raises:
+        MotionInvalid: it is none.
+    """
+    if "joint_names" not in fields:
+        return SMPL
+    joints, groups, resting = (fields.texts(key) for key in _LAYOUT[1:])
+    parents = fields.floats(_PARENTS, MotionInvalid).reshape(-1) if _PARENTS in fields else ()
+    try:
+        tree = tuple(int(parent) for parent in parents)
+        return BodyLayout(fields.text("body_layout", ""), joints, tree, groups or joints, resting)
+    except (BodyInvalid, ValueError, OverflowError) as error:
+        raise MotionInvalid(f"The joints are no layout: {error}", where=str(fields.path)) from error
+
+
+def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:
+    poses, least = fields.floats("poses", MotionInvalid), _BODY if layout == SMPL else 3 * layout.num_joints
+    if poses.ndim != 2 or poses.shape[1] < least or (layout != SMPL and poses.shape[1] > least):
+        expected = f"{least} or more" if layout == SMPL else str(least)
+        message = f"poses has shape {poses.shape}; (frames, {expected}) is expected of the layout {layout.name}."
         raise MotionInvalid(message, where=str(fields.path))
-    rotvec = np.zeros((len(poses), 3 * NUM_JOINTS))
+    if layout != SMPL:
+        return poses.reshape(-1, layout.num_joints, 3)
+    rotvec = np.zeros((len(poses), 3 * SMPL.num_joints))
     rotvec[:, :_BODY] = poses[:, :_BODY]
     hands = fields.floats("hand_pose", MotionInvalid) if "hand_pose" in fields else None
-    hands = poses[:, _BODY:] if poses.shape[1] == 3 * NUM_JOINTS else hands
+    hands = poses[:, _BODY:] if poses.shape[1] == 3 * SMPL.num_joints else hands
     if hands is not None and np.shape(hands) == (len(poses), 6):
         rotvec[:, _BODY:] = hands
-    return rotvec.reshape(-1, NUM_JOINTS, 3)
+    return rotvec.reshape(-1, SMPL.num_joints, 3)
 
 
 def _betas(fields: Fields) -> np.ndarray:

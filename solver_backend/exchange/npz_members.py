@@ -99,7 +99,11 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bo
     good = isinstance(shape, tuple) and len(shape) <= _MOST_DIMENSIONS and isinstance(by_columns, bool)
     if not good or not all(type(n) is int and 0 <= n < 2**62 for n in shape):
         raise ValueError(f"'{name}' has the shape {str(shape)[:80]}")
-    return shape, np.dtype(kind), by_columns, len(magic) + width + len(text)
+    try:
+        dtype = np.dtype(kind)
+    except TypeError as error:  # NumPy 2 knows no text as wide as a header may claim
+        raise ValueError(f"the header of '{name}' is damaged") from error
+    return shape, dtype, by_columns, len(magic) + width + len(text)
 
 
 def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 from solver_backend.exchange.errors import FileMissing, NoDetections
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.labelling.label_take import LabelledTake, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
@@ -66,7 +67,9 @@ def labelled_capture(
     if cloud is None or capture.keypoints is not None or not (always or needs_labels(cloud)):
         return capture, None
     try:
-        take = label_take(cloud, network or load_network(), progress, {**told_by(cloud), **(told or {})})
+        take = label_take(
+            cloud, network or load_network(), fit_average_person, progress, {**told_by(cloud), **(told or {})}
+        )
     except (FileMissing, NoDetections):
         if always:
             raise

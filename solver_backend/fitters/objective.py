@@ -16,7 +16,7 @@ The terms over keyframes, and the list of what the bundle minimises, are in ``ke
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import Any
@@ -37,7 +37,15 @@ class FrameObjective:
 
     def select(self, frames: Any) -> FrameObjective:
         """Return the terms of the frames at these indices (or of this slice)."""
-        return replace(self, points=tuple(term.select(frames) for term in self.points))
+        return FrameObjective(
+            tuple(term.select(frames) for term in self.points), tuple(term.select(frames) for term in self.poses)
+        )
+
+    def astype(self, precision: Any) -> FrameObjective:
+        """Return the terms in a precision."""
+        return FrameObjective(
+            tuple(term.astype(precision) for term in self.points), tuple(term.astype(precision) for term in self.poses)
+        )
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
         """Return the sum of the point terms at (F, L, 3) positions; ``scale`` is the robust scale."""

@@ -5,49 +5,36 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from solver_backend import __version__
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.global_method import solve_by_bundle
-from solver_backend.fitters.keyframes.resolve_range import solve_range
-from solver_backend.fitters.keyframes.sliding_method import solve_by_sliding
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
+from solver_backend.fitters.methods import METHODS
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.noise_aware.method import pose_prior, solve_noise_aware
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import BY_FRAME, SolveSettings
-from solver_backend.fitters.single_frame.method import solve_by_frame
+from solver_backend.fitters.recipes.frame_range import solve_range
+from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import Solution
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, MarkerSubject, Motion
-
-_METHODS = {
-    "global": solve_by_bundle,
-    "sliding": solve_by_sliding,
-    "frame": solve_by_frame,
-    "noise-aware": solve_noise_aware,
-}
-_FIND_THE_SHAPE = ("noise-aware",)
-"""Methods whose own first stage finds the shape."""
 
 
 def solve(
@@ -60,7 +47,7 @@ def solve(
         capture: calibrated cameras and 2D keypoints, or labelled optical markers.
         settings: method, backend and the rest.
         progress: called as stages advance.
-        prior: decoder of poses from codes on SPoser's sphere; SPoser as it ships if None.
+        prior: decoder of poses from unit codes of zero mean, of any length; SPoser as it ships if None.
         person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
         each: solves the stretches of a long take, on other machines perhaps; the global method's alone.
 
@@ -71,6 +58,7 @@ def solve(
         MarkersMirrored: left and right are exchanged, or an axis points the other way.
         SubjectInvalid: the person is of another body, or wears other markers.
         TakeTooShort: the bundle was asked for on fewer than 4 frames.
+        PriorInvalid: the prior does not fit itself or the body.
         BackendMissing: torch was asked for and is not installed, or finds no CUDA device.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
     """
@@ -92,16 +80,15 @@ def solve_problem(
         provenance: what the motion records besides.
         each: solves the stretches of a long take; the global method's alone.
     """
-    subject = first_subject(problem, settings)
-    if settings.method not in _FIND_THE_SHAPE:
+    subject, method = first_subject(problem, settings), METHODS[settings.method]
+    if not method.finds_shape:
         subject = learn_subject(problem, subject, settings, progress)
     give_back_freed_memory()
-    method = partial(solve_by_bundle, each=each) if settings.method == "global" else _METHODS[settings.method]
-    solved, convergence = method(problem, subject, settings, progress)
+    solved, convergence = method.recipe(problem, subject, settings, progress, each)
     give_back_freed_memory()
-    prior = pose_prior() if settings.method == "noise-aware" else problem.prior
+    prior = method.prior_of(problem)
     record = {
-        "solver": __version__,
+        "solver": VERSION,
         "settings": asdict(settings),
         "body": problem.body.id,
         "prior": {"name": prior.name, "weights": prior.metadata.get("sha256")},
@@ -187,7 +174,8 @@ def prepare(
     """
     if capture.keypoints is not None or capture.markers is None:
         capture.require_multiview()
-    if settings.method not in BY_FRAME and capture.num_frames < 4:
+    method = METHODS[settings.method]
+    if not method.per_frame and capture.num_frames < 4:
         raise TakeTooShort(
             f"The bundle needs 4 frames, the take has {capture.num_frames}.", where=capture.name,
             hint="Use the method 'frame' for single images.",
@@ -196,7 +184,7 @@ def prepare(
     prior = load_sposer() if prior is None else prior
     meant = with_meant_confidence(capture, settings.noise)
     if capture.keypoints is None and capture.markers is not None:
-        if settings.method in _FIND_THE_SHAPE and person is None:
+        if method.finds_shape and person is None:
             return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
         return marker_problem(capture.markers, body, prior, like, settings, progress, person)
     views = measure_views(

@@ -10,6 +10,7 @@ from solver_backend.body.body import Body
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.pose_term import PoseTerm
 
@@ -34,8 +35,13 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Return the problem in which poses are judged by the mixture that ships with the code."""
-        return cls(body, prior, measurements, (PoseMixtureTerm(),))
+        """Return the problem with the prior on the body's joints, and the mixture of poses that ships with the code.
+
+        Raises:
+            PriorInvalid: the prior does not fit itself or the body.
+        """
+        fitting = prior_on_body(prior, body.layout)
+        return cls(body, fitting, measurements, (PoseMixtureTerm.of(fitting.joints),))
 
     @property
     def objective(self) -> FrameObjective:

@@ -67,4 +67,4 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
 
 def to_numpy(value: Any) -> np.ndarray:
     """Return a float64 NumPy copy of an array of either kind, on any device."""
-    return np.array(value.detach().cpu() if hasattr(value, "cpu") else value, dtype=np.float64)
+    return np.array(value.detach().cpu().numpy() if hasattr(value, "cpu") else value, dtype=np.float64)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
-from solver_backend.body.body import Body, load_body
-from solver_backend.labelling.frame_fit import FrameFit
+from solver_backend.body.body import load_body
+from solver_backend.body.markers import marker_landmarks
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.tracklets import Tracklets
 
@@ -26,9 +28,37 @@ _FEWEST = 12
 """Sure markers that a frame needs."""
 
 
+class FittedBody(Protocol):
+    """A body laid over a frame's markers."""
+
+    @property
+    def landmarks(self) -> np.ndarray:
+        """(53, 3) metres: where it has the markers."""
+        ...
+
+    @property
+    def off_m(self) -> float:
+        """Median distance of the markers that were seen; NaN where none was."""
+        ...
+
+
+class BodyFit(Protocol):
+    """Whatever lays a body over one frame after the other: ``fitters/recipes/live.py``, which may import this."""
+
+    def restart(self) -> None:
+        """Forget the pose."""
+        ...
+
+    def step(
+        self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
+    ) -> FittedBody:
+        """Fit a frame's (53, 3) points, NaN where unseen; guesses with (53,) deviations stand in for those."""
+        ...
+
+
 def body_evidence(
     positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
-    labels: np.ndarray, trusted: np.ndarray, fps: float, body: Body | None = None,
+    labels: np.ndarray, trusted: np.ndarray, fps: float, fit: BodyFit,
 ) -> np.ndarray:  # fmt: skip
     """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it says nothing.
 
@@ -41,11 +71,11 @@ def body_evidence(
         labels: (C,) label of each chain.
         trusted: (C,) bool: those that the body is laid over.
         fps: of the take.
-        body: to lay over; the one that ships if None.
+        fit: of a body, from its start.
     """
     step = max(1, round(fps / CHECK_FPS / max(1.0, float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0)))
-    fit, chains = FrameFit(body or load_body()), tracklets.num_chains
-    moved = _moved_with(fit.landmarks.weights, fit.body.parents)
+    body, chains = load_body(), tracklets.num_chains
+    moved = _moved_with(marker_landmarks(body, MARKERS).weights, body.parents)
     total, count, before = np.zeros((chains, GHOST)), np.zeros(chains), -1
     for row in range(0, len(frames), step):
         frame = int(frames[row])
@@ -59,13 +89,13 @@ def body_evidence(
         dt = 0.2 if before < 0 else min((frame - before) / fps, 0.5)
         if before < 0 or (frame - before) / fps > 1.0:
             fit.restart()
-        _, posed, off = fit.step(markers, guesses[row], GUESS_WIDER * sigmas[row], dt, STEPS)
+        found = fit.step(markers, guesses[row], GUESS_WIDER * sigmas[row], dt, STEPS)
         before = frame
-        if not off < BAD_FIT_M:
+        if not found.off_m < BAD_FIT_M:
             before = -1
             continue
-        apart = np.linalg.norm(positions[frame, columns][:, None] - posed.points[0], axis=-1)
-        apart = np.where(_limbs_fit(markers, posed.points[0], moved), apart, GHOST_M)
+        apart = np.linalg.norm(positions[frame, columns][:, None] - found.landmarks, axis=-1)
+        apart = np.where(_limbs_fit(markers, found.landmarks, moved), apart, GHOST_M)
         np.add.at(total, chain, np.minimum(apart, _FARTHEST_M))
         np.add.at(count, chain, 1.0)
     distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.labelling.body_check import body_evidence
+from solver_backend.labelling.body_check import BodyFit, body_evidence
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
@@ -83,7 +83,7 @@ class LabelledTake:
 
 
 def label_take(
-    cloud: MarkerCloud, network: PointNetwork, progress: Progress = silent,
+    cloud: MarkerCloud, network: PointNetwork, start_fit: Callable[[], BodyFit], progress: Progress = silent,
     told: Mapping[tuple[int, int], str] | None = None,
 ) -> LabelledTake:  # fmt: skip
     """Label the points of a take.
@@ -91,6 +91,7 @@ def label_take(
     Args:
         cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
         network: that reads frames.
+        start_fit: makes the fit of a body that is laid over what was named.
         progress: called as frames are read.
         told: marker's name by (column, frame), from a person: it binds the whole stretch. Empty text: none of them.
 
@@ -107,7 +108,7 @@ def label_take(
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
-    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound)
+    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound, start_fit)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
@@ -164,7 +165,7 @@ def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[in
 
 def _named(
     positions: np.ndarray, tracklets: Tracklets, votes: Votes, landmarks: np.ndarray, covariance: np.ndarray,
-    fps: float, bound: dict[int, int],
+    fps: float, bound: dict[int, int], start_fit: Callable[[], BodyFit],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return label and confidence of every chain: voted, and again with distances and a body among what was named."""
     spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
@@ -181,7 +182,7 @@ def _named(
             laid = trusted & (agreed >= AGREED)
             laid[list(bound)] = True
             by_body = body_evidence(
-                positions, votes.frames, landmarks[:, :GHOST], spread, tracklets, labels, laid, fps
+                positions, votes.frames, landmarks[:, :GHOST], spread, tracklets, labels, laid, fps, start_fit()
             )  # fmt: skip
         labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
     return labels, sure

@@ -10,31 +10,31 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import name_markers
+from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.native.subject_file import read_subject
-from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.live.frames import PointFrame
 from solver_backend.types import MarkerCloud
 
 
-def person_fit(subject: Path | None) -> tuple[PointNetwork, FrameFit]:
+def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
     """Return the network and a fit of a calibrated person, or of one whose shape is learned as they move.
 
     Raises:
         FileMissing, SubjectInvalid: the subject cannot be read.
     """
-    network, body = load_network(), load_body()
+    network = load_network()
     if subject is None:
-        return network, FrameFit(body)
+        return network, fit_average_person()
     person = read_subject(subject)
     offsets = np.zeros((len(MARKERS), 3))
     places = name_markers(person.places).known
     for place, offset in zip(person.places, person.offsets, strict=True):
         if places.get(place) in MARKERS:
             offsets[MARKERS.index(places[place])] = offset
-    return network, FrameFit(body, offsets=offsets, betas=person.betas)
+    return network, LiveFit(load_body(), offsets=offsets, betas=person.betas)
 
 
 class Recorder:

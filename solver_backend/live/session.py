@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.labelling.exclusive_labels import labels_of_frame
-from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.live.frames import PointFrame
@@ -38,7 +38,7 @@ class LiveSession:
     """One person, live."""
 
     network: PointNetwork
-    fit: FrameFit
+    fit: LiveFit
     unit: str | None = None
     """Unit of the points; told from the first frames if None."""
     up_axis: str | None = None
@@ -59,8 +59,9 @@ class LiveSession:
 
     def warm_up(self) -> None:
         """Fit a few frames of the body at rest and forget them, so that no first frame of a person is late."""
-        trial = LiveSession(self.network, FrameFit(self.fit.body, self.fit.landmarks), unit="m", up_axis="z")
-        rest = self.fit.landmarks.anchors.sum(axis=1)[:, [2, 0, 1]]
+        person = self.fit.subject
+        trial = LiveSession(self.network, LiveFit(person.body, person.landmarks), unit="m", up_axis="z")
+        rest = person.landmarks.anchors.sum(axis=1)[:, [2, 0, 1]]
         for number in range(_TRIAL_FRAMES):
             list(trial.step(PointFrame(number / 60.0, rest + 1e-4 * number, time.perf_counter())))
 
@@ -101,7 +102,7 @@ class LiveSession:
             yield self._nothing(frame, "the stream is frozen: the same points again and again", "frozen")
             return
         yield self._fitted(frame, points @ self._turn.T, dt)
-        if not self._shape_told and (shape := self.fit.settled_shape) is not None:
+        if not self._shape_told and (shape := self.fit.known_shape) is not None:
             self._shape_told = True
             yield {**self._event("shape", "The person's shape is known.", frame), "betas": _rounded(shape)}
 
@@ -121,9 +122,9 @@ class LiveSession:
         sigma = np.sqrt(np.trace(reading.covariance[0, : len(MARKERS)], axis1=-2, axis2=-1) / 3.0)
         if self.fit.pose is None:
             self._good = frame.time  # a start has as long to be good as a pose to be lost
-        pose, _, off = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
+        found = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
         state = "tracking"
-        if not off < BAD_M:
+        if not found.off_m < BAD_M:
             state = "unsure"
             if self._good is None or frame.time - self._good > LOST_S:
                 self.fit.restart()
@@ -132,9 +133,9 @@ class LiveSession:
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(frame.time, 6), "state": state,
-            "root": _rounded(log_so3(pose.root)[0]), "pose": _rounded(log_so3(pose.local)[0].ravel()),
-            "trans": _rounded(pose.transl[0]), "markers": len(named), "points": len(frame.points),
-            "off_mm": round(1e3 * off, 2), "latency_ms": self._latency(frame),
+            "root": _rounded(log_so3(found.pose.root)[0]), "pose": _rounded(log_so3(found.pose.local)[0].ravel()),
+            "trans": _rounded(found.pose.transl[0]), "markers": len(named), "points": len(frame.points),
+            "off_mm": round(1e3 * found.off_m, 2), "latency_ms": self._latency(frame),
         }  # fmt: skip
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:

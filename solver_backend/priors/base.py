@@ -10,15 +10,15 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, constant, identity
 from solver_backend.types.shapes import Float
 
-Poses = Float[Array, "poses 21 3 3"]
-"""Local rotations of joints 1..21."""
+Poses = Float[Array, "poses joints 3 3"]
+"""Local rotations of the joints that a prior models."""
 Codes = Float[Array, "poses d"]
 Energies = Float[Array, " poses"]
-CodeJacobian = Float[Array, "poses 21 3 d"]
+CodeJacobian = Float[Array, "poses joints 3 d"]
 """Left tangents of the rotations by the code."""
 
 ORTHONORMAL_WITHIN = 1e-3
@@ -37,6 +37,16 @@ class PosePrior(ABC):
     @abstractmethod
     def latent_dim(self) -> int:
         """Length of a code."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that the prior models, one a column of its poses: all of the SMPL family's but hands."""
+        return SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
+
+    @property
+    def uncovered(self) -> tuple[int, ...]:
+        """Columns of its poses that the prior knows nothing of; they are at rest."""
+        return ()
 
     @abstractmethod
     def encode(self, rotations: Poses) -> Codes:

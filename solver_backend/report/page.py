@@ -15,7 +15,7 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
 from solver_backend.report.calibration import CalibrationFit, calibration_section
-from solver_backend.report.findings import findings_of
+from solver_backend.report.diagnose import diagnose
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.rest_pose import rest_pose_section
 from solver_backend.report.statistics import Residuals, located_share, residuals_of
@@ -55,9 +55,9 @@ def report_html(capture: Capture, motion: Motion, calibration: CalibrationFit | 
     residuals = residuals_of(capture, motion)
     compared = _compared(capture, motion)
     shades = sections.shades_of(motion)
-    found = findings_of(capture, motion, residuals)
+    found = diagnose(capture, motion, residuals)
     body = [
-        sections.findings_section(found, *(["the reader found no fault"] if motion.markers is not None else [])),
+        sections.diagnostics_section(found, motion.fps),
         sections.truth_section(capture, motion, compared.lines() if compared is not None else []),
         sections.residual_section(motion, residuals),
         markers.residual_over_time(motion, shades, sections.shades_key(motion)),

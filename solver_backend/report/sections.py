@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, notes_in, warnings_in, word
 from solver_backend.geometry.runs import true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles
-from solver_backend.report.findings import Finding
 from solver_backend.report.markup import facts, heat_table, number, section, text
 from solver_backend.report.plan import plan
 from solver_backend.report.plots import WIDTH, Line, Shade, strip_plot, time_plot
@@ -52,14 +53,19 @@ def shades_of(motion: Motion) -> list[Shade]:
     ]
 
 
-def findings_section(found: list[Finding], checked: str = "no camera and no keypoint is off") -> str:
-    """What deserves a look."""
-    items = [
-        f'<li class="{item.level}">{text(item.what)}<span class="advice">{text(item.advice)}</span></li>'
-        for item in found
-    ]
-    good = f'<li class="good">Nothing stands out: no frame is flagged, and {checked}.</li>'
-    return section("Where to look", f'<ul class="findings">{"".join(items) or good}</ul>', identifier="look")
+def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
+    """What deserves a look, and what was noted besides."""
+    good = '<li class="good">OK: there are no warnings.</li>'
+    warnings = "".join(_item(item, "bad", fps) for item in warnings_in(found))
+    notes = "".join(_item(item, "look", fps) for item in notes_in(found))
+    body = f'<ul class="findings">{warnings or good}</ul>'
+    body += f'<h3>Notes</h3><ul class="findings">{notes}</ul>' if notes else ""
+    return section("Where to look", body, identifier="look")
+
+
+def _item(found: Diagnostic, level: str, fps: float) -> str:
+    what, advice = word(found, fps)
+    return f'<li class="{level}">{text(what)}<span class="advice">{text(advice)}</span></li>'
 
 
 def reprojection_section(capture: Capture, residuals: Residuals | None) -> str:
@@ -223,7 +229,6 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
     rows: list[tuple[str, object]] = [("capture", capture.name)]
     rows += [(f"setting {key}", value) for key, value in settings.items()] if isinstance(settings, dict) else []
     rows += [("source", source) for source in capture.sources]
-    rows += [("note", note) for note in capture.notes]
     plain = json.dumps(provenance, indent=1, sort_keys=True, default=str, ensure_ascii=False)
     raw = f"<details><summary>Everything the motion file records</summary><pre>{text(plain)}</pre></details>"
     return section("Settings and provenance", facts(rows) + raw, "", "provenance")

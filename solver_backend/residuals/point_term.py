@@ -6,11 +6,12 @@ All views of one landmark collapse into one 3x3 matrix, so the number of cameras
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol, Self
 
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
+from solver_backend.residuals.frame_term import FrameTerm
 
 
 @dataclass(frozen=True)
@@ -30,15 +31,11 @@ class PointEvidence:
         )
 
 
-class PointTerm(Protocol):
+class PointTerm(FrameTerm, Protocol):
     """Anything that judges landmark positions of a range of frames."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) positions; ``scale`` is the robust scale in standard deviations."""
-        ...
-
-    def select(self, frames: Any) -> PointTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
         ...
 
 
@@ -67,10 +64,6 @@ class Residuals:
 class DataTerm(PointTerm, Protocol):
     """A point term of measurements, whose noise can be learned."""
 
-    def select(self, frames: Any) -> DataTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
-        ...
-
     def residuals(self, points: Array) -> Residuals:
         """Return what (F, L, 3) positions leave unexplained."""
         ...
@@ -82,6 +75,6 @@ class DataTerm(PointTerm, Protocol):
         """
         ...
 
-    def rescaled(self, variance: Array) -> DataTerm:
+    def rescaled(self, variance: Array) -> Self:
         """Return the term with the noise's variance multiplied by a factor, broadcast against (V, F, L)."""
         ...

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.gmm import load_gmm
+from solver_backend.priors.weights import BODY_JOINTS
 from solver_backend.residuals.pose_term import PoseEvidence
-from solver_backend.types import SMPL_JOINTS
 
 WIDENING_RAD = 0.12
 """Standard deviation added to every direction of the mixture: people differ more than those it was fitted to."""
@@ -25,54 +26,86 @@ _SPREAD_RAD = {
 """Standard deviation of each joint's rotation from rest: the mixture's recordings hold few who stand straight."""
 
 
+_UNKNOWN_SPREAD_RAD = 0.5
+"""The same of joints that the table lacks, such as those that no prior covers: a weak pull to rest; not tuned."""
+
+
 @dataclass(frozen=True)
 class PoseMixture:
-    """A mixture of K Gaussians over the rotation vectors of joints 1..21 (Bogo et al. 2016, eq. 4)."""
+    """A mixture of K Gaussians over the rotation vectors of n of a pose's joints (Bogo et al. 2016, eq. 4)."""
 
     means: np.ndarray
-    """(K, 63) rad."""
+    """(K, 3 n) rad."""
     precisions: np.ndarray
-    """(K, 63, 63) 1/rad²."""
+    """(K, 3 n, 3 n) 1/rad²."""
     log_peaks: np.ndarray
     """(K,) logarithm of each component's density at its mean; the largest is 0."""
+    columns: np.ndarray
+    """(3 n,) of the pose's rotation vectors."""
 
 
-@lru_cache(maxsize=1)
-def load_pose_mixture() -> PoseMixture:
-    """Return the mixture that ships with the code, widened."""
+@lru_cache(maxsize=8)
+def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
+    """Return the mixture that ships with the code, widened: its marginal of those of a pose's joints that it models."""
     mixture = load_gmm()
-    covariances = mixture.covariances + WIDENING_RAD**2 * np.eye(63)
+    shared = [name for name in joints if name in mixture.joints]
+    theirs, own = (
+        (3 * np.array([names.index(name) for name in shared], dtype=int)[:, None] + np.arange(3)).reshape(-1)
+        for names in (mixture.joints, joints)
+    )
+    # Contiguous: how a BLAS adds up depends on strides.
+    means, covariances = (
+        np.ascontiguousarray(part)
+        for part in (mixture.means[:, theirs], mixture.covariances[:, theirs[:, None], theirs])
+    )
+    covariances = covariances + WIDENING_RAD**2 * np.eye(len(theirs))
     peaks = np.log(mixture.shares) - 0.5 * np.linalg.slogdet(covariances)[1]
-    return PoseMixture(mixture.means, np.linalg.inv(covariances), peaks - peaks.max())
+    return PoseMixture(means, np.linalg.inv(covariances), peaks - peaks.max(), own)
 
 
-def rest_precision() -> np.ndarray:
-    """Return the (63,) precision of the rotation vectors about rest, 1/rad²."""
-    parts = [joint.removeprefix("left_").removeprefix("right_") for joint in SMPL_JOINTS[1:22]]
-    return np.repeat([1.0 / _SPREAD_RAD[part] ** 2 for part in parts], 3)
+def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
+    """Return the (3 J,) precision of the rotation vectors about rest, 1/rad²."""
+    parts = [joint.removeprefix("left_").removeprefix("right_") for joint in joints]
+    return np.repeat([1.0 / _SPREAD_RAD.get(part, _UNKNOWN_SPREAD_RAD) ** 2 for part in parts], 3)
 
 
 @dataclass(frozen=True)
 class PoseMixtureTerm:
-    """``E = -s log Σ_k a_k exp(-½ |x - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x."""
+    """``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, x_c those of n joints."""
 
     mixture: PoseMixture = field(default_factory=load_pose_mixture)
-    """Peaks a, means μ and precisions P."""
+    """Peaks a, means μ, precisions P and columns c."""
     weight: float = WEIGHT
     """s."""
     rest_precision: np.ndarray = field(default_factory=rest_precision)
-    """(63,) the diagonal of Q, 1/rad²: how strongly every joint is drawn to rest."""
+    """(3 J,) the diagonal of Q, 1/rad²: how strongly every joint is drawn to rest."""
+
+    @classmethod
+    def of(cls, joints: tuple[str, ...]) -> PoseMixtureTerm:
+        """Return the term on poses of these joints; those that the mixture does not model are drawn to rest alone."""
+        return cls(load_pose_mixture(joints), rest_precision=rest_precision(joints))
+
+    def select(self, frames: Any) -> PoseMixtureTerm:
+        """Return the term: it is the same for all frames."""
+        return self
+
+    def astype(self, precision: Any) -> PoseMixtureTerm:
+        """Return the term: it takes on the precision of the poses."""
+        return self
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, 21, 3, 3) rotations; its factors are the shares (F, K) that make the Hessian.
+        """Return the evidence at (F, J, 3, 3) rotations; its factors are the shares (F, K) that make the Hessian.
 
-        With the components' shares r_k of the sum ``dE/dx = s Σ_k r_k P_k (x - μ_k) + Q x`` and ``dx = J_l(x)⁻¹ δ``.
+        With the components' shares r_k of the sum ``dE/dx_c = s Σ_k r_k P_k (x_c - μ_k)``, Q x besides, and
+        ``dx = J_l(x)⁻¹ δ``.
         """
         xp = array_namespace(local)
         mixture, count = self.mixture, local.shape[0]
         vector = log_so3(local)
         x = xp.reshape(vector, (count, -1))
-        off = x[None] - constant(mixture.means, x)[:, None]
+        partial = len(mixture.columns) < x.shape[1]
+        columns = index(mixture.columns, x)
+        off = (x[:, columns] if partial else x)[None] - constant(mixture.means, x)[:, None]
         gradients = xp.matmul(off, constant(mixture.precisions, x))
         exponents = constant(mixture.log_peaks, x)[:, None] - 0.5 * xp.sum(gradients * off, axis=-1)
         top = xp.max(exponents, axis=0)
@@ -82,12 +115,24 @@ class PoseMixtureTerm:
         rest = constant(self.rest_precision, x)
         cost = -self.weight * (top + xp.log(total)) + 0.5 * xp.sum(rest * x * x, axis=-1)
         J_T = xp.matrix_transpose(left_jacobian_inverse_so3(vector))
-        gradient = xp.reshape(xp.sum(shares.T[..., None] * gradients, axis=0) + rest * x, (count, 21, 3, 1))
+        by_x = xp.sum(shares.T[..., None] * gradients, axis=0)
+        if partial:
+            by_x, by_modelled = xp.zeros_like(x), by_x
+            by_x[:, columns] = by_modelled
+        gradient = xp.reshape(by_x + rest * x, (*vector.shape, 1))
         return PoseEvidence(cost, xp.reshape(xp.matmul(J_T, gradient), (count, -1)), shares)
 
+    @cached_property
+    def _precisions(self) -> np.ndarray:
+        """(K, 9 J²) P in the rows and columns of the pose's joints."""
+        size, columns = len(self.rest_precision), self.mixture.columns
+        of_pose = np.zeros((len(self.mixture.means), size, size))
+        of_pose[:, columns[:, None], columns] = self.mixture.precisions
+        return of_pose.reshape(len(of_pose), -1)
+
     def hessian(self, factors: Array) -> Array:
-        """Return ``s Σ_k r_k P_k + Q``, (F, 63, 63), as if J_l were the identity."""
-        xp = array_namespace(factors)
-        flat = constant(self.mixture.precisions.reshape(factors.shape[1], -1), factors)
+        """Return ``s Σ_k r_k P_k`` of the n joints, and Q, (F, 3 J, 3 J), as if J_l were the identity."""
+        xp, size = array_namespace(factors), len(self.rest_precision)
+        flat = constant(self._precisions, factors)
         resting = constant(np.diag(self.rest_precision).reshape(-1), factors)
-        return xp.reshape(xp.matmul(factors, flat) + resting, (factors.shape[0], 63, 63))
+        return xp.reshape(xp.matmul(factors, flat) + resting, (factors.shape[0], size, size))

@@ -1,4 +1,4 @@
-"""Terms on poses: what each tells the solver of the rotations of joints 1..21, whatever was measured."""
+"""Terms on poses: what each tells the solver of the rotations of the joints, whatever was measured."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from solver_backend.geometry.arrays import Array
+from solver_backend.residuals.frame_term import FrameTerm
 
 
 @dataclass(frozen=True)
@@ -15,18 +16,18 @@ class PoseEvidence:
     cost: Array
     """(F,)."""
     gradient: Array
-    """(F, 63) by the joints' left tangents, 1/rad."""
+    """(F, 3 J) by the joints' left tangents, 1/rad."""
     factors: Array
     """(F, n) what the term's ``hessian`` is formed from, where it is asked for."""
 
 
-class PoseTerm(Protocol):
+class PoseTerm(FrameTerm, Protocol):
     """Anything that judges poses one by one."""
 
     def __call__(self, local: Array) -> PoseEvidence:
-        """Return the evidence at (F, 21, 3, 3) rotations."""
+        """Return the evidence at (F, J, 3, 3) rotations."""
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return the (F, 63, 63) positive semidefinite matrices that these factors stand for, 1/rad²."""
+        """Return the (F, 3 J, 3 J) positive semidefinite matrices that these factors stand for, 1/rad²."""
         ...

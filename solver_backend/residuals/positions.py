@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, astype, constant, identity
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
@@ -50,6 +50,11 @@ class PositionTerm:
         """Return the term of the frames at these indices (or of this slice)."""
         metric = None if self.metric is None else self.metric[frames]
         return PositionTerm(self.positions[frames], self.weight[frames], metric)
+
+    def astype(self, precision: Any) -> PositionTerm:
+        """Return the term in a precision; single holds a metre to 0.1 µm."""
+        metric = None if self.metric is None else astype(self.metric, precision)
+        return PositionTerm(astype(self.positions, precision), astype(self.weight, precision), metric)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""

@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.projection import project, project_with_jacobian
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, astype, constant, identity
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
@@ -65,6 +65,12 @@ class ReprojectionTerm:
             self.K, self.distortion, self.R, self.t, self.model,
             self.xy[:, frames], self.weight[:, frames], self.confidence[:, frames],
         )  # fmt: skip
+
+    def astype(self, precision: Any) -> ReprojectionTerm:
+        """Return the term in a precision; single holds a thousand pixels to 0.0001."""
+        K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
+        xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
+        return ReprojectionTerm(K, distortion, R, t, self.model, xy, weight, confidence)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""

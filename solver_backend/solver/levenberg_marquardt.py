@@ -86,13 +86,13 @@ def levenberg_marquardt(
     cost, system = linearise(state)
     xp = array_namespace(cost)
     damping, total = xp.full_like(cost, settings.damping), _total(cost)
-    settled = xp.zeros_like(total, dtype=xp.bool)
-    better = ~settled
+    converged = xp.zeros_like(total, dtype=xp.bool)
+    better = ~converged
     for iteration in range(1, settings.max_iterations + 1):
         step = system.solve(damping)
         # Damped after a refusal, a step promises little by being short.
         if settings.promise and bool(
-            xp.all(settled | better & _promises_little(system, step, cost, damping, settings))
+            xp.all(converged | better & _promises_little(system, step, cost, damping, settings))
         ):
             return LMResult(state, cost, system, iteration - 1, True)
         candidate = retract(state, step)
@@ -110,8 +110,8 @@ def levenberg_marquardt(
         # A step that was refused says nothing of how near the minimum is, unless not even the shortest is taken.
         most = _most(damping)
         enough = settings.tolerance * _share_awaited(most, damping)
-        settled = settled | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
-        if bool(xp.all(settled)):
+        converged = converged | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
+        if bool(xp.all(converged)):
             return LMResult(state, cost, system, iteration, True)
     return LMResult(state, cost, system, settings.max_iterations, False)
 

@@ -18,7 +18,6 @@ from solver_backend.exchange.motion_file import (
 )
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud, PersonInViews
-from solver_backend.types.fault import Fault, FaultKind, Remedy
 from solver_backend.types.limbs import FEET, LIMBS
 from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
@@ -26,6 +25,6 @@ from solver_backend.types.motion import Motion
 __all__ = [
     "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS", "MARKER_FILLED", "MARKER_GHOST", "MARKER_SEEN", "MARKER_SWAPPED",
     "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
-    "Cameras", "Capture", "Fault", "FaultKind", "JointSet", "Keypoints2D", "MarkerCloud", "MarkerSubject",
-    "Motion", "PersonInViews", "Remedy",
+    "Cameras", "Capture", "JointSet", "Keypoints2D", "MarkerCloud", "MarkerSubject",
+    "Motion", "PersonInViews",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The result of a solve: the motion of an SMPL-type body."""
+"""The result of a solve: the motion of a body, as wide as its layout."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.errors import MotionInvalid
-from solver_backend.exchange.joint_sets import NUM_JOINTS, JointSet
+from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.shapes import Bool, Float, Int
 
 
@@ -23,24 +24,26 @@ class Motion:
     """(10,) shape coefficients."""
     global_orient: Float[np.ndarray, "frames 3"]
     """(F, 3) axis-angle, body frame to world."""
-    body_pose: Float[np.ndarray, "frames 69"]
-    """(F, 69) axis-angle of joints 1..23."""
+    body_pose: Float[np.ndarray, "frames turns"]
+    """(F, 3 (J - 1)) axis-angle of the joints after the root."""
     transl: Float[np.ndarray, "frames 3"]
     """(F, 3) metres."""
     fps: float
     """Frames per second."""
     body: str
     """Id of the body the parameters belong to."""
-    joints: Float[np.ndarray, "frames 24 3"]
-    """(F, 24, 3) world metres."""
+    joints: Float[np.ndarray, "frames joints 3"]
+    """(F, J, 3) world metres."""
+    body_layout: BodyLayout = SMPL
+    """Names and tree of the J joints."""
     keypoints3d: Float[np.ndarray, "frames keypoints 3"] | None = None
     """(F, K, 3) world metres in the observed joint set."""
     joint_set: JointSet | None = None
     """Names of keypoints3d."""
-    joint_sigma: Float[np.ndarray, "frames 24"] | None = None
-    """(F, 24) standard deviation of each joint in metres, the root mean square over the axes."""
-    joint_covariance: Float[np.ndarray, "frames 24 6"] | None = None
-    """(F, 24, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz of the world's axes."""
+    joint_sigma: Float[np.ndarray, "frames joints"] | None = None
+    """(F, J) standard deviation of each joint in metres, the root mean square over the axes."""
+    joint_covariance: Float[np.ndarray, "frames joints 6"] | None = None
+    """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz of the world's axes."""
     keyframes: Bool[np.ndarray, " frames"] | None = None
     """(F,) bool: the frame is a keyframe of the solver."""
     contacts: Bool[np.ndarray, "frames 2"] | None = None
@@ -69,17 +72,20 @@ class Motion:
     """Version, weights hash, settings, source files, statistics; plain JSON values."""
 
     def __post_init__(self) -> None:
-        frames = len(self.global_orient)
+        frames, joints = len(self.global_orient), self.body_layout.num_joints
         shapes = {
-            "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (NUM_JOINTS - 1)),
-            "transl": (frames, 3), "joints": (frames, NUM_JOINTS, 3), "joint_sigma": (frames, NUM_JOINTS),
-            "joint_covariance": (frames, NUM_JOINTS, 6), "keyframes": (frames,), "contacts": (frames, 2),
+            "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1)),
+            "transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints),
+            "joint_covariance": (frames, joints, 6), "keyframes": (frames,), "contacts": (frames, 2),
             "flags": (frames,),
         }  # fmt: skip
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:
-                raise MotionInvalid(f"{name} has shape {np.shape(value)}; {shape} is expected.", where="motion")
+                raise MotionInvalid(
+                    f"{name} has shape {np.shape(value)}; {shape} is expected of the layout {self.body_layout.name}.",
+                    where="motion",
+                )
         for name in ("betas", "global_orient", "body_pose", "transl", "joints"):
             if not np.isfinite(getattr(self, name)).all():
                 raise MotionInvalid(f"{name} holds NaN or infinite values.", where="motion")
@@ -88,3 +94,21 @@ class Motion:
     def num_frames(self) -> int:
         """Number of frames."""
         return len(self.global_orient)
+
+    def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
+        """Check that the motion is of a body.
+
+        Args:
+            body: its id.
+            layout: of its motions.
+            where: for the error.
+
+        Raises:
+            MotionInvalid: it is of another body, or of another layout.
+        """
+        self.body_layout.require_same_joints(layout, where)
+        if self.body != body:
+            raise MotionInvalid(
+                f"The motion is of the body {self.body}, not {body}.", where=where,
+                hint="Use the body that the motion was solved with.",
+            )  # fmt: skip

@@ -18,13 +18,13 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend import solve
 from solver_backend.evaluation.butterworth import butterworth
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.metrics import mpjpe_mm
+from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation import strange_body
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.comparison.captures import capture_path, take_of
 from tests.benchmarks.metric import Metric
@@ -77,9 +77,9 @@ class Floor:
         return judged(capture, motion) | {"cpu_s": time.process_time() - begin}
 
 
-def detector(level: float) -> DetectorModel:
+def detector(level: float) -> DetectorFaults:
     """Return the measured detector with a share of its errors; without any it misses nothing."""
-    model = DetectorModel()
+    model = MEASURED_DETECTOR
     scaled = ("view_bias_mm", "drift_mm", "jitter_mm", "outliers", "swaps_per_minute")
     if level == 0.0:
         scaled = (*scaled, "occluded_missing", "missing")

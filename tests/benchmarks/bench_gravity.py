@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from research.simulation.benchmark import JOINT_SET
 from solver_backend.camera_calibration.extrinsics.person_world import upright_from_person
-from solver_backend.synthesis.simulation.benchmark import JOINT_SET, cast_person
+from solver_backend.synthesis.simulation.cast import cast_person
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.recordings import ABSENT, recordings_folder

@@ -20,8 +20,8 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.fitters import solve
+from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
 from solver_backend.io.markers.read import read_markers
-from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.label_take import LabelledTake, label_take
 from solver_backend.labelling.outputs import GHOST
 from solver_backend.labelling.point_network import PointNetwork, load_network
@@ -62,7 +62,7 @@ def run() -> list[Metric]:
     for name, cloud in takes().items():
         for kind, options in (("plain", {}), ("spoiled", {"missing": 5, "ghosts": 3})):
             bare = stripped(cloud, 1, **options)
-            labelled = label_take(bare.cloud, network)
+            labelled = label_take(bare.cloud, network, fit_average_person)
             found = score(labelled, bare.truth)
             metrics.append(Metric(f"{name}_{kind}_right", found.right, "%", "higher", abs_tol=0.5))
             metrics.append(Metric(f"{name}_{kind}_wrong", found.wrong, "%", abs_tol=0.5))
@@ -110,7 +110,7 @@ def _prone() -> list[Metric]:
     """The prone and kneeling take, which nobody labelled: what is named of it."""
     path = Path(folder()) / "automarkerlabel" / "S01_Pronetokneel01_mksrem.c3d"
     cloud = read_markers(path).cloud
-    labels = label_take(MarkerCloud(cloud.positions[::4], cloud.fps / 4), load_network())
+    labels = label_take(MarkerCloud(cloud.positions[::4], cloud.fps / 4), load_network(), fit_average_person)
     there = labels.labels[np.isfinite(labels.confidence)]
     return [Metric("prone_named", 100 * float(((there >= 0) & (there < GHOST)).mean()), "%", "higher", rel_tol=0.2)]
 
@@ -125,7 +125,7 @@ def _speed() -> list[Metric]:
         start = time.perf_counter()
         network(points)
         times.append(time.perf_counter() - start)
-    session, statistics = LiveSession(network, FrameFit(body), unit="m", up_axis="z"), LiveStatistics()
+    session, statistics = LiveSession(network, LiveFit(body), unit="m", up_axis="z"), LiveStatistics()
     start, used = time.perf_counter(), time.process_time()
     for line in session.run(replayed(cloud, paced=False)):
         statistics.add(line)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import MocapError
 from solver_backend.fitters import solve
 from solver_backend.fitters.pipeline import calibrate_person
@@ -73,6 +74,6 @@ def _solved(path: Path, person: MarkerSubject) -> tuple[np.ndarray, float, Count
         sys.stdout.write(f"  {path.stem}: {error}\n")
         return None
     assert motion.marker_residual_mm is not None and motion.flags is not None
-    found = Counter(str(fault["kind"]) for fault in motion.provenance.get("findings", ()))
+    found = Counter(item.code for item in read_diagnostics(motion.provenance.get("diagnostics")))
     residual = motion.marker_residual_mm[np.isfinite(motion.marker_residual_mm)]
     return residual, float(((motion.flags & FLAG_UNSURE) > 0).mean()), found

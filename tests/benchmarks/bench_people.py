@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from research.simulation.benchmark import BenchmarkSettings
+from research.simulation.company import Crossing, crossing
 from solver_backend.fitters.pipeline import solve
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.people.person_selection import SelectedPerson, select_people
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings
-from solver_backend.synthesis.simulation.company import Crossing, crossing
 from solver_backend.types import Capture, Keypoints2D
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.metric import Metric

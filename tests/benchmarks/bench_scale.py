@@ -25,6 +25,7 @@ import numpy as np
 from blender_addon.headless.batch.record import read_record
 from blender_addon.headless.batch.request import BatchRequest, Spread
 from blender_addon.headless.batch.run_batch import run_batch
+from blender_addon.headless.batch.takes import Takes
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
@@ -150,7 +151,7 @@ def _scheduler_memory(takes: int, folder: Path) -> tuple[float, float]:
     from tests.support.tended_cluster import Tended
 
     (folder / "memory").mkdir()
-    cluster, given = Tended(1, folder / "memory"), BatchRequest(Path("captures"), Path("out")).plain()
+    cluster, given = Tended(1, folder / "memory"), Takes(BatchRequest(Path("captures"), Path("out")), {}).plain()
     try:
         cluster.wait_for_workers(1)
         with Client(cluster.address, set_as_default=False) as client:
@@ -158,7 +159,7 @@ def _scheduler_memory(takes: int, folder: Path) -> tuple[float, float]:
             used = [_resident_mb(cluster)]
             for part in range(STEPS):
                 for number in range(part * takes // STEPS, (part + 1) * takes // STEPS):
-                    about = {"request": given, "choices": {}, "capture": f"/shared/captures/take{number:06}.npz"}
+                    about = {"work": given, "capture": f"/shared/captures/take{number:06}.npz"}
                     key = f"solve-{number:064x}"
                     futures.append(client.submit(_simulated, about, "solve", None, key=key, pure=False))
                 client.gather(futures[-(takes // STEPS) :])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from solver_backend.synthesis.simulation.model_error import exact_capture, measure_model_error
+from research.simulation.model_error import exact_capture, measure_model_error
 from tests.benchmarks.comparison.validation_takes import take_named
 
 TAKES = (("salsa_02", 150, 300), ("salsa_14", 150, 400), ("salsa_26", 150, 500), ("03_02", 150, 60), ("08_05", 90, 10))

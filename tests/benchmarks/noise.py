@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from research.simulation.noise_measurement import measure_noise
 from solver_backend.io.load import load_capture
-from solver_backend.synthesis.simulation.noise_measurement import measure_noise
 from tests.support.recordings import BALANCING_TRIAL, recordings_folder
 
 

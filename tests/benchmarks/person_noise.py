@@ -11,15 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.camera_calibration.extrinsics.person_session import calibrate_by_person
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
+from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from tests.benchmarks.bench_calibration import PEOPLE, apart
 from tests.benchmarks.comparison.captures import take_of
 
 SEEDS = 2
-WHOLE = DetectorModel()
+WHOLE = MEASURED_DETECTOR
 DETECTORS = {
     "as measured": WHOLE,
     "no bias by direction": replace(WHOLE, view_bias_mm=0.0),

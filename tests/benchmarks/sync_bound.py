@@ -22,10 +22,13 @@ from unittest.mock import patch
 
 import numpy as np
 
+from research.simulation import filming
+from research.simulation.filming import FilmSettings
 from solver_backend.cameras.projection import project, project_with_jacobian
-from solver_backend.synthesis.simulation import filming
-from solver_backend.synthesis.simulation.filming import FilmSettings, Person, delayed, px_per_mm
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, DetectorOutput
+from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
+from solver_backend.synthesis.simulation.camera_errors import delayed, px_per_mm
+from solver_backend.synthesis.simulation.cast import Person
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.signals import RATE_SIGMA
 from tests.benchmarks import bench_sync
@@ -106,7 +109,7 @@ def filmed(seed: int) -> Filmed:
     )  # fmt: skip
 
 
-def information(take: Filmed, model: DetectorModel, *, free: bool) -> np.ndarray:
+def information(take: Filmed, model: DetectorFaults, *, free: bool) -> np.ndarray:
     """Return (K, 1 + N, 1 + N) of errors and N unknowns: delays C, drifts C, poses 6 C, biases 10."""
     views, frames, keypoints = take.error.shape[:3]
     rows, place = 2 * views, np.linspace(-1.0, 1.0, frames)
@@ -187,7 +190,7 @@ def bound_frames(take: Filmed, total: np.ndarray, told: str = "") -> tuple[np.nd
 
 def main(argv: list[str]) -> int:
     """Print the bounds of the given seeds, or of all, and the chance that all these are within the bound."""
-    model = DetectorModel()
+    model = MEASURED_DETECTOR
     chances: dict[str, float] = {}
     for seed in map(int, argv or range(bench_sync.SEEDS)):
         take = filmed(seed)

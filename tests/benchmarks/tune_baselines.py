@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from research.baselines import DCT, DMMR, ETC, Baseline, BundleMoCap, BundleMoCapPlusPlus, MuVS
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import training_take
 

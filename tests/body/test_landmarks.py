@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
-from solver_backend.types import SMPL_PARENTS
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.body_layout import SMPL
 
 FRAMES, POINTS, MARKS = 3, 7, 5
 
@@ -30,7 +31,7 @@ def random_body(rng: np.random.Generator, vertices: int = 40) -> Body:
     regressor = rng.dirichlet(np.ones(vertices), size=24)
     return Body(
         "random", rng.normal(size=(vertices, 3)), 0.1 * rng.normal(size=(vertices, 3, 10)),
-        0.02 * rng.normal(size=(vertices, 3, 207)), regressor, weights, SMPL_PARENTS, np.zeros((0, 3), int),
+        0.02 * rng.normal(size=(vertices, 3, 207)), regressor, weights, SMPL, np.zeros((0, 3), int),
     )  # fmt: skip
 
 
@@ -97,7 +98,7 @@ def test_skinning_equals_a_plain_loop(case):
         feature = (local[1:] - np.eye(3)).reshape(-1)
         G, p = [local[0]], [rest[0] + state["transl"][f]]
         for j in range(1, 24):
-            k = SMPL_PARENTS[j]
+            k = SMPL.parents[j]
             p.append(p[k] + G[k] @ (rest[j] - rest[k]))
             G.append(G[k] @ local[j])
         mixed = np.zeros((POINTS, 3))

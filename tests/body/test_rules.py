@@ -8,7 +8,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.files.smpl_files import load_smpl_file
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import (
     MARKER_OFFSET_M,
@@ -171,7 +171,7 @@ def test_smpl_joints_are_the_joints(body):
 
 def test_rays_in_the_middle_meet_the_same_triangle_however_they_are_rounded(body):
     """Left and right triangles meet there: which of them is nearer was a matter of the processor."""
-    start = body.joints_template[body.smpl_joints[SMPL_JOINTS.index("spine3")]]
+    start = body.joints_template[body.recorded_joints[SMPL_JOINTS.index("spine3")]]
     for direction in ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (0.0, 0.3, -1.0)):
         met = [cast_ray(body, start + np.array([nudge, 0.0, 0.0]), np.array(direction)) for nudge in (-1e-13, 0, 1e-13)]
         assert (met[0].vertices == met[1].vertices).all() and (met[1].vertices == met[2].vertices).all()

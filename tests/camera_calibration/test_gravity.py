@@ -10,7 +10,7 @@ from solver_backend.camera_calibration.extrinsics.person_world import upright_fr
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
-from solver_backend.synthesis.simulation.benchmark import cast_person
+from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.recordings import BALANCING_TRIAL
 from tests.support.walking_take import circling, walk

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
 from solver_backend.camera_calibration.check.calibration_check import check_calibration
 from solver_backend.camera_calibration.extrinsics.from_person import rig_from_person
@@ -20,7 +21,6 @@ from solver_backend.camera_calibration.extrinsics.two_views import essential_mat
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Cameras, Capture
 from tests.support.walking_take import EXACT, circling
 

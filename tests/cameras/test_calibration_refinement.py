@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation.filming import miscalibrated
+from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.types import Capture
 from tests.support.recordings import BALANCING_TRIAL
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.camera_calibration.intrinsics.library import read_lenses
 from solver_backend.cameras.projection import project
@@ -16,7 +17,6 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from tests.support.recordings import recordings_folder
 from tests.support.walking_take import EXACT, walk
 

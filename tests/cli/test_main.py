@@ -10,11 +10,12 @@ import pytest
 
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import main
+from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import Cancelled, NoDetections
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.io.recognition.motion_checks import motion_problems
+from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.types import JointSet
 from tests.support.cli_stand_ins import FRAMES, StandIns
 from tests.support.scenes import small_motion
@@ -45,6 +46,28 @@ def test_solve_writes_a_motion_and_says_so(stand_ins, tmp_path, capsys):
     assert "a library" not in shown.out
 
 
+def test_a_solve_ends_with_every_warning_and_where_to_look(stand_ins, tmp_path, capsys):
+    assert main(["solve", "take", "--out", str(tmp_path / "m.npz")]) == 0
+    *warnings, last = capsys.readouterr().err.split("a library that prints\n")[1].splitlines()
+    warnings = [line for line in warnings if line.startswith("warning: ")]
+    assert warnings[:2] == ["warning: One camera is dark.", "warning: Ünicode."]
+    assert any("The body moves at up to " in line and "in frames 0-6" in line for line in warnings)
+    assert last.startswith("Look at ") and "frames 0-6" in last and last.endswith("warnings above without a place.")
+
+
+@pytest.mark.parametrize("by_job", [True, False])
+def test_a_strict_solve_with_warnings_is_refused_and_writes_nothing(stand_ins, tmp_path, capsys, by_job):
+    argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--report", str(tmp_path / "r.html"), "--strict"]
+    if by_job:
+        job = {"version": 1, "capture": "take", "out": "m.npz", "report": "r.html", "strict": True}
+        (tmp_path / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        argv = ["solve", "--job", str(tmp_path / "job.json")]
+    assert main([*argv, "--json"]) == 3
+    last = events(capsys.readouterr().out)[-1]
+    assert last["code"] == "warnings_refused" and "One camera is dark. Ünicode." in last["message"]
+    assert not {"m.npz", "r.html"} & {path.name for path in tmp_path.iterdir()}
+
+
 def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--fps", "50", "--trim", "--joint-set", "COCO_17"]
     argv += ["--unit", "mm", "--up-axis", "y", "--subject-prefix", "Anna"]
@@ -70,8 +93,11 @@ def test_json_ends_in_exactly_one_result(stand_ins, tmp_path, capsys):
     assert last["event"] == "result"
     assert last["motion"] == str(out)
     assert last["frames"] == FRAMES
-    odd = motion_problems(small_motion(FRAMES))
-    assert odd and last["problems"] == ["One camera is dark.", "Ünicode.", *odd]
+    odd = check_motion(small_motion(FRAMES))
+    found = read_diagnostics(last["diagnostics"])
+    said = [item.values["text"] for item in found if item.code == "earlier_warning"]
+    assert odd and all(item in found for item in odd)
+    assert said == ["One camera is dark.", "Ünicode."]
 
 
 def test_a_job_file_says_the_same_as_the_options(stand_ins, tmp_path, capsys):

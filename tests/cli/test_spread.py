@@ -76,7 +76,7 @@ def test_a_worker_of_another_version_solves_nothing(
     from solver_backend.fitters.keyframes.chunked import in_turn
 
     cluster.wait_for_workers(2)
-    monkeypatch.setattr(spread, "__version__", "7.8.9")
+    monkeypatch.setattr(spread, "VERSION", "7.8.9")
     stretches = ClusterStretches(cluster.address)
     start = time.monotonic()
     try:

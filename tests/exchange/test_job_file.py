@@ -42,3 +42,9 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     with pytest.raises(OutputNotWritable, match="The job cannot be written") as caught:
         write_job(tmp_path / "file" / "job.json", JobFile(Path("c.npz"), Path("n.npz")))
     assert "free space" in caught.value.hint
+
+
+def test_a_strict_job_is_plain_json(tmp_path):
+    write_job(tmp_path / "job.json", JobFile(Path("c.npz"), Path("n.npz"), strict=True))
+    assert json.loads((tmp_path / "job.json").read_text("utf-8"))["strict"] is True
+    assert SolverJob.read(tmp_path / "job.json").strict

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_backend.body.state_layout import TRANSL, StateLayout
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
@@ -13,13 +14,14 @@ from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations, pose
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
+from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import fit_frames, posed
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3, matrix_from_quat
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.pose_term import PoseEvidence
 from solver_backend.solver.levenberg_marquardt import LMSettings
+from tests.support.layouts import POSE, WHOLE
 from tests.support.stick_scene import StickScene as Scene
 
 HEIGHT_M = 1.4
@@ -42,6 +44,9 @@ class Ceiling:
     def select(self, frames: Any) -> "Ceiling":
         return self
 
+    def astype(self, precision: Any) -> "Ceiling":
+        return replace(self, weight=precision(self.weight))
+
 
 @dataclass(frozen=True)
 class Bent:
@@ -57,6 +62,12 @@ class Bent:
         cost = 0.5 * self.weight * (off**2).sum((1, 2))
         return PoseEvidence(cost, gradient.reshape(len(off), -1), np.full((len(off), 1), self.weight))
 
+    def select(self, frames: Any) -> "Bent":
+        return self
+
+    def astype(self, precision: Any) -> "Bent":
+        return replace(self, target=self.target.astype(precision))
+
     def hessian(self, factors: np.ndarray) -> np.ndarray:
         return factors[..., None] * np.eye(63, dtype=factors.dtype)
 
@@ -70,12 +81,12 @@ class Level:
     def part(self, keys: slice) -> "Level":
         return self
 
-    def cost(self, keys: Keyframes) -> np.ndarray:
+    def cost(self, keys: Keyframes, free: StateLayout) -> np.ndarray:
         return 0.5 * self.weight * (keys.transl[:, 2] - HEIGHT_M) ** 2
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         for key, height in enumerate(keys.transl[:, 2]):
-            block, column = key // 2, (key % 2) * equations.dof + KEY.transl.stop - 1
+            block, column = key // 2, (key % 2) * equations.dof + WHOLE[TRANSL].stop - 1
             equations.g[block, column] += self.weight * (height - HEIGHT_M)
             equations.diagonal[block, column, column] += self.weight
 
@@ -103,7 +114,7 @@ def test_equations_of_a_frame_are_the_sum_over_all_terms(scene):
     for name in ("cost", "gradient", "hessian"):
         total = sum(getattr(part, name) for part in parts)
         np.testing.assert_allclose(getattr(whole, name), total, rtol=1e-10, atol=1e-9 * np.abs(total).max())
-    direction = np.random.default_rng(0).normal(size=(len(frames.transl), PoseTangent.DOF))
+    direction = np.random.default_rng(0).normal(size=(len(frames.transl), POSE.dof))
     costs = [frame_equations(scene.subject, frames.retract(s * 1e-6 * direction), objective, 3.0).cost for s in (1, -1)]
     np.testing.assert_allclose((whole.gradient * direction).sum(1), (costs[0] - costs[1]) / 2e-6, rtol=2e-5)
 
@@ -136,3 +147,10 @@ def test_keys_obey_a_term_over_keys(scene):
         keys[name] = solve_keys(model, scene.layout, scene.start, Schedule((12.0, 3.0), 8)).keys
     assert np.abs(keys["plain"].transl[:, 2] - HEIGHT_M).min() > 0.1
     np.testing.assert_allclose(keys["level"].transl[:, 2], HEIGHT_M, atol=1e-3)
+
+
+def test_made_up_terms_are_solved_in_single_precision_with_the_others(scene):
+    frames = FrameObjective((scene.term, Ceiling(40.0)), (PoseMixtureTerm(), Bent(3.0, np.ones((21, 3)))))
+    model = replace(scene.model(), objective=BundleObjective(frames, (SMOOTH,))).astype(np.float32)
+    cost, form = model.equations(scene.layout.rows(), scene.start.astype(np.float32), 3.0)
+    assert cost.dtype == form().g.dtype == np.float32

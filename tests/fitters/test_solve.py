@@ -134,7 +134,7 @@ def test_settings_name_what_is_wrong():
         SolveSettings(window=2)
     with pytest.raises(JobInvalid, match=r"residual_rotations = 'no' is not valid; true or false"):
         SolveSettings(residual_rotations="no")  # type: ignore[arg-type]
-    with pytest.raises(JobInvalid, match=r"Unknown setting windows.*Known settings: method, backend, window"):
+    with pytest.raises(JobInvalid, match=r"Unknown setting windows.*Known settings: method, window"):
         SolveSettings.from_dict({"windows": 20})
 
 

@@ -19,7 +19,7 @@ from solver_backend.exchange.npz import read_npz
 from solver_backend.io.load import load_motion
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.io.native.subject_file import read_subject
-from solver_backend.io.recognition.motion_checks import motion_problems
+from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.job import Job
 from solver_backend.priors.svae import load_svae
 from solver_backend.priors.weights import arrays_hash
@@ -186,7 +186,7 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "motion file",
         (_motion(), _motion(False)),
-        lambda f: motion_problems(load_motion(f / "a.npz")),
+        lambda f: check_motion(load_motion(f / "a.npz")),
         _NPZ,
         10,
         odd_motions.MOTIONS,

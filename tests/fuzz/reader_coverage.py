@@ -61,7 +61,7 @@ _NOT_READING = frozenset(
         "as_motion",
         "rest_joints", "default_body_path", "positions", "_plain",
         "png_bytes", "board_toml", "keep_lenses", "_entry", "write_label_places", "write_map", "map_values", "renamed",
-        "fingerprint", "step_key", "version", "write_record", "_size_and_time", "made", "write_png", "put_marker",
+        "fingerprint", "step_key", "write_record", "_size_and_time", "made", "write_png", "put_marker",
         "remove_marker", "shaped", "replayed", "as_dict", "require_body", "starting", "reading",
         "layer_from_render", "blend", "soften_edges", "draw_dots", "gradient", "around", "weight", "applied", "_errors",
         "measure_noise_map", "_pooled", "key_of",

@@ -119,7 +119,7 @@ def _rig(look: str, rig: dict[str, Any] | None = None) -> Write:
 
 def _read_spec(folder: Path) -> object:
     spec = read_spec(folder / "a.json")
-    return spec.perturb.views, spec.perturb.of_markers
+    return spec.perturb.of_views, spec.perturb.of_markers
 
 
 def _targa(folder: Path) -> None:

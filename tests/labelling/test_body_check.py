@@ -8,6 +8,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
+from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.labelling.body_check import GHOST_M, body_evidence
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
@@ -36,7 +37,15 @@ def evidence(markers: np.ndarray, unsure: int) -> np.ndarray:
     guesses = np.broadcast_to(markers, (len(frames), *markers.shape))
     sigmas = np.full(guesses.shape[:2], 0.1)
     found = body_evidence(
-        positions, frames, guesses, sigmas, tracklets_of(positions, FPS), np.array(CMU_41), trusted, FPS
+        positions,
+        frames,
+        guesses,
+        sigmas,
+        tracklets_of(positions, FPS),
+        np.array(CMU_41),
+        trusted,
+        FPS,
+        fit_average_person(),
     )
     return found[CMU_41.index(unsure)]
 

@@ -11,6 +11,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged, MarkersUnknown, NoDetections
 from solver_backend.fitters.label_first import labelled_capture, needs_labels, told_by
+from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
@@ -31,14 +32,14 @@ def demo() -> MarkerCloud:
 def test_a_real_walk_gets_its_labels_back(shared_data):
     cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
     bare = stripped(cloud, 3)
-    found = score(label_take(bare.cloud, load_network()), bare.truth)
+    found = score(label_take(bare.cloud, load_network(), fit_average_person), bare.truth)
     assert found.right >= 98.5 and found.wrong <= 0.5
 
 
 def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
     cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
     bare = stripped(cloud, 4, missing=5, ghosts=3)
-    found = score(label_take(bare.cloud, load_network()), bare.truth)
+    found = score(label_take(bare.cloud, load_network(), fit_average_person), bare.truth)
     assert found.right >= 92.0 and found.wrong <= 3.0
 
 
@@ -46,14 +47,14 @@ def test_the_order_of_columns_does_not_matter(demo):
     bare = MarkerCloud(demo.positions, demo.fps)
     order = np.random.default_rng(0).permutation(demo.positions.shape[1])
     network = load_network()
-    here = label_take(bare, network)
-    there = label_take(MarkerCloud(demo.positions[:, order], demo.fps), network)
+    here = label_take(bare, network, fit_average_person)
+    there = label_take(MarkerCloud(demo.positions[:, order], demo.fps), network, fit_average_person)
     same = here.labels[:, order] == there.labels
     assert same.mean() > 0.99
 
 
 def test_no_marker_is_at_two_places_of_a_frame(demo):
-    take = label_take(MarkerCloud(demo.positions, demo.fps), load_network())
+    take = label_take(MarkerCloud(demo.positions, demo.fps), load_network(), fit_average_person)
     for frame in take.labels[::30]:
         markers = frame[(frame >= 0) & (frame < GHOST)]
         assert len(set(markers.tolist())) == len(markers)
@@ -62,19 +63,19 @@ def test_no_marker_is_at_two_places_of_a_frame(demo):
 def test_what_a_person_tells_binds_the_whole_stretch(demo):
     bare = MarkerCloud(demo.positions, demo.fps)
     network = load_network()
-    before = label_take(bare, network)
+    before = label_take(bare, network, fit_average_person)
     column = int(np.flatnonzero((before.labels[0] >= 0) & (before.labels[0] < GHOST))[0])
     other = next(name for i, name in enumerate(MARKERS) if not (before.labels == i).any())
-    after = label_take(bare, network, told={(column, 0): other})
+    after = label_take(bare, network, fit_average_person, told={(column, 0): other})
     mine = after.tracklets.number[:, column] == after.tracklets.number[0, column]
     assert (after.labels[mine, column] == MARKERS.index(other)).all()
     assert (after.confidence[mine, column] == 1.0).all()
-    assert (label_take(bare, network, told={(column, 0): ""}).labels[0, column]) == GHOST
+    assert (label_take(bare, network, fit_average_person, told={(column, 0): ""}).labels[0, column]) == GHOST
 
 
 def test_too_few_points_are_named():
     with pytest.raises(NoDetections, match="too few"):
-        label_take(MarkerCloud(np.zeros((5, 3, 3)), 100.0), load_network())
+        label_take(MarkerCloud(np.zeros((5, 3, 3)), 100.0), load_network(), fit_average_person)
 
 
 def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(demo):
@@ -148,7 +149,7 @@ def test_a_points_residual_goes_with_its_label(demo):
     residual = np.where(np.isfinite(demo.positions).all(-1), rng.uniform(1e-4, 3e-3, demo.positions.shape[:2]), np.nan)
     covariance = residual[..., None, None] * np.arange(9.0).reshape(3, 3)
     bare = MarkerCloud(demo.positions[:, order], demo.fps, None, residual[:, order], covariance[:, order])
-    named = label_take(bare, load_network()).cloud(bare)
+    named = label_take(bare, load_network(), fit_average_person).cloud(bare)
     for column, label in enumerate(named.labels):
         if label in demo.labels:
             true = demo.labels.index(label)

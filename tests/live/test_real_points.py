@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.point_network import load_network
 from solver_backend.live.frames import from_lines
 from solver_backend.live.session import LiveSession
@@ -28,7 +28,7 @@ def walk(shared_data) -> np.ndarray:
 def test_a_walk_is_followed_in_any_unit_and_axes(walk, unit, factor, axis):
     points = factor * walk @ rotation_to_z_up(axis)
     text = "".join(json.dumps({"t": i / 120, "points": frame.tolist()}) + "\n" for i, frame in enumerate(points))
-    session = LiveSession(load_network(), FrameFit(load_body()))
+    session = LiveSession(load_network(), LiveFit(load_body()))
     lines = list(session.run(from_lines(io.StringIO(text))))
     world = next(line for line in lines if line.get("event") == "world")
     assert world["message"].startswith(f"Points are in {unit}, {axis} is up")

@@ -12,8 +12,9 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks
+from solver_backend.fitters.model.subject import frame_equations
+from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.reading import CloudReading
 from solver_backend.live.frames import PointFrame, from_lines, replayed
@@ -56,7 +57,7 @@ class TellsTheTruth:
 @pytest.fixture
 def session(walk) -> LiveSession:
     network = TellsTheTruth(walk)
-    found = LiveSession(network, FrameFit(load_body()), unit="m", up_axis="z")  # type: ignore[arg-type]
+    found = LiveSession(network, LiveFit(load_body()), unit="m", up_axis="z")  # type: ignore[arg-type]
     found.truth = network  # type: ignore[attr-defined]
     return found
 
@@ -187,7 +188,7 @@ def test_statistics_count_states_and_latency():
 
 
 def test_warming_up_leaves_nothing_behind(session, walk):
-    other = LiveSession(session.network, FrameFit(load_body()), unit="m", up_axis="z")
+    other = LiveSession(session.network, LiveFit(load_body()), unit="m", up_axis="z")
     session.network.markers = walk[0]
     session.warm_up()
     assert session.fit.pose is None and session.to_metres is None and not len(session.tracks.position)
@@ -206,15 +207,14 @@ def test_statistics_of_a_run_of_hours_do_not_grow():
     assert statistics.summary()["frames"] == 3 * KEPT and statistics.summary()["latency_ms"] == 1.0
 
 
-def test_no_frame_of_a_start_takes_many_steps_and_a_bad_one_is_given_time(session, walk):
+def test_no_frame_of_a_start_takes_many_steps_and_a_bad_one_is_given_time(session, walk, monkeypatch):
     counted: list[int] = []
-    improved = session.fit._improved
 
     def counting(*given):
         counted[-1] += 1
-        return improved(*given)
+        return frame_equations(*given)
 
-    session.fit._improved = counting
+    monkeypatch.setattr("solver_backend.fitters.recipes.live.frame_equations", counting)
     for i in range(12):
         session.network.markers = walk[i]
         counted.append(0)

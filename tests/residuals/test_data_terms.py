@@ -66,6 +66,15 @@ def test_selected_frames_are_judged_alike(term):
     np.testing.assert_allclose(some, term.leverage(points, used)[:, frames], rtol=1e-9)
 
 
+def test_single_precision_reaches_all_of_a_term(term):
+    term, points = term
+    exact, single = term(points, 3.0), term.astype(np.float32)(points.astype(np.float32), 3.0)
+    for name in ("cost", "gradient", "information"):
+        found, expected = getattr(single, name), getattr(exact, name)
+        assert found.dtype == np.float32
+        np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
+
+
 def test_leverage_sums_to_the_points_freedoms(term):
     """The hat matrix of a point has trace 3; each view's share is the mean over its d rows."""
     term, points = term

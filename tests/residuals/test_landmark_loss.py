@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss, LearnedVariances
+from solver_backend.residuals.learned_positions import LearnedPositionTerm
 
 LOSSES = (
     FixedVariances(), LearnedVariances(0.0), LearnedVariances(0.3),
@@ -67,3 +68,17 @@ def test_extreme_log_variances_stay_finite() -> None:
     squared, seen = np.ones((1, 2)), np.array([[True, False]])
     found = LearnedVariances(0.1)(squared, seen, np.array([[-1e4, -1e4]]))
     assert np.isfinite(found.cost).all() and np.isfinite(found.by_own).all()
+
+
+def test_the_best_log_variances_are_a_minimum_and_their_term_has_its_derivative():
+    rng = np.random.default_rng(0)
+    squared, loss = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 60)])[None], LearnedVariances(0.3)
+    best, seen = loss.best(squared), np.ones((1, 61), bool)
+    assert np.abs(loss(squared, seen, best).by_own).max() < 1e-9
+    points, term = rng.normal(0, 0.03, (2, 5, 3)), LearnedPositionTerm(np.zeros((2, 5, 3)), np.full((2, 5), 1e4))
+    evidence, h = term(points, np.inf), 1e-6
+    for index in np.ndindex(5, 3):
+        step = np.zeros((5, 3))
+        step[index] = h
+        slope = (term(points + step, np.inf).cost - term(points - step, np.inf).cost) / (2 * h)
+        assert np.allclose(slope, evidence.gradient[:, *index], rtol=1e-5, atol=1e-4)

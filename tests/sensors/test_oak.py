@@ -27,11 +27,11 @@ from solver_backend.sensors.devices.named import device_named
 from solver_backend.sensors.devices.oak import Oak, listed_oaks
 from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
 from solver_backend.sensors.devices.oak_lenses import oak_cameras
-from solver_backend.sensors.devices.oak_replay import OakReplay
 from solver_backend.sensors.devices.oak_settings import OakSettings
 from solver_backend.sensors.errors import PicturesDiffer, SensorFailed, SensorUnknown
 from solver_backend.videos.sync.clocks import read_clocks
 from tests.support.fake_depthai import FakeDepthai, Picture
+from tests.support.oak_replay import OakReplay
 
 SHAPE = (400, 640)
 

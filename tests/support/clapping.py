@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation.benchmark import Take
+from solver_backend.synthesis.simulation.cast import Take
 from solver_backend.types import SMPL_JOINTS
 
 OPEN, CLOSED = np.radians([55.0, 107.0])

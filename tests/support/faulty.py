@@ -7,18 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 LIMB_PARTS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", "_toe", "heel")}
 
 
-def filmed_by(capture: Capture, cameras: Cameras, seed: int, noise: DetectorNoise = DetectorNoise()) -> Capture:
+def filmed_by(capture: Capture, cameras: Cameras, seed: int) -> Capture:
     """Return the capture's true motion as other cameras and another detector see it."""
     assert capture.keypoints is not None
     truth = capture.truth["keypoints3d"]
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, truth, cameras.distortion_model)
-    xy, confidence = detect(px, cameras.image_size, noise, np.random.default_rng(seed))
+    xy, confidence = detect(px, cameras.image_size, capture.fps, DEMO_DETECTOR, np.random.default_rng(seed))
     keypoints = Keypoints2D(xy, confidence, capture.keypoints.joint_set, capture.fps)
     return replace(capture, cameras=cameras, keypoints=keypoints, footage=())
 

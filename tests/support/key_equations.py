@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
-from solver_backend.fitters.model.tangent import KEY
 
 
-def no_equations(dof: int, keys: int) -> KeyframeNormalEquations:
+def no_equations(layout: StateLayout, keys: int) -> KeyframeNormalEquations:
     """Return the equations of so many keys of which nothing is told."""
     blocks = (keys + 1) // 2
-    size = 2 * dof
-    return KeyframeNormalEquations(
-        np.zeros((blocks, size, size)), np.zeros((blocks - 1, size, dof + KEY.dof())), np.zeros((blocks, size)), dof
-    )
+    dof, size = layout.dof, 2 * layout.dof
+    upper = np.zeros((blocks - 1, size, dof + layout.turns.start))
+    return KeyframeNormalEquations(np.zeros((blocks, size, size)), upper, np.zeros((blocks, size)), layout)
 
 
 def dense(equations: KeyframeNormalEquations) -> np.ndarray:

@@ -33,8 +33,9 @@ else:
         fail("too_few_views", "One camera.")
     for key in ("out", "report"):
         write(job.parent / json.loads(job.read_text())[key], b"x" * 100_000)
-print(json.dumps(dict(event="result", problems=[], frames=3, unsure_frames=0, unseen_frames=0, motion="m", capture="c",
-    name="c", fps=30, cameras=[], notes=[], people=[], person="", reprojection_median_px=2.5)), flush=True)
+print(json.dumps(dict(event="result", problems=[], diagnostics=[], frames=3, unsure_frames=0, unseen_frames=0,
+    motion="m", capture="c", name="c", fps=30, cameras=[], notes=[], people=[], person="",
+    reprojection_median_px=2.5)), flush=True)
 """
 
 

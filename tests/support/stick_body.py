@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.types import SMPL_PARENTS
+from solver_backend.exchange.body_layout import SMPL
 
 _LEFT = {
     1: (0.09, -0.08, 0.0), 4: (0.10, -0.47, 0.0), 7: (0.10, -0.87, -0.02), 10: (0.11, -0.92, 0.11),
@@ -29,4 +29,4 @@ def stick_body() -> Body:
     for k in range(2, 10):
         shapedirs[:, :, k] = 0.004 * np.random.default_rng(k).normal(size=(24, 3))
     eye = np.eye(24)
-    return Body("stick", joints, shapedirs, np.zeros((24, 3, 207)), eye, eye, SMPL_PARENTS, np.zeros((0, 3), int))
+    return Body("stick", joints, shapedirs, np.zeros((24, 3, 207)), eye, eye, SMPL, np.zeros((0, 3), int))

@@ -20,6 +20,7 @@ from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.synthesis.embedded.demo import tripods
 from solver_backend.types import JointSet, Keypoints2D
+from tests.support.layouts import LAYOUTS, ON_MANIFOLD
 from tests.support.stick_body import stick_body
 from tests.support.toy_prior import ToyPrior
 
@@ -59,7 +60,7 @@ class StickScene:
         self.term = ReprojectionTerm.of(cameras, self.keypoints, np.full(24, NOISE_PX), like)
         off = 0.03 * rng.normal(size=(count, 36))
         off[0] = 0
-        start = self.truth.retract(off)
+        start = self.truth.retract(off, ON_MANIFOLD)
         self.start = Keyframes(*(constant(getattr(start, n), like) for n in ("z", "quat", "transl", "residual")))
 
     @property
@@ -67,11 +68,11 @@ class StickScene:
         return FrameObjective((self.term,), NO_PERSON)
 
     def model(self, *keys: KeyTerm) -> BundleModel:
-        free = any(isinstance(term, ResidualRotationTerm) for term in keys)
+        free = LAYOUTS[any(isinstance(term, ResidualRotationTerm) for term in keys)]
         return BundleModel(self.subject, self.prior, BundleObjective(self.objective, keys), free)
 
     def data(self, *, residuals: bool) -> FrameData:
-        return FrameData(self.subject, self.prior, self.objective, residuals)
+        return FrameData(self.subject, self.prior, self.objective, LAYOUTS[residuals])
 
     def poses(self, keys: Keyframes) -> PosedFrames:
         return key_poses(self.prior, keys, self.layout, residuals=True)

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation.benchmark import Take
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
+from solver_backend.synthesis.faults import DetectorFaults
+from solver_backend.synthesis.simulation.cast import Take
 
-EXACT = DetectorModel(
-    view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
-)
+EXACT = DetectorFaults()
 """A detector that errs nowhere."""
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..._exchange.body_layout import SMPL
 from ..._exchange.progress import Progress
 from ..._exchange.so3 import rotvec_from_matrix
 from ...body.body_choice import body_path_of
@@ -20,14 +21,15 @@ from ..take import ExportTake, uniform_scale
 
 POSE_WIDTH = 156
 """SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
-_BODY = 66
+_BODY = 1 + SMPL.num_solved
+"""Joints that AMASS shares with SMPL."""
 _SCALED = 1e-3
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take of this add-on.
 
-    SMPL's hand joints 22 and 23, which AMASS does not know, go into ``hand_pose``; the joints into ``joints``.
+    SMPL's hand joints, which AMASS does not know, go into ``hand_pose``; the joints into ``joints``.
 
     Raises:
         NothingToExport: it is not known which shape the body has.
@@ -38,7 +40,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     pose = sample_joints(take, progress)
     rotvec = local_rotvec(pose)
     poses = np.zeros((pose.num_frames, POSE_WIDTH))
-    poses[:, :_BODY] = rotvec[:, :22].reshape(pose.num_frames, _BODY)
+    poses[:, : 3 * _BODY] = rotvec[:, :_BODY].reshape(pose.num_frames, -1)
     np.savez_compressed(
         path,
         poses=poses,
@@ -47,7 +49,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
         gender=np.array("neutral"),
         mocap_framerate=np.array(pose.fps),
         surface_model_type=np.array("smplh"),
-        hand_pose=rotvec[:, 22:].reshape(pose.num_frames, -1),
+        hand_pose=rotvec[:, _BODY:].reshape(pose.num_frames, -1),
         joints=pose.heads,
         body=np.array(take.armature["body"]),
     )

@@ -15,8 +15,8 @@ from ...errors import TakeUndoable
 from ..exit_codes import exit_code
 from .engines.base import DIED, LOST, Ended, Engine, Ticket
 from .record import read_record
-from .request import Work, take_name
 from .run_take import failed, recalled
+from .work import Work, take_name
 
 SET_ASIDE = "set aside"
 """Status of a take that is not tried again until its inputs, its settings or the version change."""
@@ -39,10 +39,13 @@ class Source(Protocol):
         """Return captures that were not returned before, or have changed."""
         ...
 
+    def notes(self) -> list[str]:
+        """Return what a person should know about items that are not done."""
+        ...
+
 
 def dispatch(
-    request: Work,
-    choices: dict[str, Any],
+    work: Work,
     source: Source,
     engine: Engine,
     progress: Progress,
@@ -51,8 +54,7 @@ def dispatch(
     """Do all takes of a source.
 
     Args:
-        request: the batch.
-        choices: what decides what is made of a capture.
+        work: what is done with each item.
         source: of the captures.
         engine: does the takes.
         progress: told how many are done of those that were to be done.
@@ -65,13 +67,13 @@ def dispatch(
     running, total, done = 0, 0, 0
     while True:
         for capture in source.arrived():
-            known = recalled(request, choices, capture)
+            known = recalled(work, capture)
             if known is not None:
                 ended(known, True)
             else:
                 total += 1
                 waiting.append(Ticket(capture, take_name(capture)))
-        progress(request.counted, done, total)
+        progress(work.kind, done, total)
         while waiting and engine.free() > 0:
             engine.begin(waiting.popleft())
             running += 1
@@ -79,15 +81,15 @@ def dispatch(
             return
         for one in engine.ended(_WAIT_S):
             running -= 1
-            again = _again(request, engine, one)
+            again = _again(engine, one)
             if again is None:
                 done += 1
-                ended(_record_of(request, one, engine), False)
+                ended(_record_of(work, one, engine), False)
             else:
                 waiting.append(again)
 
 
-def _again(request: Work, engine: Engine, one: Ended) -> Ticket | None:
+def _again(engine: Engine, one: Ended) -> Ticket | None:
     """Return the ticket of a take that is to be tried again."""
     if one.how == LOST:
         return one.ticket
@@ -99,9 +101,9 @@ def _again(request: Work, engine: Engine, one: Ended) -> Ticket | None:
     return one.ticket if one.ticket.tries < engine.tries else None
 
 
-def _record_of(request: Work, one: Ended, engine: Engine) -> dict[str, Any]:
+def _record_of(work: Work, one: Ended, engine: Engine) -> dict[str, Any]:
     """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
-    folder = request.out / one.ticket.name
+    folder = work.out / one.ticket.name
     code = (one.record.get("error") or {}).get("code")
     if one.record.get("status") == "skipped":  # done by a worker that died before it could say so
         return {**one.record, "status": "done"}

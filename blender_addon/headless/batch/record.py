@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
 from ..._exchange.outputs import atomic_outputs
+from ..._exchange.version import VERSION
 
 NAME = "take.json"
 
@@ -28,7 +28,7 @@ def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
     """
     files = sorted(capture.rglob("*")) if capture.is_dir() else [capture]
     stated = [(p.relative_to(capture.parent).as_posix(), *_size_and_time(p)) for p in files if p.is_file()]
-    whole = json.dumps([stated, choices, version()], sort_keys=True)
+    whole = json.dumps([stated, choices, VERSION], sort_keys=True)
     return hashlib.sha256(whole.encode()).hexdigest()
 
 
@@ -47,12 +47,6 @@ def is_step_done(record: dict[str, Any], folder: Path, step: str, key: str) -> b
     """Return whether a step's outputs are there, made from just this."""
     kept = (record.get("steps") or {}).get(step) or {}
     return kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
-
-
-def version() -> str:
-    """Return the add-on's version."""
-    manifest = Path(__file__).parents[2] / "blender_manifest.toml"
-    return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:

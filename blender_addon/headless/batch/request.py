@@ -4,45 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any
 
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
 from ...errors import BatchInvalid
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
+from .work import take_name
 
 READING = {
     "fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis",
     "subject_prefix": "--subject-prefix", "person": "--person",
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
-_SHARED_KEYS = frozenset({"version", "trim", "settings", *READING})
-
-
-class Work(Protocol):
-    """What engines spread over workers: items, each done in steps and recorded in its own folder of ``out``."""
-
-    @property
-    def out(self) -> Path:
-        """Folder of the records."""
-        ...
-
-    @property
-    def limits(self) -> TakeLimits:
-        """Of the solver for each item."""
-        ...
-
-    counted: ClassVar[str]
-    """What the progress counts."""
-
-    def sees(self, item: Path) -> bool:
-        """Return whether what a task works on is to be seen from here."""
-        ...
-
-    def plain(self) -> dict[str, Any]:
-        """Return plain values for another process or machine."""
-        ...
+_SHARED_KEYS = frozenset({"version", "trim", "strict", "settings", *READING})
 
 
 @dataclass(frozen=True)
@@ -69,12 +45,8 @@ class BatchRequest:
     """Formats to write the cleaned markers of takes of markers to."""
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Of the solver for each take; a take that was done within others is not done again."""
-    counted: ClassVar[str] = "takes"
-    """What the batch's progress counts."""
-
-    def sees(self, item: Path) -> bool:
-        """Return whether what a task works on is to be seen from here."""
-        return item.exists()
+    strict: bool = False
+    """Refuse takes whose solves have warnings, whatever the job file says."""
 
     def plain(self) -> dict[str, Any]:
         """Return the request for another process or machine: plain values, paths from the root."""
@@ -97,7 +69,8 @@ class BatchRequest:
 
     def choices(self) -> dict[str, Any]:
         """Return what decides what is made of a capture, as plain values."""
-        plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": _shared(self.job)}
+        shared = {**_shared(self.job), **({"strict": True} if self.strict else {})}
+        plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": shared}
         plain |= {"markers": self.marker_formats} if self.marker_formats else {}
         return {**plain, "body": str(self.body), "python": str(self.python)}
 
@@ -160,11 +133,6 @@ def captures_in(request: BatchRequest) -> list[Path]:
         and not path.name.startswith(".")
         and path.resolve() != out
     ]
-
-
-def take_name(capture: Path) -> str:
-    """Return the name of a capture's take and of its folder."""
-    return capture.stem if capture.is_file() else capture.name
 
 
 def _shared(path: Path | None) -> dict[str, Any]:

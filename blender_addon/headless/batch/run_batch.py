@@ -17,10 +17,12 @@ from ...errors import BatchInvalid
 from .dispatch import SET_ASIDE, dispatch
 from .engines.base import Engine
 from .engines.here import HereEngine, ProcessesEngine
-from .request import BatchRequest, Spread, Work
+from .request import BatchRequest, Spread, find_captures
 from .results import Results
-from .source import Folder, Watched
+from .source import Listed, Watched
 from .summary import table
+from .takes import Takes
+from .work import Work
 
 
 def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> dict[str, Any]:
@@ -41,20 +43,18 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
         Cancelled: the work was interrupted; finished takes are kept.
     """
     request.limits.require_possible()
-    choices = request.choices()
+    work = Takes(request, request.choices())
     if spread.watch and not request.captures.is_dir():
         raise BatchInvalid("There is no such folder.", where=str(request.captures), hint="Make it first.")
-    source = Watched(request, choices, spread.settled_s, spread.idle_s) if spread.watch else Folder(request)
+    source = Watched(request, spread.settled_s, spread.idle_s) if spread.watch else Listed(find_captures(request))
     results = Results(request.out)
     try:
-        with engine_for(request, choices, progress, spread) as engine:
+        with engine_for(work, progress, spread) as engine:
             with results.made_by(engine):
-                dispatch(request, choices, source, engine, progress, results.add)
-            notes = engine.notes()
+                dispatch(work, source, engine, progress, results.add)
+            notes = engine.notes() + source.notes()
     finally:
         results.write()
-    if isinstance(source, Watched):
-        notes += source.doubled.values()
     ordered = results.ordered()
     codes = [take["error"]["exit_code"] for take in ordered if take["status"] in ("failed", SET_ASIDE)]
     return {
@@ -64,21 +64,21 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
 
 @contextmanager
-def engine_for(request: Work, choices: dict[str, Any], progress: Progress, spread: Spread) -> Iterator[Engine]:
+def engine_for(work: Work, progress: Progress, spread: Spread) -> Iterator[Engine]:
     """Yield who does the takes, and end them afterwards, however the batch ends."""
     if spread.scheduler:
         from .engines.cluster import ClusterEngine
 
         address, patience_s = spread.scheduler, spread.patience_s
-        engine: Engine = ClusterEngine(request, choices, address, patience_s=patience_s, stretches=spread.stretches)
+        engine: Engine = ClusterEngine(work, address, patience_s=patience_s, stretches=spread.stretches)
     elif spread.workers and _has_dask():
-        with _local(request, choices, spread) as engine:
+        with _local(work, spread) as engine:
             yield engine
         return
     elif spread.workers:
-        engine = ProcessesEngine(request, choices, spread.workers)
+        engine = ProcessesEngine(work, spread.workers)
     else:
-        engine = HereEngine(request, choices, progress)
+        engine = HereEngine(work, progress)
     try:
         yield engine
     finally:
@@ -86,7 +86,7 @@ def engine_for(request: Work, choices: dict[str, Any], progress: Progress, sprea
 
 
 @contextmanager
-def _local(request: Work, choices: dict[str, Any], spread: Spread) -> Iterator[Engine]:
+def _local(work: Work, spread: Spread) -> Iterator[Engine]:
     """Yield a cluster of this machine."""
     from .engines.cluster import ClusterEngine
     from .engines.local_cluster import LocalCluster, machine_memory_mb
@@ -94,7 +94,7 @@ def _local(request: Work, choices: dict[str, Any], spread: Spread) -> Iterator[E
     with tempfile.TemporaryDirectory(prefix="manifold_mocap_", ignore_cleanup_errors=True) as folder:
         cluster = LocalCluster(spread.workers, machine_memory_mb(), Path(folder))
         try:
-            engine = ClusterEngine(request, choices, cluster.address, cluster.tend, spread.patience_s, spread.stretches)
+            engine = ClusterEngine(work, cluster.address, cluster.tend, spread.patience_s, spread.stretches)
             try:
                 yield engine
             finally:

@@ -14,8 +14,7 @@ from ..._exchange.outputs import is_free
 from ..._exchange.progress import Progress
 from ..exit_codes import BROKEN, exit_code
 from .record import is_step_done, read_record, write_record
-from .request import Work, take_name
-from .steps import Place, Step, do_step, steps_of
+from .work import Place, Step, Work, take_name
 
 UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
@@ -23,12 +22,11 @@ _KEPT_ATTEMPTS = 20
 _KEPT = ("steps", "attempts", "solve", "people")
 
 
-def run_take(request: Work, choices: dict[str, Any], capture: Path, progress: Progress, **place: Any) -> dict[str, Any]:
+def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> dict[str, Any]:
     """Do all steps of one take, or recall it; errors become part of its record.
 
     Args:
-        request: the batch.
-        choices: what decides what is made of a capture.
+        work: the batch.
         capture: file or folder.
         progress: told how far each stage has come.
         place: see ``run_step``.
@@ -36,27 +34,27 @@ def run_take(request: Work, choices: dict[str, Any], capture: Path, progress: Pr
     Returns:
         The take's record; its status is done, skipped or failed.
     """
-    record = recalled(request, choices, capture)
+    record = recalled(work, capture)
     if record is not None:
         return record
     try:
-        names = [step.name for step in steps_of(request, choices, capture)]
+        names = [step.name for step in work.steps(capture)]
     except OSError:  # the first step says what is wrong
         names = ["solve"]
     for step in names:
-        record = run_step(request, choices, capture, step, progress, **place)
+        record = run_step(work, capture, step, progress, **place)
         if record["status"] != UNFINISHED:
             break
     assert record is not None
     return record
 
 
-def recalled(request: Work, choices: dict[str, Any], capture: Path) -> dict[str, Any] | None:
+def recalled(work: Work, capture: Path) -> dict[str, Any] | None:
     """Return the record of a take that is done or was set aside, None where there is something to do."""
-    folder = request.out / take_name(capture)
+    folder = work.out / take_name(capture)
     known = read_record(folder) or {}
     try:
-        steps = steps_of(request, choices, capture)
+        steps = work.steps(capture)
     except OSError:
         return None
     if known.get("status") == "set aside" and known.get("inputs") == steps[0].key:
@@ -66,7 +64,7 @@ def recalled(request: Work, choices: dict[str, Any], capture: Path) -> dict[str,
 
 
 def run_step(
-    request: Work, choices: dict[str, Any], capture: Path, step: str, progress: Progress, *,
+    work: Work, capture: Path, step: str, progress: Progress, *,
     worker: str = "", stopped: Callable[[], MocapError | None] = lambda: None, in_child: bool = False,
     scheduler: str = "",
 ) -> dict[str, Any]:  # fmt: skip
@@ -75,8 +73,7 @@ def run_step(
     It may be run twice, by anybody: what it writes is named when it is whole, and the record is written last.
 
     Args:
-        request: the batch.
-        choices: what decides what is made of a capture.
+        work: the batch.
         capture: file or folder.
         step: its name.
         progress: told how far each stage has come.
@@ -89,7 +86,7 @@ def run_step(
         Cancelled: the work was interrupted.
     """
     name = take_name(capture)
-    folder = request.out / name
+    folder = work.out / name
     record: dict[str, Any] = {"take": name, "capture": str(capture)}
     start = time.monotonic()
 
@@ -97,12 +94,12 @@ def run_step(
         progress(f"{name}: {stage}", done, total)
 
     try:
-        wanted = steps_of(request, choices, capture)
+        wanted = work.steps(capture)
         record |= _known(folder, wanted)
         mine = next((one for one in wanted if one.name == step), None)
         if mine is not None and not is_step_done(record, folder, mine.name, mine.key):
             record = _begun(record, folder, step, worker)
-            made = do_step(request, choices, capture, step, Place(folder, of_take, stopped, in_child, scheduler))
+            made = work.do_step(capture, step, Place(folder, of_take, stopped, in_child, scheduler))
             record = _ended(record, mine, made, time.monotonic() - start)
         if all(is_step_done(record, folder, s.name, s.key) for s in wanted):
             record |= {**_whole(record, folder, wanted), "status": "done"}

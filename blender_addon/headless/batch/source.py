@@ -1,32 +1,36 @@
-"""Where the captures of a batch come from: a folder as it is, or a folder that others go on filling."""
+"""Where the items of a batch come from: a list, or a folder that others go on filling."""
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 from ..._exchange.errors import MocapError
 from .record import fingerprint
-from .request import BatchRequest, captures_in, find_captures, take_name
+from .request import BatchRequest, captures_in
+from .work import take_name
 
 
-class Folder:
-    """The captures that lie in a folder now.
+class Listed:
+    """Items that are known from the start.
 
-    Raises:
-        BatchInvalid: there are none, or two would share a name.
+    Args:
+        items: files or folders.
     """
 
     closed = True
 
-    def __init__(self, request: BatchRequest) -> None:
-        self._waiting = find_captures(request)
+    def __init__(self, items: list[Path]) -> None:
+        self._waiting = items
 
     def arrived(self) -> list[Path]:
-        """Return the captures; nothing from the second call on."""
+        """Return the items; nothing from the second call on."""
         found, self._waiting = self._waiting, []
         return found
+
+    def notes(self) -> list[str]:
+        """Return nothing: all items are done."""
+        return []
 
 
 class Watched:
@@ -36,24 +40,21 @@ class Watched:
 
     Args:
         request: the batch.
-        choices: what decides what is made of a capture.
         settled_s: for how long names, sizes and times of its files must stay the same, by this machine's own clock.
         idle_s: how long to wait for more; None for ever.
         poll_s: how often the folder is looked at.
     """
 
     def __init__(
-        self, request: BatchRequest, choices: dict[str, Any], settled_s: float = 5.0, idle_s: float | None = None,
-        poll_s: float = 1.0,
-    ) -> None:  # fmt: skip
-        self._request, self._choices = request, choices
+        self, request: BatchRequest, settled_s: float = 5.0, idle_s: float | None = None, poll_s: float = 1.0
+    ) -> None:
+        self._request = request
         self._settled_s, self._idle_s, self._poll_s = settled_s, idle_s, poll_s
         self._seen: dict[Path, tuple[str, float]] = {}
         self._given: dict[Path, str] = {}
         self._looked = -poll_s
         self._last = time.monotonic()
-        self.doubled: dict[str, str] = {}
-        """Captures that are not done because another has their name, by their path."""
+        self._doubled: dict[str, str] = {}
 
     @property
     def closed(self) -> bool:
@@ -78,12 +79,16 @@ class Watched:
                 continue
             other = names.setdefault(take_name(path), path)
             if other != path:
-                self.doubled[str(path)] = f"{path.name} is not done: {other.name} is called the same."
+                self._doubled[str(path)] = f"{path.name} is not done: {other.name} is called the same."
                 self._given[path] = state
                 continue
             self._given[path] = state
             found.append(path)
         return found
+
+    def notes(self) -> list[str]:
+        """Return which captures are not done because another has their name."""
+        return list(self._doubled.values())
 
     def _state(self, path: Path) -> str | None:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..._exchange.solve_settings import RECORDING, RESOURCES
 from ...conventions.counting import counted
 from ...solving.presets import PRESETS
 from ..locations import waits_for_saving
@@ -11,7 +12,7 @@ from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
 from ..project_files import following
-from ..properties import CHOSEN_BY_PRESETS
+from ..setting_properties import CHOSEN_BY_PRESETS, names_of
 from ..settings_layout import draw_setting, is_narrow, settings_layout
 from .parts import (
     CapturePanel,
@@ -82,7 +83,7 @@ class VIEW3D_PT_mocap_solve_settings(CapturePanel, bpy.types.Panel):
             else:
                 _draw_value(column, solve, name)
         layout.separator()
-        for name in ("estimate_sync", "keep_shape", "report", "body", "noise", "backend"):
+        for name in (*names_of(RECORDING), "keep_shape", "report", *names_of(RESOURCES)):
             draw_setting(layout, context, solve, name)
         draw_setting(layout, context, context.scene.mocap, "folder")
 

@@ -38,18 +38,18 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
             hint=f"An SMPL-family file holds {', '.join(REQUIRED_KEYS)}.",
         )
     body = body_from_arrays(arrays, where=str(path), default_id=path.stem)
-    if family is not None and body.family != family:
+    if family is not None and body.layout.name != family:
         raise BodyInvalid(
-            f"This is a {body.family} file ({len(body.parents)} joints); {family} is expected.",
+            f"This is a {body.layout.name} file ({len(body.parents)} joints); {family} is expected.",
             where=str(path),
-            hint=f"Choose {body.family} as the body's family, or another file.",
+            hint=f"Choose {body.layout.name} as the body's family, or another file.",
         )
     return body if flat_hands else replace(body, hands_mean=_hands_mean(arrays, body, str(path)))
 
 
 def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
-    """Return the (J - 22, 3) mean axis-angles of the joints after the 22nd; jaw and eyes have none."""
-    if body.family == "SMPL":
+    """Return the (r, 3) mean axis-angles of the joints that rest in solves; jaw and eyes have none."""
+    if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
         raise BodyInvalid(
@@ -57,13 +57,14 @@ def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | 
             where=where,
             hint="Read the file with flat hands.",
         )
-    means = [np.asarray(arrays[key]) for key in _HANDS]
-    for key, mean in zip(_HANDS, means, strict=True):
-        if mean.dtype.kind not in "fiu" or mean.size != 45 or not np.isfinite(mean).all():
-            found = f"{mean.dtype} of shape {mean.shape}"
-            raise BodyInvalid(f"{key} is {found}; 45 finite numbers are expected.", where=where)
-    face = len(body.parents) - 22 - 30
-    return np.concatenate([np.zeros((face, 3)), *(mean.reshape(15, 3).astype(np.float64) for mean in means)])
+    mean = np.zeros((body.layout.num_joints, 3))
+    for key, group in zip(_HANDS, ("left_hand", "right_hand"), strict=True):
+        own, joints = np.asarray(arrays[key]), list(body.layout.group(group))
+        if own.dtype.kind not in "fiu" or own.size != 3 * len(joints) or not np.isfinite(own).all():
+            found = f"{own.dtype} of shape {own.shape}"
+            raise BodyInvalid(f"{key} is {found}; {3 * len(joints)} finite numbers are expected.", where=where)
+        mean[joints] = own.reshape(-1, 3)
+    return mean[1 + body.layout.num_solved :]
 
 
 def _read_npz(path: Path) -> dict[str, Any]:

@@ -6,7 +6,8 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float

@@ -17,8 +17,9 @@ The published bundle (thesis eqs. 6.6-6.8) has the reprojection term alone; the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
@@ -41,8 +42,8 @@ class KeyTerm(Protocol):
         """Return the term of some of the keys."""
         ...
 
-    def cost(self, keys: Keyframes) -> Array:
-        """Return the energy (K,) at each of these keys."""
+    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
+        """Return the energy (K,) at each of these keys, of what some of the free blocks change."""
         ...
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
@@ -62,6 +63,10 @@ class BundleObjective:
     def part(self, keys: slice) -> BundleObjective:
         """Return the objective of some of the keys; frames are picked by their numbers."""
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
+
+    def astype(self, precision: Any) -> BundleObjective:
+        """Return the objective with measurements in a precision; the terms over keys take on that of the keys."""
+        return replace(self, frames=self.frames.astype(precision))
 
 
 def bundle_objective(
@@ -90,5 +95,7 @@ def bundle_objective(
         MotionPrior.bounded(spacing / problem.fps, smoothing, layout.gaps(problem.measurements.seen))
     ]
     if residuals:
-        terms.append(ResidualRotationTerm(looseness * problem.prior.residual_sigma, frames_per_key=0.5 * spacing))
+        prior = problem.prior
+        sigma = looseness * prior.residual_sigma
+        terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=prior.uncovered))
     return BundleObjective(FrameObjective(points, problem.pose_terms), tuple(terms))

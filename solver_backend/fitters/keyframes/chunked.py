@@ -12,7 +12,6 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, joined_solution, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance
-from solver_backend.fitters.keyframes.turned_keys import solve_turned, turned_information
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -69,8 +68,7 @@ class Stretch:
 
     def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
         """Return the solution; ``alive`` is called before each linearisation."""
-        solver = solve_keys if self.model.codes else solve_turned
-        return solver(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
+        return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
 
     def alone(self) -> Stretch:
         """Return the same stretch with the measurements of its own frames alone, to be sent away."""
@@ -137,10 +135,11 @@ def solve_in_single(
     each: Stretches,
 ) -> KeySolution:  # fmt: skip
     """Solve all keys as ``solve_long`` does, in single precision where they stand near enough to the origin for it."""
-    if float(array_namespace(start.transl).max(abs(start.transl))) >= SINGLE_TO_M:
+    xp = array_namespace(start.transl)
+    if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
         return solve_long(model, layout, start, schedule, alive, each=each)
-    model = model.single()
-    found = solve_long(model, layout, start.astype(model.subject.betas.dtype), schedule, alive, each=each)
+    single = model.astype(xp.float32), layout, start.astype(xp.float32)
+    found = solve_long(*single, schedule, alive, each=each)
     return replace(found, keys=found.keys.astype(start.z.dtype))
 
 
@@ -178,8 +177,7 @@ def covariance_of_joints(
     for chunk in chunks_of(layout.num_windows, overlap, chunk_windows, overlap):
         windows, some = layout.part(chunk.solved), keys.select(chunk.keys)
         part = model.part(chunk.keys)
-        told = part.information(windows, some, scale) if model.codes else turned_information(part, windows, some, scale)
-        system = told.block_tridiagonal()
+        system = part.information(windows, some, scale).block_tridiagonal()
         poses = frames.select(index(windows.frames - first, keys.z))
         spread = packed(joint_covariance(model, windows, some, poses, system, inflation, constant_m, stride))
         low, high = layout.bounds[chunk.kept.start] + (chunk.kept.start > 0), layout.bounds[chunk.kept.stop]

@@ -13,7 +13,7 @@ from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.start import fit_to_points
-from solver_backend.geometry.arrays import constant, index
+from solver_backend.geometry.arrays import constant, index, zeros
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import quat_from_matrix
 
@@ -32,11 +32,15 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> 
     else:
         states = rough.states.select(index(np.searchsorted(rough.frames, unique), rough.states.z))
     first, second = np.split(np.asarray(inverse).reshape(-1), 2)
-    residual, t = constant(np.zeros((layout.num_keys, 21, 3)), states.z), constant(share, states.z)
+    t = constant(share, states.z)
     quat = quat_from_matrix(states.root)
     xp = array_namespace(quat)
     near = xp.sum(quat[first] * quat[second], axis=-1, keepdims=True) >= 0
     transl = states.transl[first] + t[:, None] * (states.transl[second] - states.transl[first])
+    residual = zeros((layout.num_keys, len(problem.prior.joints), 3), states.z)
+    if states.residual is not None:
+        ends = states.residual[first], states.residual[second]
+        residual = ends[0] + t[:, None, None] * (ends[1] - ends[0])
     roots = slerp(quat[first], xp.where(near, quat[second], -quat[second]), t)
     return hemisphere_aligned(Keyframes(slerp(states.z[first], states.z[second], t), roots, transl, residual))
 

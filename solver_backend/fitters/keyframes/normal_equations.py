@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.fitters.model.codes import d_pose_d_key
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange, rows_of
 from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
-from solver_backend.fitters.model.tangent import JOINTS_DOF, KEY, PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
+from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
@@ -43,22 +44,26 @@ class KeyframeNormalEquations:
     """(N + 1, 2 D, 2 D), single precision: it only steers the steps."""
     upper: Array
     """(N, 2 D, D + n), single precision: residual rotations of a middle key meet those of its own window alone, and the
-    n other unknowns those of the next key too."""
+    n unknowns before them those of the next key too."""
     g: Array
     """(N + 1, 2 D)."""
-    dof: int
-    """D, the tangent of one key."""
+    layout: StateLayout
+    """Of the tangent of one key, D numbers."""
+
+    @property
+    def dof(self) -> int:
+        """D, the length of a key's tangent."""
+        return self.layout.dof
 
     @classmethod
-    def empty(cls, num_windows: int, dof: int, like: Array) -> KeyframeNormalEquations:
+    def empty(cls, num_windows: int, layout: StateLayout, like: Array) -> KeyframeNormalEquations:
         """Return the equations of N windows without any data; a floor keeps unseen parts still."""
-        single = array_namespace(like).float32
+        single, dof = array_namespace(like).float32, layout.dof
         floor = FLOOR * identity(2 * dof, like, single)
         diagonal = zeros((num_windows + 1, 2 * dof, 2 * dof), like, single) + floor
         diagonal[-1, dof:, dof:] += identity(dof, like, single)
-        met = dof - JOINTS_DOF if dof > JOINTS_DOF else dof
-        upper = zeros((num_windows, 2 * dof, dof + met), like, single)
-        return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), dof)
+        upper = zeros((num_windows, 2 * dof, dof + layout.turns.start), like, single)
+        return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
         """Add the (n, 3 D, 3 D) matrices of a range of windows, but for what they say of their last keys alone."""
@@ -85,7 +90,7 @@ class KeyframeNormalEquations:
             beside = slice(max(b - 1, 0), b + 1)
             met = free[1:][beside][:, None, : upper.shape[-1]]
             upper[beside] = upper[beside] * (free[:-1][beside][:, :, None] * met)
-        return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.dof)
+        return KeyframeNormalEquations(diagonal, upper, self.g * constant(free, self.g), self.layout)
 
     def block_tridiagonal(self) -> BlockTridiagonal:
         """Return the equations as a linear solver takes them."""
@@ -102,8 +107,20 @@ class FrameData:
     """Decoder of the codes."""
     objective: FrameObjective
     """Of all frames."""
-    residuals: bool
-    """The residual rotations act and are unknowns."""
+    free: StateLayout
+    """Of the unknowns of a key; rotation vectors that are none do not act, codes that are none are decoded once."""
+
+    def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
+        """Return (W·n, J, 3, 3) for each block of the rows: what fixed codes decode to; None where they are free."""
+        if CODE in self.free:
+            return None
+
+        def decode(windows: slice) -> Array:
+            triples = keys.triples(np.arange(windows.start, windows.stop))
+            codes = sider_weights(triples.z[:, None], constant(rows.time[windows], keys.z))
+            return self.prior.decode(rows_of(codes.value))
+
+        return map_blocks(decode, _blocks(rows, keys), keys.z)
 
 
 @dataclass(frozen=True)
@@ -114,6 +131,7 @@ class DataEquations:
     """(N,) of each window's frames."""
     gradient: Array
     """(2 N + 1, D) by the keys."""
+    _layout: StateLayout
     _windows: list[slice]
     _matrices: list[Callable[[], Array]]
     """(n, 3 D, 3 D) of each range of windows."""
@@ -122,7 +140,7 @@ class DataEquations:
         """Return the normal equations of all keys, formed on all cores."""
         xp, like = array_namespace(self.gradient), self.gradient
         count, dof = (like.shape[0] - 1) // 2, like.shape[1]
-        equations = KeyframeNormalEquations.empty(count, dof, like)
+        equations = KeyframeNormalEquations.empty(count, self._layout, like)
         ends = empty((count, dof, dof), like, xp.float32)
 
         def fill(block: int) -> None:
@@ -136,8 +154,9 @@ class DataEquations:
 
 
 def data_equations(
-    data: FrameData, keys: Keyframes, rows: WindowRows, scale: float, hessian_frames: int = HESSIAN_FRAMES
-) -> DataEquations:
+    data: FrameData, keys: Keyframes, rows: WindowRows, scale: float, hessian_frames: int = HESSIAN_FRAMES,
+    decoded: list[Array] | None = None,
+) -> DataEquations:  # fmt: skip
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
 
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7), ``x_f`` on the curve through the
@@ -153,56 +172,64 @@ def data_equations(
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.
         hessian_frames: frames of a window whose Hessians are formed.
+        decoded: see ``FrameData.decode_fixed``; None decodes here.
     """
-    columns = rows.columns(hessian_frames)
+    columns, blocks = rows.columns(hessian_frames), _blocks(rows, keys)
+    local = data.decode_fixed(keys, rows) if decoded is None else decoded
 
-    def block(windows: slice) -> tuple[Array, Array, Callable[[], Array]]:
+    def block(number: int) -> tuple[Array, Array, Callable[[], Array]]:
+        windows = blocks[number]
         part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
-        return _block(data, part, rows.select(windows), columns, scale)
+        return _block(data, part, rows.select(windows), columns, scale, None if local is None else local[number])
 
-    blocks = rows.blocks(block_size(BLOCK_FRAMES, keys.z))
-    parts = map_blocks(block, blocks, keys.z)
-    gradient = zeros((keys.z.shape[0], KEY.dof(residuals=data.residuals)), keys.z)
+    parts = map_blocks(block, range(len(blocks)), keys.z)
+    gradient = zeros((keys.z.shape[0], data.free.dof), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
         gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
     cost = array_namespace(gradient).concat([part[0] for part in parts])
-    return DataEquations(cost, gradient, blocks, [part[2] for part in parts])
+    return DataEquations(cost, gradient, data.free, blocks, [part[2] for part in parts])
+
+
+def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
+    """Return the ranges of windows that are worked on at a time."""
+    return rows.blocks(block_size(BLOCK_FRAMES, keys.z))
 
 
 def _block(
-    data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float
+    data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float, decoded: Array | None
 ) -> tuple[Array, Array, Callable[[], Array]]:
     """Return the (N,) costs of windows, their (2 N + 1, D) derivative by the keys, and what forms the matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
-    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=data.residuals)
-    poses, vjp = curve.poses_with_vjp(data.prior)
+    turned = bool(data.free.turned)
+    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=turned)
+    poses, vjp = curve.poses_with_vjp(data.prior, decoded)
     chosen = (np.arange(count)[:, None] * width + columns).reshape(-1)
     equations = frame_equations(data.subject, poses, data.objective.select(rows.frames.reshape(-1)), scale, chosen)
     weight = constant(rows.weight.reshape(-1), keys.z)
-    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys)
-    form = _mixed if data.residuals else _exact
+    gradient = vjp(equations.gradient * weight[:, None]).by_tangents(keys, data.free)
+    form = _mixed if turned else _exact
     return (
         xp.sum(xp.reshape(equations.cost * weight, (count, width)), axis=1),
         gradient,
-        lambda: form(data.prior, keys, rows.sampled(columns), equations.hessian),
+        lambda: form(data.free, data.prior, keys, rows.sampled(columns), equations.hessian),
     )
 
 
-def _exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 108, 108): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its three keys."""
+def _exact(layout: StateLayout, prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
+    """Return (N, 3 D, 3 D): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its three keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
     curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=False)
-    B = xp.astype(curve.jacobian(prior), hessian.dtype)
+    B = xp.astype(curve.jacobian(prior, layout), hessian.dtype)
     weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), B)
-    tall = (count, width * PoseTangent.DOF, B.shape[-1])
+    tall = (count, width * B.shape[1], B.shape[-1])
     return xp.matmul(xp.matrix_transpose(xp.reshape(B, tall)), xp.reshape(weighted, tall))
 
 
-def _mixed(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 297, 297), the pose tangents of frames as those of their keys mixed."""
-    by_keys = d_pose_d_key(prior, keys.z, keys.residual)
+def _mixed(layout: StateLayout, prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
+    """Return (N, 3 D, 3 D), the pose tangents of frames as those of their keys mixed."""
+    by_keys = d_pose_d_key(layout, prior, keys.z, keys.residual)
     return matrices_by_keys(rows, hessian, by_keys)
 
 
@@ -211,10 +238,10 @@ def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> 
 
     Args:
         rows: the frames of N windows whose Hessians are formed.
-        hessian: (N·n, 69, 69) of these frames.
-        d_pose_d_keys: (2 N + 1, 69, D) P, the pose tangents by the tangents of the keys.
+        hessian: (N·n, p, p) of these frames.
+        d_pose_d_keys: (2 N + 1, p, D) P, the pose tangents by the tangents of the keys.
     """
-    xp, dof = array_namespace(hessian), PoseTangent.DOF
+    xp, dof = array_namespace(hessian), hessian.shape[-1]
     count, width = rows.frames.shape
     weight, shares = constant(rows.weight, hessian), lagrange(constant(rows.time, hessian))
     mixes = xp.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.normal_equations import (
     HESSIAN_FRAMES,
     FrameData,
@@ -20,9 +22,7 @@ from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
@@ -70,19 +70,16 @@ class BundleModel:
     """Decoder of the codes."""
     objective: BundleObjective
     """What is minimised."""
-    residuals: bool = False
-    """Free the residual rotations of each key."""
-    codes: bool = True
-    """Free the codes; see ``turned_keys`` for keys whose codes stay."""
+    free: StateLayout
+    """The blocks of a key that are unknowns; residual rotations that are none do not act."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what some of the keys are judged by."""
         return replace(self, objective=self.objective.part(keys))
 
-    def single(self) -> BundleModel:
-        """Return the model in single precision."""
-        objective = replace(self.objective, frames=single_objective(self.objective.frames))
-        return replace(self, subject=single_subject(self.subject), objective=objective)
+    def astype(self, precision: Any) -> BundleModel:
+        """Return the model in a precision; single halves the memory's traffic where more digits add nothing."""
+        return replace(self, subject=self.subject.astype(precision), objective=self.objective.astype(precision))
 
     def poses(
         self, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, spline: bool = False
@@ -92,17 +89,17 @@ class BundleModel:
         They lie on the windows' own curves, which is what is solved; or, as a take is handed over, on the spline of
         control points.
         """
-        return key_poses(self.prior, keys, layout, frames, residuals=self.residuals, spline=spline)
+        return key_poses(self.prior, keys, layout, frames, residuals=bool(self.free.turned), spline=spline)
 
     def equations(
-        self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES
-    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
+        self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES,
+        decoded: list[Array] | None = None,
+    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:  # fmt: skip
         """Return the objective (N,) of each window at these keys, and what forms their equations.
 
-        What lies at a key that two windows share counts for the later one.
+        What lies at a key that two windows share counts for the later one. See ``data_equations`` for ``decoded``.
         """
-        frames = FrameData(self.subject, self.prior, self.objective.frames, self.residuals)
-        data = data_equations(frames, keys, rows, scale, hessian_frames)
+        data = data_equations(self.frames, keys, rows, scale, hessian_frames, decoded)
 
         def form() -> KeyframeNormalEquations:
             equations = data.normal_equations()
@@ -110,21 +107,27 @@ class BundleModel:
                 term.add_to(equations, keys)
             return equations
 
-        return at_windows(data.cost, self.objective.keys, keys), form
+        return self._at_windows(data.cost, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
         """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
-        rows = layout.rows()
+        # Fixed codes: rows are strided before those that form Hessians are chosen among them, so that few are posed.
+        stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
+        rows = layout.rows(stride)
         return self.equations(rows.sampled(rows.columns(HESSIAN_FRAMES)), keys, scale)[1]()
 
+    @property
+    def frames(self) -> FrameData:
+        """What the frames are judged by."""
+        return FrameData(self.subject, self.prior, self.objective.frames, self.free)
 
-def at_windows(cost: Array, terms: tuple[KeyTerm, ...], keys: Keyframes) -> Array:
-    """Return the costs (N,) of windows with those of the terms on their keys added."""
-    for term in terms:
-        at_keys = term.cost(keys)
-        cost = cost + at_keys[:-1:2] + at_keys[1::2]
-        cost[-1] += at_keys[-1]
-    return cost
+    def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
+        """Return the costs (N,) of windows with those of the terms on their keys added."""
+        for term in self.objective.keys:
+            at_keys = term.cost(keys, self.free)
+            cost = cost + at_keys[:-1:2] + at_keys[1::2]
+            cost[-1] += at_keys[-1]
+        return cost
 
 
 def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
@@ -175,18 +178,19 @@ def solve_keys(
         alive: called before each linearisation; it may raise to end the solve.
     """
     xp = array_namespace(start.z)
-    rows, dof = layout.rows(schedule.stride), KEY.dof(residuals=model.residuals)
+    rows, free = layout.rows(schedule.stride), model.free
+    decoded = model.frames.decode_fixed(start, rows)
     fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
     keys, solution = hemisphere_aligned(start), None
 
     def retract(state: Keyframes, step: Array) -> Keyframes:
-        return state.retract(xp.reshape(step, (-1, dof))[: layout.num_keys])
+        return state.retract(xp.reshape(step, (-1, free.dof))[: layout.num_keys], free)
 
     for scale in schedule.scales:
 
         def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
             alive()
-            cost, form = model.equations(rows, state, scale, schedule.hessian_frames)
+            cost, form = model.equations(rows, state, scale, schedule.hessian_frames, decoded)
             return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
 
         settings = LMSettings(schedule.iterations, schedule.tolerance, schedule.promise)

@@ -5,22 +5,20 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.keypoints import joint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.keyframes.turned_keys import d_pose_d_turned
 from solver_backend.fitters.model.codes import d_pose_d_key
 from solver_backend.fitters.model.keyframe_curve import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.types import SMPL_JOINTS, JointSet
 
 CONSTANT_M = 0.0065
 """Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
@@ -42,7 +40,7 @@ def joint_covariance(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
     inflation: float, constant_m: np.ndarray, stride: int = 1,
 ) -> Array:  # fmt: skip
-    """Return (F, 24, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
+    """Return (F, J, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
     pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
@@ -55,15 +53,15 @@ def joint_covariance(
         frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
-        constant_m: (24,) standard deviation per axis of what does not average out, metres.
+        constant_m: (J,) standard deviation per axis of what does not average out, metres.
         stride: covariances of every so many frames are formed; those between lie on straight lines.
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
-    residual = keys.residual if model.residuals else None
-    by_keys = d_pose_d_key(model.prior, keys.z, residual) if model.codes else d_pose_d_turned(keys)
+    residual = keys.residual if model.free.turned else None
+    by_keys = d_pose_d_key(model.free, model.prior, keys.z, residual)
     d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
-    landmarks = keypoint_landmarks(model.subject.body, JointSet.SMPL_24)
+    landmarks = joint_landmarks(model.subject.body, model.subject.body.layout.recorded)
     constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
     rows = layout.rows(stride)
 
@@ -84,13 +82,13 @@ def joint_covariance(
         shares = lagrange(constant(part.time, d_pose_d_keys))
         mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
         mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
-        mixed = xp.reshape(mixed, (-1, PoseTangent.DOF, PoseTangent.DOF))[
+        mixed = xp.reshape(mixed, (-1, poses.layout.dof, poses.layout.dof))[
             index(np.flatnonzero(part.weight > 0), keys.z)
         ]
         eye = identity(3, d_pose_d_keys)
         by_rotations = xp.astype(posed.by_rotations, d_pose_d_keys.dtype)
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
-        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, PoseTangent.DOF)), mixed), J.shape)
+        carried = xp.reshape(xp.matmul(xp.reshape(J, (J.shape[0], -1, poses.layout.dof)), mixed), J.shape)
         spread = xp.astype(xp.matmul(carried, xp.matrix_transpose(J)), keys.z.dtype)
         return CALIBRATION * inflation * spread + constant_m2
 
@@ -98,15 +96,15 @@ def joint_covariance(
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
 
 
-def keypoint_constant_m() -> np.ndarray:
-    """Return (24,) standard deviations per axis of what does not average out where keypoints are solved, metres."""
-    return np.full(len(SMPL_JOINTS), CONSTANT_M)
+def keypoint_constant_m(layout: BodyLayout) -> np.ndarray:
+    """Return (J,) standard deviations per axis of what does not average out where keypoints are solved, metres."""
+    return np.full(layout.num_joints, CONSTANT_M)
 
 
-def marker_constant_m() -> np.ndarray:
-    """Return (24,) standard deviations per axis of what does not average out of a calibrated person, metres."""
-    parts = [name.removeprefix("left_").removeprefix("right_") for name in SMPL_JOINTS]
-    return np.array([OF_MARKERS_M[part] for part in parts])
+def marker_constant_m(layout: BodyLayout) -> np.ndarray:
+    """Return (J,) standard deviations per axis of what does not average out of a calibrated person, metres."""
+    parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
+    return np.array([OF_MARKERS_M.get(part, CONSTANT_M) for part in parts])
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
@@ -119,7 +117,7 @@ def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
 
 
 def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, windows: slice) -> Array:
-    """Return (N, 3, 3, 69, 69): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
+    """Return (N, 3, 3, p, p): ``P_a S_ab P_bᵀ``, covariances of the pose tangents at the three keys of windows."""
     xp = array_namespace(d_pose_d_keys)
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
@@ -135,7 +133,7 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
     halves = [xp.matmul(P[k], S[:, k * dof : (k + 1) * dof]) for k in range(3)]
     P_T = [xp.matrix_transpose(part) for part in P]
     parts = [xp.matmul(half[:, :, k * dof : (k + 1) * dof], P_T[k]) for half in halves for k in range(3)]
-    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, PoseTangent.DOF, PoseTangent.DOF))
+    return xp.reshape(xp.stack(parts, axis=1), (-1, 3, 3, *d_pose_d_keys.shape[1:2] * 2))
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.geometry.arrays import Array, constant
@@ -32,19 +33,21 @@ class ResidualRotationTerm:
     """
 
     sigma: np.ndarray
-    """(21, 3) radians: how far the prior's own reconstructions are from true poses."""
+    """(J, 3) radians: how far the prior's own reconstructions are from true poses."""
     frames_per_key: float = 1.0
     """n, how many frames' worth of evidence a key carries: residual rotations are priors on frames."""
     reach: float = REACH
     """c."""
     steadiness: float = STEADINESS
     """m."""
+    uncovered: tuple[int, ...] = ()
+    """Columns of a pose that the prior does not model: other terms hold them."""
 
     def part(self, keys: slice) -> ResidualRotationTerm:
         """Return the term of some of the keys: it is the same for all."""
         return self
 
-    def cost(self, keys: Keyframes) -> Array:
+    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
         """Return the energy (K,) at each of these keys, and of the bend about it."""
         xp, n = array_namespace(keys.z), self.frames_per_key
         scaled = self._scaled(keys)
@@ -70,7 +73,7 @@ class ResidualRotationTerm:
         precision[1:-3:2] += 2.0 * m  # about a joint of windows
         precision[2:-2:2] += 4.0 * m
         precision[3::2] += 2.0 * m
-        by_angle = 1.0 / constant(self.sigma.reshape(-1), scaled)
+        by_angle = 1.0 / constant(self._covered(self.sigma[None])[0], scaled)
         precision, gradient = precision * by_angle**2, gradient * by_angle
         count, size = precision.shape
         even = np.arange(equations.dof - size, equations.dof)
@@ -88,9 +91,16 @@ class ResidualRotationTerm:
         equations.upper[: windows - 1, odd, even] -= 2.0 * unit
 
     def _scaled(self, keys: Keyframes) -> Array:
-        """Return residual rotations (K, 63) in deviations."""
-        flat = array_namespace(keys.z).reshape(keys.residual, (keys.residual.shape[0], -1))
-        return flat / constant(self.sigma.reshape(-1), flat)
+        """Return residual rotations (K, 3 n) of the covered joints in deviations."""
+        flat = self._covered(keys.residual)
+        return flat / constant(self._covered(self.sigma[None])[0], flat)
+
+    def _covered(self, by_joint: Array) -> Array:
+        """Return (K, 3 n) of the n covered joints from (K, J, 3)."""
+        if self.uncovered:
+            kept = [joint for joint in range(by_joint.shape[1]) if joint not in self.uncovered]
+            by_joint = by_joint[:, kept]
+        return array_namespace(by_joint).reshape(by_joint, (by_joint.shape[0], -1))
 
 
 def _bend(values: Array) -> Array:

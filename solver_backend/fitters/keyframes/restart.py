@@ -23,7 +23,7 @@ Start = Callable[[slice], Keyframes]
 """Makes the keys of a range of windows from the points of single frames."""
 
 
-def regained(
+def resolve_lost_limbs(
     measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, points: Array,
     start: Start, schedule: Schedule, frames: np.ndarray | None = None,
 ) -> Keyframes:  # fmt: skip

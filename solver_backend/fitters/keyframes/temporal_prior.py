@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.tangent import KEY, StateTangent
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
@@ -37,8 +37,6 @@ class MotionPrior:
     """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
     unseen: np.ndarray | None = None
     """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""
-    tangent: StateTangent = KEY
-    """Of the keys; codes that are no unknowns have no say."""
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
@@ -52,11 +50,11 @@ class MotionPrior:
         """Return the priors on some of the keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
-    def cost(self, keys: Keyframes) -> Array:
+    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
         """Return the energy (K,) at each of these keys: of the differences about it, or from it to the next."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
-        for value, _, sigma, _ in self._smooth_parts(keys):
+        for _, value, _, sigma in self._smooth_parts(keys, free):
             for stencil, weight in self._stencils(sigma):
                 rest, weights = _differences(value, stencil, weight)
                 first = (len(stencil) - 1) // 2
@@ -65,9 +63,9 @@ class MotionPrior:
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
         """Add the equations of these keys to those of the data, in place."""
-        for value, tangents, sigma, first in self._smooth_parts(keys):
+        for name, value, tangents, sigma in self._smooth_parts(keys, equations.layout):
             for stencil, weight in self._stencils(sigma):
-                self._add_differences(equations, value, tangents, stencil, weight, first)
+                self._add_differences(equations, value, tangents, stencil, weight, equations.layout[name].start)
 
     def _stencils(self, sigma: float) -> list[tuple[tuple[int, ...], Array | float]]:
         """Return coefficients of what is bounded, and precisions: acceleration, and between unseen keys speed."""
@@ -76,17 +74,17 @@ class MotionPrior:
             return [((1, -2, 1), weight)]
         return [((1, -2, 1), weight), ((-1, 1), self.unseen * weight * (self.spacing_s / FADING_S) ** 2)]
 
-    def _smooth_parts(self, keys: Keyframes) -> list[tuple[Array, Array, float, int]]:
-        """Return (value (K, n), tangents (K, n, d), sigma, first column) of what moves smoothly."""
+    def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
+        """Return (block, value (K, n), tangents (K, n, d), sigma) of the free blocks that move smoothly."""
         xp = array_namespace(keys.z)
         eye = identity(3, keys.z)
         placed = [
-            (keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma, self.tangent.root.start),
-            (keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma, self.tangent.transl.start),
+            (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
+            (TRANSL, keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma),
         ]
-        if self.tangent.latent_dof == 0:
+        if CODE not in free:
             return placed
-        return [(keys.z, CODES.tangent_basis(keys.z), self.latent_sigma, self.tangent.latent.start), *placed]
+        return [(CODE, keys.z, CODES.tangent_basis(keys.z), self.latent_sigma), *placed]
 
     def _add_differences(
         self, equations: KeyframeNormalEquations, value: Array, tangents: Array, stencil: tuple[int, ...],

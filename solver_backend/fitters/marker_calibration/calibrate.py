@@ -77,7 +77,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
-    placement, state = placement_prior(subject, settings), CalibrationState.of(subject, states)
+    placement, state = placement_prior(subject, settings), CalibrationState.of(subject, problem.prior, states)
     weight = min(1.0, POSE_FRAMES / len(frames))
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
 

@@ -14,8 +14,8 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.marker_calibration.calibration_state import CalibrationState
 from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.fitters.model.keyframe_curve import turns_of
 from solver_backend.fitters.model.subject import pose
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import AutoencodingPrior
@@ -53,7 +53,8 @@ def calibration_equations(
         pose_weight: w, of what is known of poses.
     """
     xp = array_namespace(state.residual)
-    frames, by_state = state.poses(prior), d_pose_d_key(prior, state.frames.z, state.residual)
+    frames, turns = state.poses(prior), state.layout.turns
+    by_state = d_pose_d_key(state.layout, prior, state.frames.z, state.residual)
     posed = pose(state.subject, frames, jacobian=True)
     count, num = posed.points.shape[:2]
     eye = xp.broadcast_to(identity(3, posed.points), (count, num, 3, 3))
@@ -66,17 +67,18 @@ def calibration_equations(
     blocks = xp.matmul(flat_T, xp.reshape(weighted, tall)) + FLOOR * identity(tall[-1], by_pose)
     g_blocks = xp.matmul(flat_T, xp.reshape(evidence.gradient, (count, -1, 1)))[..., 0]
     cost = xp.sum(evidence.cost)
-    by_joints = by_state[:, PoseTangent.JOINTS]
+    by_joints = by_state[:, frames.layout.joints]
     by_joints_T = xp.matrix_transpose(by_joints)
     for term in objective.poses:
         judged = term(frames.local)
         blocks = blocks + pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(judged.factors), by_joints))
         g_blocks = g_blocks + pose_weight * xp.matmul(by_joints_T, judged.gradient[..., None])[..., 0]
         cost = cost + pose_weight * xp.sum(judged.cost)
-    off = xp.reshape(state.residual, (count, -1))
-    stiff = constant(pose_weight * prior.residual_sigma.reshape(-1) ** -2.0, off)
-    blocks[:, KEY.residual, KEY.residual] += stiff * identity(off.shape[1], off)
-    g_blocks[:, KEY.residual] += stiff * off
+    off = turns_of(xp.reshape(state.residual, (count, -1)), state.layout)
+    sigma = prior.residual_sigma[list(state.layout.turned)]
+    stiff = constant(pose_weight * sigma.reshape(-1) ** -2.0, off)
+    blocks[:, turns, turns] += stiff * identity(off.shape[1], off)
+    g_blocks[:, turns] += stiff * off
     known, system = _with_placement(placement, state, Arrowhead(blocks, coupling, shared, g_blocks, g_shared))
     return (cost + 0.5 * xp.sum(stiff * off * off) + known)[None], system
 
@@ -84,7 +86,7 @@ def calibration_equations(
 def _shared(
     evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return what the frames say of shape and places: (m, m), (m,), and how poses meet them, (F, 99, m)."""
+    """Return what the frames say of shape and places: (m, m), (m,), and how poses meet them, (F, n, m)."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num

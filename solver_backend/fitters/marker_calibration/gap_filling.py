@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.fitters.marker_calibration.gap_neighbours import (
     LOOKED_AT,
     joining_shares,

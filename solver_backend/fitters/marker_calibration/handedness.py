@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.errors import MarkersMirrored
 
 TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.geometry.runs import true_runs
 from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, Fault, FaultKind, Remedy
+from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED
 
 WINDOW_S = 0.1
 """Hypotheses are compared over so long: one frame is noise."""
@@ -130,7 +131,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
     return first, last
 
 
-def findings_of(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Fault]:
+def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
     """Return what was found as the motion records it, by first frame.
 
     Args:
@@ -139,15 +140,16 @@ def findings_of(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple
         labels: of the M markers.
     """
     found = [
-        Fault(FaultKind.MARKER_STILL, "", first, last, 0.0, Remedy.BRIDGED, labels[m])
+        diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
-        for first, last in true_runs(still[:, m])
+        for run in true_runs(still[:, m])
     ]
     for fault in faults:
+        frames = [(fault.first, fault.last)]
         if fault.marker == fault.other:
-            kind, remedy, detail = FaultKind.MARKER_GHOST, Remedy.BRIDGED, labels[fault.marker]
+            ghost = [labels[fault.marker]]
+            found.append(diagnostic("marker_ghost", markers=ghost, frames=frames, remedy=Remedy.BRIDGED))
         else:
-            names = sorted((labels[fault.marker], labels[fault.other]))
-            kind, remedy, detail = FaultKind.MARKERS_EXCHANGED, Remedy.REPAIRED, " and ".join(names)
-        found.append(Fault(kind, "", fault.first, fault.last, 0.0, remedy, detail))
-    return sorted(found, key=lambda fault: (fault.first, fault.detail))
+            pair = sorted((labels[fault.marker], labels[fault.other]))
+            found.append(diagnostic("markers_exchanged", markers=pair, frames=frames, remedy=Remedy.REPAIRED))
+    return sorted(found, key=lambda item: (item.where.frames, item.where.markers))

@@ -12,11 +12,12 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import read_label_places
 from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, Calibration, calibrate
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
-from solver_backend.fitters.marker_calibration.label_faults import clean_labels, findings_of
+from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
@@ -28,7 +29,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, Fault, FaultKind, MarkerCloud, MarkerSubject, Remedy
+from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, MarkerSubject
 
 EXCHANGED = "exchanged"
 """What a person's provenance calls pairs of labels that name each other's markers."""
@@ -54,7 +55,7 @@ def marker_problem(
         MarkersMirrored: they are a mirror image of a body's.
         SubjectInvalid: the person is of another body or wears other markers.
     """
-    found: list[Fault] = []
+    found: list[Diagnostic] = []
     if person is None:
         person = calibrated([cloud], body, prior, like, settings, progress)
         found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
@@ -73,7 +74,7 @@ def marker_problem(
 
 def _cleaned(
     problem: Problem, cloud: MarkerCloud, ready: Callable[[MarkerCloud], Problem], progress: Progress,
-    found: list[Fault],
+    found: list[Diagnostic],
 ) -> Problem:  # fmt: skip
     """Return the problem without the markers' wrong labels, and with what was found besides."""
     points, subject = problem.measurements.points, problem.measurements.subject
@@ -95,10 +96,10 @@ def _cleaned(
     cleaned = clean_labels(points, rough_markers(moving, subject, rough), around, tested, cloud.fps)
     again = ready(moved_points(cloud, cleaned.points))
     flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
-    for fault in found:
-        flags[:, [cloud.labels.index(label) for label in fault.detail.split(" and ")]] |= MARKER_SWAPPED
-    faults = [*found, *findings_of(still, cleaned.faults, cloud.labels)]
-    provenance = {**again.measurements.provenance, "findings": [fault.as_dict() for fault in faults]}
+    for item in found:
+        flags[:, [cloud.labels.index(label) for label in item.where.markers]] |= MARKER_SWAPPED
+    diagnostics = merge([*found, *diagnose_labels(still, cleaned.faults, cloud.labels)])
+    provenance = {**again.measurements.provenance, "diagnostics": [item.as_dict() for item in diagnostics]}
     progress("Checking the labels", 1, 1)
     measured = replace(again.measurements, marker_flags=flags, rough=rough, provenance=provenance)
     return replace(again, measurements=measured)
@@ -129,10 +130,10 @@ def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
     return replace(cloud, positions=points, residual=residual, covariance=covariance)
 
 
-def _throughout(cloud: MarkerCloud, *labels: str) -> Fault:
+def _throughout(cloud: MarkerCloud, *labels: str) -> Diagnostic:
     """Return that two labels are exchanged in all of a take."""
-    last, names = len(cloud.positions) - 1, " and ".join(sorted(labels))
-    return Fault(FaultKind.MARKERS_EXCHANGED, "", 0, last, 0.0, Remedy.REPAIRED, names)
+    frames = [(0, len(cloud.positions) - 1)]
+    return diagnostic("markers_exchanged", markers=sorted(labels), frames=frames, remedy=Remedy.REPAIRED)
 
 
 def calibrated(

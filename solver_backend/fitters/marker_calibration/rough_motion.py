@@ -7,7 +7,6 @@ from array_api_compat import array_namespace
 
 from solver_backend.fitters.measurements.base import RoughMotion
 from solver_backend.fitters.model.frame_states import FrameStates
-from solver_backend.fitters.model.single_precision import single_objective, single_subject
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import bridged_states, fit_frames, posed
@@ -48,7 +47,7 @@ def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.
     """Return (F, L, 3) where a body has its markers, some centimetres off where it moves fast."""
     xp = array_namespace(rough.states.z)
     states = bridged_states(rough.states.astype(xp.float32), rough.frames, problem.num_frames)
-    points = points_of(single_subject(subject), posed(problem.prior, states))
+    points = points_of(subject.astype(xp.float32), posed(problem.prior, states))
     return to_numpy(astype(points, rough.states.z.dtype))
 
 
@@ -56,13 +55,12 @@ def _fitted(
     problem: Problem, subject: Subject, frames: np.ndarray, start: FrameStates
 ) -> tuple[FrameStates, np.ndarray]:
     """Return the poses of these frames and their costs (S,)."""
-    size = block_size(BLOCK_FRAMES, start.z)
+    size, single = block_size(BLOCK_FRAMES, start.z), array_namespace(start.z).float32
     parts = [slice(i, i + size) for i in range(0, len(frames), size)]
 
     def fit(part: slice) -> tuple[FrameStates, np.ndarray]:
-        objective, begin = single_objective(problem.objective.select(frames[part])), start.select(part)
-        begin = begin.astype(array_namespace(start.z).float32)
-        found = fit_frames(single_subject(subject), problem.prior, objective, begin, SCALES, STEPS)
+        objective, begin = problem.objective.select(frames[part]).astype(single), start.select(part).astype(single)
+        found = fit_frames(subject.astype(single), problem.prior, objective, begin, SCALES, STEPS)
         return found.state.astype(subject.betas.dtype), to_numpy(found.cost)
 
     found = map_blocks(fit, parts, start.z)

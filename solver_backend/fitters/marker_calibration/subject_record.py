@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend import __version__
 from solver_backend.body.body import Body
 from solver_backend.body.marker_layouts import label_key
 from solver_backend.body.marker_names import LEAST_MARKERS
 from solver_backend.body.markers import MARKER_OFFSET_M, ON_BONE, marker_landmarks, skin_normals
 from solver_backend.exchange.errors import SubjectInvalid
+from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.types import MarkerSubject, Motion
@@ -32,7 +32,7 @@ def record_of(
         offsets=offsets,
         sigma_m=sigma_m,
         skin_m=np.where(on_bone, np.nan, skin),
-        provenance={"solver": __version__, **provenance},
+        provenance={"solver": VERSION, **provenance},
     )
 
 

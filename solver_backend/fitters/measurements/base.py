@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.residuals.point_term import DataTerm

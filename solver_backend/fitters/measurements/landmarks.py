@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
 from solver_backend.fitters.measurements.markers import SIGMA_M, MarkerReport

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
 from solver_backend.body.markers import marker_landmarks

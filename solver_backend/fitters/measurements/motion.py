@@ -10,13 +10,12 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.landmarks import measure_landmarks
+from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.rotations import exp_so3
-from solver_backend.types import NUM_BODY_JOINTS, JointSet, Motion
+from solver_backend.types import JointSet, Motion
 
 SIGMA_M = 0.02
 """How far a pose may stray from the motion's: what a hand-set pose beside it says counts for more."""
@@ -35,16 +34,12 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
         like: array that says kind, type and device.
 
     Raises:
-        MotionInvalid: the motion is of another body.
+        MotionInvalid: the motion is of another body or layout.
     """
-    if motion.body != body.id:
-        raise MotionInvalid(
-            f"The motion is of the body {motion.body}, not {body.id}.", where="resolve",
-            hint="Solve with the body that the motion was solved with.",
-        )  # fmt: skip
+    motion.require_body(body.id, body.layout.recorded, where="resolve")
     landmarks = keypoint_landmarks(body, _LANDMARKS)
-    local = exp_so3(motion.body_pose[:, : 3 * NUM_BODY_JOINTS].reshape(-1, NUM_BODY_JOINTS, 3))
-    points = pose_landmarks(body, landmarks, motion.betas, exp_so3(motion.global_orient), local, motion.transl).points
+    poses = PosedFrames.of_motion(motion, motion.transl)
+    points = pose_landmarks(body, landmarks, motion.betas, poses.root, poses.local, poses.transl).points
     frames, reach = np.arange(motion.num_frames), YIELDING_S * motion.fps
     doubted = (np.abs(frames[:, None] - np.array(pinned, dtype=int)[None]) < reach).any(axis=1)
     measured = measure_landmarks(landmarks, np.where(doubted[:, None, None], np.nan, points), motion.fps, like, SIGMA_M)

@@ -9,6 +9,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
@@ -17,7 +18,7 @@ from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.geometry.arrays import Array
 from solver_backend.metrics.image import reprojection_px
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.types import Cameras, Capture, Fault, Keypoints2D
+from solver_backend.types import Cameras, Capture, Keypoints2D
 
 
 def measure_views(
@@ -40,11 +41,11 @@ def measure_views(
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     progress("Triangulating", 1, 1)
     checked = check_capture(capture, triangulation, progress, estimate_sync=estimate_sync)
-    return measurements_of(checked.capture, checked.triangulation, body, like, checked.faults)
+    return measurements_of(checked.capture, checked.triangulation, body, like, checked.diagnostics)
 
 
 def measurements_of(
-    capture: Capture, triangulation: Triangulation, body: Body, like: Array, faults: tuple[Fault, ...] = (), *,
+    capture: Capture, triangulation: Triangulation, body: Body, like: Array, found: tuple[Diagnostic, ...] = (), *,
     model_error: bool = True,
 ) -> Measurements:  # fmt: skip
     """Return the measurements of a capture that is triangulated and taken as it is.
@@ -54,7 +55,7 @@ def measurements_of(
         triangulation: of these.
         body: whose landmarks the keypoints are.
         like: array that says kind, type and device.
-        faults: what was found before.
+        found: before.
         model_error: allow for what a body cannot follow beside the detector's noise (see ``fit_sigma_px``).
 
     Raises:
@@ -77,7 +78,7 @@ def measurements_of(
         report=ReprojectionReport(cameras, keypoints),
         joint_set=keypoints.joint_set,
         provenance={
-            "findings": [fault.as_dict() for fault in faults],
+            "diagnostics": [item.as_dict() for item in found],
             "sigma_px": [round(float(s), 3) for s in sigma_px],
         },
     )

@@ -12,11 +12,12 @@ from solver_backend.cameras.view_checks.repeated_frames import repeated_frames, 
 from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.measurements.base import seen_frames
 from solver_backend.geometry.runs import true_runs
 from solver_backend.people.bystanders import exclude_bystanders
-from solver_backend.types import Cameras, Capture, Fault, FaultKind, Keypoints2D, Remedy
+from solver_backend.types import Cameras, Capture, Keypoints2D
 
 STAGE = "Checking the cameras"
 STEPS = 5
@@ -38,7 +39,7 @@ class CheckedCapture:
     """What is to be solved."""
     triangulation: Triangulation
     """Of that capture."""
-    faults: tuple[Fault, ...]
+    diagnostics: tuple[Diagnostic, ...]
     """What was found, by first frame."""
 
 
@@ -72,21 +73,21 @@ def check_capture(
     progress(STAGE, 4, STEPS)
     rest = exclude_views(cameras, sides.keypoints, sides.triangulation)
     progress(STAGE, 5, STEPS)
-    faults = [_fault_of(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again, skipped)
+    found = [_diagnose_view(cameras, fault) for fault in views.found] + late + _repetitions(cameras, again, skipped)
     for swap in sides.found:
-        where = cameras.names[swap.view], swap.first, swap.last
-        faults.append(Fault(FaultKind.LIMBS_EXCHANGED, *where, round(swap.gain, 1), Remedy.REPAIRED, swap.limb))
+        where = {"cameras": [cameras.names[swap.view]], "frames": [(swap.first, swap.last)]}
+        found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=swap.limb, gain=swap.gain))
     for excluded in alone.found + rest.found:
-        where = cameras.names[excluded.view], excluded.first, excluded.last
-        faults.append(Fault(FaultKind.CONTRADICTS, *where, 0.0, Remedy.EXCLUDED))
-    faults += _absences(seen_frames(rest.triangulation.points), keypoints.fps)
-    faults.sort(key=lambda fault: (fault.first, fault.camera, fault.kind))
-    return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, tuple(faults))
+        where = {"cameras": [cameras.names[excluded.view]], "frames": [(excluded.first, excluded.last)]}
+        found.append(diagnostic("contradicts", **where, remedy=Remedy.EXCLUDED))
+    found += _absences(seen_frames(rest.triangulation.points), keypoints.fps)
+    found.sort(key=lambda item: (item.where.frames, item.where.cameras, item.code))
+    return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
 
 
 def _in_time(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, every: bool
-) -> tuple[Keypoints2D, Triangulation, list[Fault]]:
+) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
     """Return the detections, those of late (or all) cameras moved, their triangulation, and what is late or unknown."""
     delays = estimate_delays(cameras, keypoints, triangulation)
     late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
@@ -94,19 +95,24 @@ def _in_time(
     moved = late | drifting
     last = keypoints.num_frames - 1
 
-    def faults(kind: FaultKind, which: np.ndarray, figures: np.ndarray, remedy: Remedy) -> list[Fault]:
+    whole = [(0, last)]
+
+    def diagnose(code: str, which: np.ndarray, size: np.ndarray) -> list[Diagnostic]:
         return [
-            Fault(kind, cameras.names[v], 0, last, round(float(figures[v]), 2), remedy) for v in np.flatnonzero(which)
+            diagnostic(code, cameras=[cameras.names[v]], frames=whole, remedy=Remedy.REPAIRED, size=abs(size[v]))
+            for v in np.flatnonzero(which)
         ]
 
     seeing = (keypoints.confidence > 0).any(axis=(1, 2))
     unknown = np.isnan(delays.frames) & seeing & (keypoints.num_frames >= LEAST_FRAMES)
-    found = faults(FaultKind.UNSYNCHRONISED, late & ~drifting, delays.frames, Remedy.REPAIRED)
-    found += faults(FaultKind.RATE_DIFFERS, drifting, 2 * delays.drift, Remedy.REPAIRED)
+    found = diagnose("camera_late", late & ~drifting & (delays.frames > 0), delays.frames)
+    found += diagnose("camera_early", late & ~drifting & (delays.frames < 0), delays.frames)
+    found += diagnose("rate_differs", drifting, 2 * delays.drift)
     if unknown[seeing].all():
-        found.append(Fault(FaultKind.DELAY_UNKNOWN, "", 0, last, 0.0, Remedy.REPORTED))
+        found.append(diagnostic("delays_unknown", frames=whole))
     else:
-        found += faults(FaultKind.DELAY_UNKNOWN, unknown, np.zeros(len(cameras)), Remedy.REPORTED)
+        names = [cameras.names[v] for v in np.flatnonzero(unknown)]
+        found += [diagnostic("delay_unknown", cameras=[name], frames=whole) for name in names]
     if moved.any():
         moving = moved | every
         keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(last + 1)), 0.0))
@@ -114,30 +120,28 @@ def _in_time(
     return keypoints, triangulation, found
 
 
-def _fault_of(cameras: Cameras, fault: ViewFault) -> Fault:
-    """Return what is said about a view that was repaired."""
-    where = cameras.names[fault.view_range.view], fault.view_range.first, fault.view_range.last
-    cause = fault.explanation
+def _diagnose_view(cameras: Cameras, fault: ViewFault) -> Diagnostic:
+    """Return what was found of a view that was repaired."""
+    names, cause = [cameras.names[fault.view_range.view]], fault.explanation
+    frames = [(fault.view_range.first, fault.view_range.last)]
     if isinstance(cause, Mirrored):
-        kind = FaultKind.IMAGE_MIRRORED if cause.image else FaultKind.SIDES_EXCHANGED
-        return Fault(kind, *where, 0.0, Remedy.REPAIRED)
+        code = "image_mirrored" if cause.image else "sides_exchanged"
+        return diagnostic(code, cameras=names, frames=frames, remedy=Remedy.REPAIRED)
     if isinstance(cause, NamedLike):
-        return Fault(FaultKind.NAMES_EXCHANGED, *where, 0.0, Remedy.REPAIRED, cameras.names[cause.other])
-    return Fault(FaultKind.CAMERA_TURNED, *where, round(cause.degrees, 2), Remedy.REPAIRED)
+        names.append(cameras.names[cause.other])
+        return diagnostic("names_exchanged", cameras=names, frames=frames, remedy=Remedy.REPAIRED)
+    return diagnostic("camera_turned", cameras=names, frames=frames, remedy=Remedy.REPAIRED, size=cause.degrees)
 
 
-def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Fault]:
+def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Diagnostic]:
     """Return the views that repeat frames (C, F) often enough to be named, and the frames (F,) that all skip."""
-    share, last = 100.0 * again.mean(axis=1), len(skipped) - 1
-    faults = [(FaultKind.FRAMES_REPEATED, cameras.names[v], share[v]) for v in np.flatnonzero(share >= LEAST_REPEATED)]
-    faults += [(FaultKind.FRAMES_SKIPPED, "", 100.0 * skipped.mean())] * bool(skipped.any())
-    return [Fault(kind, camera, 0, last, round(float(size), 1), Remedy.BRIDGED) for kind, camera, size in faults]
+    share, where = 100.0 * again.mean(axis=1), {"frames": [(0, len(skipped) - 1)], "remedy": Remedy.BRIDGED}
+    repeating = np.flatnonzero(share >= LEAST_REPEATED)
+    found = [diagnostic("frames_repeated", cameras=[cameras.names[v]], **where, size=share[v]) for v in repeating]
+    return found + [diagnostic("frames_skipped", **where, size=100.0 * skipped.mean())] * bool(skipped.any())
 
 
-def _absences(seen: np.ndarray, fps: float) -> list[Fault]:
+def _absences(seen: np.ndarray, fps: float) -> list[Diagnostic]:
     """Return the stretches in which no two cameras see the person."""
-    return [
-        Fault(FaultKind.PERSON_AWAY, "", first, last, 0.0, Remedy.BRIDGED)
-        for first, last in true_runs(~seen)
-        if last - first + 1 >= AWAY_S * fps
-    ]
+    runs = [run for run in true_runs(~seen) if run[1] - run[0] + 1 >= AWAY_S * fps]
+    return [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in runs]

@@ -6,14 +6,19 @@ from collections.abc import Callable
 
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.tangent import d_pose_d_state
-from solver_backend.geometry.arrays import Array
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, PoseLayout, StateLayout
+from solver_backend.geometry.arrays import Array, identity, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.manifold import ZeroMeanSphere
 
 CODES = ZeroMeanSphere()
-"""Where codes live: unit vectors of R^32 with zero mean, a sphere of 30 dimensions (thesis 6.2.2)."""
+"""Where codes live: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
+
+
+def state_layout(prior: PosePrior) -> StateLayout:
+    """Return where the parts of a state stand that the prior decodes to a pose."""
+    return StateLayout.of(CODES.dimension(prior.latent_dim), len(prior.joints), prior.uncovered)
 
 
 def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
@@ -39,11 +44,23 @@ def decoded_with_vjp(
     turn, bend = exp_so3(residual), left_jacobian_so3(residual)
 
     def vjp(by_joints: Array) -> tuple[Array, Array]:
-        column = by_joints[..., None]
-        by_decoded, by_residual = (xp.matmul(xp.matrix_transpose(M), column)[..., 0] for M in (turn, bend))
+        by_decoded, by_residual = (_transposed(M, by_joints) for M in (turn, bend))
         return decoder_vjp(by_decoded), by_residual
 
     return xp.matmul(turn, local), vjp
+
+
+def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
+    """Return ``exp(ρ_j) R_j`` of decoded poses (F, J, 3, 3) that stay, and its vector-Jacobian product by ρ alone."""
+    bend = left_jacobian_so3(residual)
+    turned = array_namespace(local).matmul(exp_so3(residual), local)
+    return turned, lambda by_joints: (None, _transposed(bend, by_joints))
+
+
+def _transposed(matrices: Array, vectors: Array) -> Array:
+    """Return ``Mᵀ v`` of (..., 3, 3) and (..., 3)."""
+    xp = array_namespace(matrices)
+    return xp.matmul(xp.matrix_transpose(matrices), vectors[..., None])[..., 0]
 
 
 def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
@@ -60,7 +77,43 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
     return xp.reshape(by_code, (z.shape[0], -1, z.shape[-1])), by_residual
 
 
-def d_pose_d_key(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, 69, 36 or 99): the pose tangents of spherical codes by the tangents of their own states."""
+def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
+    """Return (F, p, n): the pose tangents of spherical codes by the tangents of their own states.
+
+    Without the code's block the decoder's derivative is not formed.
+    """
+    if CODE not in layout:
+        return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
-    return d_pose_d_state(array_namespace(z).matmul(by_code, CODES.tangent_basis(z)), by_residual=by_residual)
+    by_code = array_namespace(z).matmul(by_code, CODES.tangent_basis(z))
+    return d_pose_d_state(layout, by_code, by_residual=by_residual)
+
+
+def d_pose_d_state(
+    layout: StateLayout, by_code: Array | None, by_root: Array | None = None, weight: Array | None = None,
+    by_residual: Array | None = None,
+) -> Array:  # fmt: skip
+    """Return (F, p, n): pose tangents by the tangents of a state that contributes with a weight.
+
+    Args:
+        layout: of the state, n numbers.
+        by_code: (F, 3 J, c) of the J joints by the code; None where it is no unknown.
+        by_root: (F, 3, 3) of the root by the state's root; the identity if None.
+        weight: (F,) share of the state's translation and rotation vectors; one if None.
+        by_residual: (F, J, 3, 3) of each joint by its rotation vector; None where joints stay on the manifold.
+    """
+    like = by_residual if by_code is None else by_code
+    assert like is not None
+    xp, pose = array_namespace(like), PoseLayout(like.shape[1] // 3 if like is by_code else like.shape[1])
+    jacobian = zeros((like.shape[0], pose.dof, layout.dof), like)
+    eye = identity(3, like)
+    if by_code is not None:
+        jacobian[:, pose.joints, layout[CODE]] = by_code
+    jacobian[:, pose.root, layout[ROOT]] = eye if by_root is None else by_root
+    share = (xp.ones_like(jacobian[:, 0, 0]) if weight is None else weight)[:, None, None]
+    jacobian[:, pose.transl, layout[TRANSL]] = share * eye
+    if by_residual is not None:
+        for number, joint in enumerate(layout.turned):
+            first = layout.turns.start + 3 * number
+            jacobian[:, pose.joint(joint), first : first + 3] = share * by_residual[:, joint]
+    return jacobian

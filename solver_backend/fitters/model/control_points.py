@@ -11,7 +11,6 @@ from solver_backend.geometry.arrays import constant, to_numpy
 
 _STEPS = 60
 _TOLERANCE = 1e-10
-_CODE, _QUAT, _TRANSL = slice(0, 32), slice(32, 36), slice(36, 39)
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
@@ -30,8 +29,8 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
     rows = layout.rows()
     shares = layout.spline_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
     found = _nearest(flat, rows, shares)
-    residual = found[:, _TRANSL.stop :].reshape(given[3].shape)
-    parts = found[:, _CODE], found[:, _QUAT], found[:, _TRANSL], residual
+    ends = np.cumsum([part[0].size for part in given])
+    parts = [part.reshape(like.shape) for part, like in zip(np.split(found, ends[:-1], axis=1), given, strict=True)]
     return Keyframes(*(constant(part, keys.z) for part in parts))
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.tangent import KEY
+from solver_backend.fitters.model.keyframes import rotations_of
 from solver_backend.geometry.arrays import Array, astype
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation
@@ -26,33 +27,45 @@ class FrameStates:
     transl: Array
     """(F, 3) metres."""
 
+    residual: Array | None = None
+    """(F, J, 3) rotation vectors beside the code, radians; None where joints stay on the prior's manifold."""
+
     @classmethod
     def concatenate(cls, parts: Sequence[FrameStates]) -> FrameStates:
         """Return the frames of all parts, one part after the other."""
         xp = array_namespace(parts[0].z)
-        return cls(*(xp.concat([getattr(part, name) for part in parts]) for name in ("z", "root", "transl")))
+        columns = zip(*(part.arrays for part in parts), strict=True)
+        return cls(*(None if column[0] is None else xp.concat(column) for column in columns))
+
+    @property
+    def arrays(self) -> tuple[Array | None, ...]:
+        """Codes, roots, translations and rotation vectors."""
+        return self.z, self.root, self.transl, self.residual
 
     def select(self, frames: Any) -> FrameStates:
         """Return the states at these indices or of this slice."""
-        return FrameStates(self.z[frames], self.root[frames], self.transl[frames])
+        return FrameStates(*(None if part is None else part[frames] for part in self.arrays))
 
     def astype(self, precision: Any) -> FrameStates:
         """Return the states in a precision."""
-        return FrameStates(*(astype(part, precision) for part in (self.z, self.root, self.transl)))
+        return FrameStates(*(None if part is None else astype(part, precision) for part in self.arrays))
 
-    def retract(self, step: Array) -> FrameStates:
-        """Return the states moved by (F, 36) steps, see ``KEY``."""
-        xp = array_namespace(step)
-        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, KEY.latent, None])[..., 0]
-        root = xp.matmul(exp_so3(step[:, KEY.root]), self.root)
-        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, KEY.transl])
+    def retract(self, step: Array, layout: StateLayout) -> FrameStates:
+        """Return the states moved by (F, n) steps of this layout."""
+        xp, residual = array_namespace(step), self.residual
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, layout[CODE], None])[..., 0]
+        root = xp.matmul(exp_so3(step[:, layout[ROOT]]), self.root)
+        if residual is not None and layout.turned:
+            residual = residual + rotations_of(step, layout, residual.shape[1])
+        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
 
     def where(self, mask: Array, other: FrameStates) -> FrameStates:
         """Return these states where the (F,) mask is true, and the other's elsewhere."""
         xp = array_namespace(mask)
-        pick = mask[:, None]
-        return FrameStates(
-            xp.where(pick, self.z, other.z),
-            xp.where(pick[..., None], self.root, other.root),
-            xp.where(pick, self.transl, other.transl),
-        )
+
+        def pick(own: Array | None, others: Array | None) -> Array | None:
+            if own is None or others is None:
+                return own
+            return xp.where(xp.reshape(mask, (-1, *[1] * (own.ndim - 1))), own, others)
+
+        return FrameStates(*(pick(*pair) for pair in zip(self.arrays, other.arrays, strict=True)))

@@ -8,27 +8,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.codes import CODES, decoded, decoded_with_vjp, decoder_jacobian
+from solver_backend.body.state_layout import StateLayout
+from solver_backend.fitters.model.codes import (
+    CODES,
+    d_pose_d_state,
+    decoded,
+    decoded_with_vjp,
+    decoder_jacobian,
+    turned_with_vjp,
+)
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.spherical_mean import SphericalMean
-from solver_backend.fitters.model.tangent import PoseTangent, d_pose_d_state
-from solver_backend.geometry.arrays import Array, constant, zeros
-from solver_backend.geometry.interpolation import KeyWeights, sider_weights
+from solver_backend.geometry.arrays import Array, constant, index, zeros
+from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.rotations import matrix_from_quat, quat_left_tangent
 from solver_backend.priors.base import PosePrior
 
 
 class Interpolant(Protocol):
-    """Points between keys, and what carries derivatives by them back to the keys; ``KeyWeights`` is one."""
+    """Points between keys, and their derivatives by the keys."""
 
     @property
     def value(self) -> Array:
@@ -37,6 +44,10 @@ class Interpolant(Protocol):
 
     def vjp(self, cotangent: Array) -> Array:
         """Return (W, n, k, d) by each of the k keys from (W, n, d)."""
+        ...
+
+    def jacobian(self, key: int) -> Array:
+        """Return (W, n, d, d), the derivative of the points by one of the keys."""
         ...
 
 
@@ -55,21 +66,25 @@ def lagrange(time: Array, num_keys: int = 3) -> Array:
 class KeyCotangents:
     """Derivatives of a cost by the keys of W windows, by the coordinates of codes and quaternions."""
 
-    z: Array
-    """(W, k, d)."""
+    z: Array | None
+    """(W, k, d); None where codes stay."""
     quat: Array
     """(W, k, 4)."""
     transl: Array
     """(W, k, 3)."""
     residual: Array | None
-    """(W, k, 63); None where joints stay on the manifold."""
+    """(W, k, 3 J); None where joints stay on the manifold."""
 
-    def by_tangents(self, keys: Keyframes) -> Array:
-        """Return (2 W + 1, 36 or 99): by the tangents of the keys, summed where neighbouring windows share one."""
-        xp = array_namespace(self.z)
-        by_code = xp.matmul(xp.matrix_transpose(CODES.tangent_basis(keys.z)), summed_by_keys(self.z)[..., None])[..., 0]
-        parts = [by_code, by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
-        return xp.concat(parts if self.residual is None else [*parts, summed_by_keys(self.residual)], axis=-1)
+    def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
+        """Return (2 W + 1, n): by the tangents of the keys, summed where neighbouring windows share one."""
+        xp = array_namespace(self.quat)
+        parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
+        if self.z is not None:
+            basis_T = xp.matrix_transpose(CODES.tangent_basis(keys.z))
+            parts.insert(0, xp.matmul(basis_T, summed_by_keys(self.z)[..., None])[..., 0])
+        if self.residual is not None:
+            parts.append(turns_of(summed_by_keys(self.residual), layout))
+        return xp.concat(parts, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -78,8 +93,7 @@ class KeyframeCurve:
 
     keys: Keyframes
     """(W, k) keys."""
-    codes: Interpolant
-    """Of the codes z, thesis eq. 6.9."""
+    _codes: Callable[[], Interpolant]
     quats: Interpolant
     """Of the root's quaternions, thesis eq. 6.10."""
     weights: Array
@@ -103,8 +117,8 @@ class KeyframeCurve:
             quats: the same for the root's quaternions.
         """
         t = constant(time, keys.z)
-        between = codes(keys.z[:, None], t), quats(keys.quat[:, None], t)
-        return cls(keys, *between, lagrange(t, keys.z.shape[1]), residuals)
+        between = quats(keys.quat[:, None], t)
+        return cls(keys, lambda: codes(keys.z[:, None], t), between, lagrange(t, keys.z.shape[1]), residuals)
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
@@ -116,7 +130,13 @@ class KeyframeCurve:
             residuals: let the residual rotations act.
         """
         weights = constant(shares, keys.z)
-        return cls(keys, SphericalMean.of(keys.z, weights), SphericalMean.of(keys.quat, weights), weights, residuals)
+        between = SphericalMean.of(keys.quat, weights)
+        return cls(keys, lambda: SphericalMean.of(keys.z, weights), between, weights, residuals)
+
+    @cached_property
+    def codes(self) -> Interpolant:
+        """Of the codes z, thesis eq. 6.9; made when asked for, as codes that stay are decoded once."""
+        return self._codes()
 
     @property
     def transl(self) -> Array:
@@ -125,48 +145,61 @@ class KeyframeCurve:
 
     @property
     def residual(self) -> Array | None:
-        """(W·n, 21, 3) rotations off the manifold, like the translations; None where joints stay on it."""
+        """(W·n, J, 3) rotations off the manifold, like the translations; None where joints stay on it."""
         if not self.residuals:
             return None
         xp, vectors = array_namespace(self.weights), self.keys.residual
         flat = xp.reshape(vectors, (*vectors.shape[:2], -1))
-        return xp.reshape(self._combined(flat), (-1, NUM_BODY_JOINTS, 3))
+        return xp.reshape(self._combined(flat), (-1, *vectors.shape[2:]))
 
     def poses(self, prior: PosePrior) -> PosedFrames:
         """Return the W·n poses."""
         return self._placed(decoded(prior, rows_of(self.codes.value), self.residual))
 
-    def poses_with_vjp(self, prior: PosePrior) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
+    def poses_with_vjp(
+        self, prior: PosePrior, decoded: Array | None = None
+    ) -> tuple[PosedFrames, Callable[..., KeyCotangents]]:
         """Return the W·n poses and their vector-Jacobian product.
 
-        It takes the derivative of a cost by the (W·n, 69) pose tangents and, if the cost has such terms, by the
+        It takes the derivative of a cost by the (W·n, p) pose tangents and, if the cost has such terms, by the
         (W·n, d) codes.
+
+        Args:
+            prior: decoder of the codes.
+            decoded: (W·n, J, 3, 3) what codes that stay decode to; the product then has no part by them.
         """
-        local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
+        if decoded is None:
+            local, decoder_vjp = decoded_with_vjp(prior, rows_of(self.codes.value), self.residual)
+        else:
+            assert self.residual is not None
+            local, decoder_vjp = turned_with_vjp(decoded, self.residual)
+        poses = self._placed(local)
+        layout = poses.layout
 
         def vjp(by_poses: Array, by_codes: Array | None = None) -> KeyCotangents:
             xp, shape = array_namespace(by_poses), self.weights.shape[:2]
-            joints = xp.reshape(by_poses[:, PoseTangent.JOINTS], (-1, NUM_BODY_JOINTS, 3))
+            joints = xp.reshape(by_poses[:, layout.joints], (-1, layout.num_joints, 3))
             by_z, by_residual = decoder_vjp(joints)
-            by_z = by_z if by_codes is None else by_z + by_codes
+            if by_z is not None:
+                by_z = by_z if by_codes is None else by_z + by_codes
+                by_z = xp.sum(self.codes.vjp(xp.reshape(by_z, (*shape, -1))), axis=1)
             # A turn d of the frame changes its quaternion q by 1/2 (0, d) q; (d q)·q* goes the other way.
-            turn = xp.reshape(by_poses[:, PoseTangent.ROOT], (*shape, 3, 1))
+            turn = xp.reshape(by_poses[:, layout.root], (*shape, 3, 1))
             by_quat = xp.matmul(4.0 * quat_left_tangent(self.quats.value), turn)[..., 0]
             return KeyCotangents(
-                xp.sum(self.codes.vjp(xp.reshape(by_z, (*shape, -1))), axis=1),
+                by_z,
                 xp.sum(self.quats.vjp(by_quat), axis=1),
-                self._shared(by_poses[:, PoseTangent.TRANSL]),
+                self._shared(by_poses[:, layout.transl]),
                 None if by_residual is None else self._shared(by_residual),
             )
 
-        return self._placed(local), vjp
+        return poses, vjp
 
-    def jacobian(self, prior: PosePrior) -> Array:
-        """Return (W·n, 69, k·D), the pose tangents by the tangents of the keys of each frame's window, D = 36 or 99."""
+    def jacobian(self, prior: PosePrior, layout: StateLayout) -> Array:
+        """Return (W·n, p, k·D), the pose tangents by the tangents of the keys (D numbers) of each frame's window."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
         codes, quats = self.codes, self.quats
-        assert isinstance(codes, KeyWeights) and isinstance(quats, KeyWeights)
         basis, weights = CODES.tangent_basis(self.keys.z), rows_of(self.weights)
         G_T, G_keys = xp.matrix_transpose(quat_left_tangent(quats.value)), quat_left_tangent(self.keys.quat)
         parts = []
@@ -175,7 +208,7 @@ class KeyframeCurve:
             # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
             by_root = 4.0 * xp.matmul(G_T, xp.matmul(quats.jacobian(k), G_keys[:, None, k]))
             by_latent = xp.matmul(by_code, rows_of(of_code))
-            parts.append(d_pose_d_state(by_latent, rows_of(by_root), weights[:, k], by_residual))
+            parts.append(d_pose_d_state(layout, by_latent, rows_of(by_root), weights[:, k], by_residual))
         return xp.concat(parts, axis=-1)
 
     def _placed(self, local: Array) -> PosedFrames:
@@ -194,6 +227,14 @@ class KeyframeCurve:
         xp = array_namespace(by_frames)
         rows = xp.reshape(by_frames, (*self.weights.shape[:2], -1))
         return xp.matmul(xp.matrix_transpose(self.weights), rows)
+
+
+def turns_of(by_joints: Array, layout: StateLayout) -> Array:
+    """Return (K, n): derivatives by the rotation vectors of a layout, of those by all joints' (K, 3 J)."""
+    if layout.turned == tuple(range(by_joints.shape[1] // 3)):
+        return by_joints
+    columns = 3 * np.array(layout.turned, dtype=int)[:, None] + np.arange(3)
+    return by_joints[:, index(columns.reshape(-1), by_joints)]
 
 
 def by_turns(quat: Array, by_quat: Array) -> Array:

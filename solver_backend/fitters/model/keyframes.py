@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.model.codes import CODES
-from solver_backend.fitters.model.tangent import KEY
-from solver_backend.geometry.arrays import Array, astype, index
+from solver_backend.geometry.arrays import Array, astype, index, zeros
 from solver_backend.geometry.rotations import quat_from_rotvec, quat_multiply
 from solver_backend.geometry.sphere import spherical_normalisation
 
@@ -64,16 +64,27 @@ class Keyframes:
         """Return the keys in a precision."""
         return Keyframes(*(astype(part, precision) for part in (self.z, self.quat, self.transl, self.residual)))
 
-    def retract(self, step: Array) -> Keyframes:
-        """Return the keys moved by (K, 36) or (K, 99) steps, see ``KEY``."""
-        xp = array_namespace(step)
-        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, KEY.latent, None])[..., 0]
-        quat = quat_multiply(quat_from_rotvec(step[:, KEY.root]), self.quat)
+    def retract(self, step: Array, layout: StateLayout) -> Keyframes:
+        """Return the keys moved by (K, n) steps of this layout; what it has no block for stays."""
+        xp, z, residual = array_namespace(step), self.z, self.residual
+        if CODE in layout:
+            along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
+            z = spherical_normalisation(z + along)
+        quat = quat_multiply(quat_from_rotvec(step[:, layout[ROOT]]), self.quat)
         quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
-        residual = self.residual
-        if step.shape[1] > KEY.dof():
-            residual = residual + xp.reshape(step[:, KEY.residual], residual.shape)
-        return Keyframes(spherical_normalisation(moved), quat, self.transl + step[:, KEY.transl], residual)
+        if layout.turned:
+            residual = residual + rotations_of(step, layout, residual.shape[1])
+        return Keyframes(z, quat, self.transl + step[:, layout[TRANSL]], residual)
+
+
+def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
+    """Return (K, J, 3): the rotation vectors of (K, n) steps by joint, zero where a joint has none."""
+    vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
+    if layout.turned == tuple(range(num_joints)):
+        return vectors
+    by_joint = zeros((step.shape[0], num_joints, 3), step)
+    by_joint[:, index(np.array(layout.turned, dtype=int), step)] = vectors
+    return by_joint
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:

@@ -1,4 +1,4 @@
-"""Poses of a body over frames: rotations of the root and of joints 1..21, and where the root stands."""
+"""Poses of a body over frames: rotations of the root and of the joints after it, and where the root stands."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 from array_api_compat import array_namespace
 
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.tangent import PoseTangent
-from solver_backend.geometry.arrays import Array
+from solver_backend.body.state_layout import PoseLayout
+from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import Motion
 
 BLOCK_POSES = 500
 """Frames posed at a time."""
@@ -24,9 +24,21 @@ class PosedFrames:
     root: Array
     """(F, 3, 3) body to world."""
     local: Array
-    """(F, 21, 3, 3) rotations of joints 1..21."""
+    """(F, J, 3, 3) rotations of the J joints after the root."""
     transl: Array
     """(F, 3) metres."""
+
+    @property
+    def layout(self) -> PoseLayout:
+        """Where the parts of a frame's tangent stand."""
+        return PoseLayout(self.local.shape[1])
+
+    @classmethod
+    def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
+        """Return a motion's poses, with the rotations of the joints that a solve turns."""
+        vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
+        root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
+        return cls(root, local, constant(motion.transl, like))
 
     @classmethod
     def concatenate(cls, parts: Sequence[PosedFrames]) -> PosedFrames:
@@ -48,8 +60,8 @@ class PosedFrames:
         )
 
     def retract(self, step: Array) -> PosedFrames:
-        """Return the poses moved by (F, 69) steps, ``exp([δ]x) R`` and ``t + δ``; see ``PoseTangent``."""
-        xp = array_namespace(step)
-        turns = exp_so3(xp.reshape(step[:, PoseTangent.ROTATIONS], (step.shape[0], 1 + NUM_BODY_JOINTS, 3)))
+        """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ``; see ``PoseLayout``."""
+        xp, layout = array_namespace(step), self.layout
+        turns = exp_so3(xp.reshape(step[:, layout.rotations], (step.shape[0], -1, 3)))
         root, local = xp.matmul(turns[:, 0], self.root), xp.matmul(turns[:, 1:], self.local)
-        return PosedFrames(root, local, self.transl + step[:, PoseTangent.TRANSL])
+        return PosedFrames(root, local, self.transl + step[:, layout.transl])

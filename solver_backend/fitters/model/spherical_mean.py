@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, identity
 
 
 @dataclass(frozen=True)
@@ -33,3 +33,8 @@ class SphericalMean:
         xp = array_namespace(cotangent)
         across = cotangent - self.value * xp.sum(self.value * cotangent, axis=-1, keepdims=True)
         return self.weights[..., None] * (across / self.length)[..., None, :]
+
+    def jacobian(self, key: int) -> Array:
+        """Return (W, n, d, d), the derivative of the means by one of the vectors: ``w_k (I - v vᵀ) / |m|``."""
+        across = identity(self.value.shape[-1], self.value) - self.value[..., :, None] * self.value[..., None, :]
+        return (self.weights[..., key, None] / self.length)[..., None] * across

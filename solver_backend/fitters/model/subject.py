@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks, PosedLandmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
+from solver_backend.body.state_layout import PoseLayout
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, astype, constant, empty, index
 from solver_backend.geometry.parallel import map_blocks
@@ -37,6 +39,10 @@ class Subject:
         """Return the average person without bias, in arrays like ``like``."""
         return cls(body, landmarks, constant(np.zeros(10), like), constant(np.zeros((len(landmarks), 3)), like))
 
+    def astype(self, precision: Any) -> Subject:
+        """Return the person in a precision."""
+        return replace(self, betas=astype(self.betas, precision), offsets=astype(self.offsets, precision))
+
 
 @dataclass(frozen=True)
 class FrameEquations:
@@ -45,12 +51,12 @@ class FrameEquations:
     cost: Array
     """(F,)."""
     gradient: Array
-    """(F, 69)."""
+    """(F, p)."""
     _form: Callable[[], Array]
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, 69, 69), or those of the chosen frames; formed when asked for."""
+        """(F, p, p), or those of the chosen frames; formed when asked for."""
         return self._form()
 
 
@@ -75,7 +81,7 @@ def frame_equations(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float,
     hessian_frames: np.ndarray | slice | None = None,
 ) -> FrameEquations:  # fmt: skip
-    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the 69 tangents of a pose.
+    """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the tangent of its pose, see ``PoseLayout``.
 
     Args:
         subject: the person.
@@ -96,7 +102,7 @@ def frame_equations(
     by_rotations = xp.matmul(J_T, xp.reshape(data.gradient, (count, -1, 1)))[..., 0]
     cost = data.cost
     for term in poses:
-        by_rotations[:, PoseTangent.JOINTS] += term.gradient
+        by_rotations[:, frames.layout.joints] += term.gradient
         cost = cost + term.cost
     gradient = xp.concat([by_rotations, xp.sum(data.gradient, axis=1)], axis=-1)
     parts = [J, data.information, *(term.factors for term in poses)]
@@ -107,18 +113,18 @@ def frame_equations(
 
 
 def _hessian(terms: tuple[PoseTerm, ...], by_rotations: Array, information: Array, *factors: Array) -> Array:
-    """Return the (F, 69, 69) Gauss-Newton matrices of the point terms and the pose terms."""
+    """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms."""
     xp = array_namespace(by_rotations)
     count, num_landmarks, _, rotations = by_rotations.shape
     weighted = xp.matmul(information, by_rotations)
-    tall = (count, 3 * num_landmarks, rotations)
-    across, hessian = xp.sum(weighted, axis=1), empty((count, PoseTangent.DOF, PoseTangent.DOF), by_rotations)
-    hessian[:, PoseTangent.ROTATIONS, PoseTangent.ROTATIONS] = xp.matmul(
+    tall, layout = (count, 3 * num_landmarks, rotations), PoseLayout(rotations // 3 - 1)
+    across, hessian = xp.sum(weighted, axis=1), empty((count, layout.dof, layout.dof), by_rotations)
+    hessian[:, layout.rotations, layout.rotations] = xp.matmul(
         xp.matrix_transpose(xp.reshape(by_rotations, tall)), xp.reshape(weighted, tall)
     )
-    hessian[:, PoseTangent.TRANSL, PoseTangent.ROTATIONS] = across
-    hessian[:, PoseTangent.ROTATIONS, PoseTangent.TRANSL] = xp.matrix_transpose(across)
-    hessian[:, PoseTangent.TRANSL, PoseTangent.TRANSL] = xp.sum(information, axis=1)
+    hessian[:, layout.transl, layout.rotations] = across
+    hessian[:, layout.rotations, layout.transl] = xp.matrix_transpose(across)
+    hessian[:, layout.transl, layout.transl] = xp.sum(information, axis=1)
     for term, part in zip(terms, factors, strict=True):
-        hessian[:, PoseTangent.JOINTS, PoseTangent.JOINTS] += term.hessian(part)
+        hessian[:, layout.joints, layout.joints] += term.hessian(part)
     return hessian

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import StateTangent
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
-from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE
+from solver_backend.priors.gaussian_vae import GaussianVAE
 from solver_backend.residuals.landmark_loss import LandmarkLoss
 from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewtonSettings, independent_lbfgs
 
@@ -27,8 +27,6 @@ SIGMA_M = 0.01
 """σ0, the fixed standard deviation of the first stage per axis; log-variances are relative to its square."""
 BLOCK_FRAMES = 64
 """Frames fitted at a time."""
-STATE = StateTangent(LATENT_DIM)
-"""Where the parts of a frame's unknowns stand: 38."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +75,11 @@ class LandmarkFit:
     """(F, L) bool."""
     weights: FitWeights = FitWeights()
 
+    @property
+    def layout(self) -> StateLayout:
+        """Where the parts of a frame's unknowns stand; codes are points of flat space."""
+        return StateLayout.of(self.prior.latent_dim, len(self.prior.joints)).without(RESIDUAL)
+
     def select(self, frames: np.ndarray | slice) -> LandmarkFit:
         """Return the fit of some of the frames."""
         return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
@@ -87,13 +90,14 @@ class LandmarkFit:
 
     def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
         """Return the (F, 38 + n) unknowns of the start."""
-        still = np.zeros((len(self.seen), STATE.dof() - STATE.latent_dof + loss.unknowns(self.seen.shape[1])))
-        still[:, 3:6] = self.start.transl
-        return np.concatenate([self.start.z, still], axis=1)
+        unknowns = np.zeros((len(self.seen), self.layout.dof + loss.unknowns(self.seen.shape[1])))
+        unknowns[:, self.layout[CODE]], unknowns[:, self.layout[TRANSL]] = self.start.z, self.start.transl
+        return unknowns
 
     def states(self, x: np.ndarray) -> CodedFrames:
         """Return the states at (F, 38 or more) unknowns."""
-        return CodedFrames(x[:, STATE.latent], exp_so3(x[:, STATE.root]) @ self.start.root, x[:, STATE.transl])
+        code, root, transl = (x[:, self.layout[name]] for name in (CODE, ROOT, TRANSL))
+        return CodedFrames(code, exp_so3(root) @ self.start.root, transl)
 
     def evaluate(self, x: np.ndarray, loss: LandmarkLoss) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and that by the shape (F, 10)."""
@@ -102,11 +106,11 @@ class LandmarkFit:
         posed = pose(self.subject, PosedFrames(states.root, local, states.transl), jacobian=True)
         assert posed.by_rotations is not None and posed.by_betas is not None
         error = posed.points - self.points
-        found = loss((error * error).sum(-1) / SIGMA_M**2, self.seen, x[:, STATE.dof() :])
+        found = loss((error * error).sum(-1) / SIGMA_M**2, self.seen, x[:, self.layout.dof :])
         by_points = (2.0 / SIGMA_M**2 * found.by_squared[..., None] * error).reshape(len(x), 1, -1)
         by_turns = (by_points @ posed.by_rotations.reshape(len(x), by_points.shape[-1], -1)).reshape(len(x), -1, 3)
         by_code = decoder_vjp(by_turns[:, 1:]) + 2.0 * self.weights.pose * states.z
-        by_root = (by_turns[:, :1] @ left_jacobian_so3(x[:, STATE.root]))[:, 0]
+        by_root = (by_turns[:, :1] @ left_jacobian_so3(x[:, self.layout[ROOT]]))[:, 0]
         by_transl = by_points.reshape(error.shape).sum(axis=1)
         by_betas = (by_points @ posed.by_betas.reshape(len(x), by_points.shape[-1], -1))[:, 0]
         cost = found.cost + self.weights.pose * (states.z**2).sum(-1)
@@ -137,7 +141,7 @@ class LandmarkFit:
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, CodedFrames]:
         """Fit the shape and the poses of all frames together; the loss has no unknowns of its own."""
         frames, betas = len(self.seen), self.subject.betas
-        parts = frames * STATE.dof()
+        parts = frames * self.layout.dof
 
         def at(x: np.ndarray) -> LandmarkFit:
             return replace(self, subject=replace(self.subject, betas=x[parts:]))

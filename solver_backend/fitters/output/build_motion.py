@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.body.kinematics import recorded_vectors
 from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.lost_limbs import lost_landmarks
@@ -16,7 +17,7 @@ from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
-from solver_backend.types import MARKER_FILLED, MARKER_SEEN, NUM_JOINTS, Motion
+from solver_backend.types import MARKER_FILLED, MARKER_SEEN, Motion
 
 
 def build_motion(
@@ -39,8 +40,6 @@ def build_motion(
         "outliers_percent": _rounded(100 * outliers.mean()),
         "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(to_numpy(subject.offsets), axis=-1)],
     }
-    rotvec = _turns(frames.local).reshape(len(points), -1)
-    body_pose = np.concatenate([rotvec, np.zeros((len(points), 3 * (NUM_JOINTS - 1) - rotvec.shape[1]))], axis=1)
     keyframes = np.zeros(len(points), dtype=bool)
     keyframes[np.round(solved.key_times).astype(int)] = True
     covariance = None if solved.covariance is None else to_numpy(solved.covariance)
@@ -49,11 +48,12 @@ def build_motion(
     return Motion(
         betas=to_numpy(subject.betas),
         global_orient=_turns(frames.root),
-        body_pose=body_pose,
+        body_pose=recorded_vectors(subject.body, _turns(frames.local)).reshape(len(points), -1),
         transl=to_numpy(frames.transl),
         fps=measurements.fps,
         body=subject.body.id,
-        joints=joints,
+        joints=joints[:, list(subject.body.recorded_joints)],
+        body_layout=subject.body.layout.recorded,
         **_points(measurements, points, subject, bones),
         joint_set=measurements.joint_set,
         joint_sigma=sigma,

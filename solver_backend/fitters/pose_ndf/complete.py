@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseSequence
 from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.priors.weights import BODY_JOINTS
 
 _SIDED = {
     "arm": ("shoulder", "elbow", "wrist"),
@@ -52,12 +51,12 @@ class CompleteSettings:
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns 0..20 of joints named one by one or by limb.
+    """Return the columns of joints named one by one or by limb.
 
     Raises:
         JobInvalid: an unknown name, or none.
     """
-    known = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
+    known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
         raise JobInvalid(
@@ -85,7 +84,7 @@ def complete(
         subject: body, shape and the landmarks in which smoothness is measured.
         prior: whose distance is minimised.
         frames: F poses; what stands for the missing joints is not looked at.
-        missing: columns 0..20 of joints 1..21, see ``missing_joints``.
+        missing: columns of the joints, see ``missing_joints``.
         fps: frames per second.
         settings: weights and starts.
         progress: called as chunks of frames are done.
@@ -93,12 +92,12 @@ def complete(
     Raises:
         PoseInvalid: known joints that are NaN or off SO(3).
     """
-    best, least = None, float("inf")
+    best, least, layout = None, float("inf"), frames.layout
     for number, limb in enumerate(_starts(prior, frames, missing, settings)):
         start = _with_limb(frames, missing, limb)
         observed = pose(subject, start).points
         weights = ManifoldWeights(0.0, settings.manifold, settings.smoothness * (fps / 30.0) ** 2)
-        free = tuple(column for joint in missing for column in range(PoseTangent.DOF)[PoseTangent.joint(joint)])
+        free = tuple(column for joint in missing for column in range(layout.dof)[layout.joint(joint)])
         sequence = PoseSequence(subject, prior, weights, observed, observed[..., 0] * 0.0, free)
         name = f"Completing {number + 1}/{settings.starts}"
         found, cost = solve_sequence(sequence, start, settings.iterations, name, progress)
@@ -120,7 +119,7 @@ def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], setti
 def _with_limb(frames: PosedFrames, missing: tuple[int, ...], limb: Array) -> PosedFrames:
     """Return the poses with the (n, 3, 3) rotations of the missing joints, the same in all frames."""
     xp = array_namespace(frames.local)
-    columns = [frames.local[:, j] for j in range(NUM_BODY_JOINTS)]
+    columns = [frames.local[:, j] for j in range(frames.local.shape[1])]
     for number, joint in enumerate(missing):
         columns[joint] = xp.broadcast_to(limb[number], columns[joint].shape)
     return PosedFrames(frames.root, xp.stack(columns, axis=1), frames.transl)

@@ -9,7 +9,6 @@ from array_api_compat import array_namespace
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseSequence
 from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
@@ -55,7 +54,7 @@ def denoise(
     observed = pose(subject, frames).points
     w = settings.weights
     weights = replace(w, smoothness=w.smoothness * (fps / 30.0) ** 2)
-    columns = range(PoseTangent.DOF)
-    free = columns if settings.move_root else columns[PoseTangent.JOINTS]
+    columns = range(frames.layout.dof)
+    free = columns if settings.move_root else columns[frames.layout.joints]
     sequence = PoseSequence(subject, prior, weights, observed, xp.ones_like(observed[..., 0]), tuple(free))
     return solve_sequence(sequence, frames, settings.iterations, "Denoising", progress)[0]

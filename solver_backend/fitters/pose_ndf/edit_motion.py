@@ -7,24 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend import __version__
 from solver_backend.body.body import Body
-from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.kinematics import forward_kinematics, recorded_vectors
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.model.tangent import JOINTS_DOF
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
 from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
-from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
-from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Motion
+from solver_backend.types import Motion
 
 LAYOUT = "MANIFOLD_53"
 """Points of the skin that stand for the mesh."""
@@ -99,12 +98,12 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float
     if count < 1:
         raise JobInvalid(f"{count} samples are asked for; at least 1 is expected.", where="count")
     local, root = prior.sample(count, seed), np.tile(_UPRIGHT, (count, 1, 1))
-    betas = np.zeros(10)
+    betas, layout = np.zeros(10), body.layout.recorded
     lowest = pose_mesh(body, betas, root, local, np.zeros((count, 3)))[..., 2].min(axis=1)
     transl = np.stack([np.zeros(count), np.zeros(count), -lowest], axis=1)
     empty = Motion(
-        betas, np.zeros((0, 3)), np.zeros((0, 3 * (NUM_JOINTS - 1))), np.zeros((0, 3)), fps, body.id,
-        np.zeros((0, NUM_JOINTS, 3)),
+        betas, np.zeros((0, 3)), np.zeros((0, 3 * (layout.num_joints - 1))), np.zeros((0, 3)), fps, body.id,
+        np.zeros((0, layout.num_joints, 3)), layout,
     )  # fmt: skip
     edit = {"verb": "sample", "count": count, "seed": seed}
     return _new_motion(empty, body, prior, PosedFrames(root, local, transl), edit)
@@ -116,13 +115,8 @@ def frames_of(motion: Motion, body: Body) -> PosedFrames:
     Raises:
         MotionInvalid: the motion belongs to another body.
     """
-    if motion.body != body.id:
-        raise MotionInvalid(
-            f"The motion belongs to the body {motion.body!r}, this one is {body.id!r}.", where="body",
-            hint="Poses alone would fit, but not where they stand; solve the take with this body.",
-        )  # fmt: skip
-    local = exp_so3(motion.body_pose[:, :JOINTS_DOF].reshape(-1, NUM_BODY_JOINTS, 3).astype(np.float64))
-    return PosedFrames(exp_so3(motion.global_orient.astype(np.float64)), local, motion.transl.astype(np.float64))
+    motion.require_body(body.id, body.layout.recorded, where="body")
+    return PosedFrames.of_motion(motion, motion.transl.astype(np.float64))
 
 
 def skin_of(motion: Motion, body: Body) -> Subject:
@@ -133,24 +127,22 @@ def skin_of(motion: Motion, body: Body) -> Subject:
 
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
     """Return the motion with other poses: what was measured frame by frame no longer holds and is left out."""
-    made = _new_motion(motion, body, prior, frames, edit)
-    hands = motion.body_pose[:, JOINTS_DOF:]
+    made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
+    pose = np.concatenate([made.body_pose[:, :solved], motion.body_pose[:, solved:]], axis=1)
     return replace(
-        made, body_pose=np.concatenate([made.body_pose[:, :JOINTS_DOF], hands], axis=1), keyframes=motion.keyframes,
-        contacts=motion.contacts, flags=motion.flags,
+        made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags
     )  # fmt: skip
 
 
 def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
     """Return a motion of these poses with the shape, rate and history of another."""
     count = len(frames.transl)
-    pose = np.zeros((count, 3 * (NUM_JOINTS - 1)))
-    pose[:, :JOINTS_DOF] = log_so3(frames.local).reshape(count, -1)
+    pose = recorded_vectors(body, log_so3(frames.local)).reshape(count, -1)
     skeleton = forward_kinematics(body, motion.betas.astype(np.float64), frames.root, frames.local, frames.transl)
-    edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": __version__}
+    edit = {**edit, "prior": prior.name, "weights": prior.metadata.get("sha256", ""), "version": VERSION}
     edits = [*motion.provenance.get("edits", []), edit]
     return Motion(
         betas=motion.betas, global_orient=log_so3(frames.root), body_pose=pose, transl=frames.transl, fps=motion.fps,
-        body=body.id, joints=skeleton.joints[:, list(body.smpl_joints)],
+        body=body.id, joints=skeleton.joints[:, list(body.recorded_joints)], body_layout=body.layout.recorded,
         provenance={**motion.provenance, "edits": edits},
     )  # fmt: skip

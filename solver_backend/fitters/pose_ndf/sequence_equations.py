@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import PoseLayout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
@@ -44,7 +44,7 @@ class PoseSequence:
     seen: Array
     """(F, L) one where a point is observed, zero where not (its position may be anything finite)."""
     free: tuple[int, ...]
-    """Which columns of a frame's ``PoseTangent`` may move."""
+    """Which columns of a frame's ``PoseLayout`` may move."""
     before: Array | None = None
     """(L, 3) points of the frame before the first; None at the start of a take."""
 
@@ -67,7 +67,7 @@ class PoseSequence:
         arriving, leaving = xp.concat([first, step]), xp.concat([step, posed.points[:1] * 0.0])
         distance, by_joints = self.prior.distance_with_tangents(frames.local)
         distance = xp.clip(distance - self.weights.level, 0.0, None)
-        by_free = _of_joints(xp, by_joints)[:, list(self.free)]
+        by_free = _of_joints(xp, by_joints, frames.layout)[:, list(self.free)]
 
         by_points = xp.reshape(data * error + smooth * (arriving - leaving), (count, -1, 1))
         w = self.weights.manifold
@@ -75,8 +75,8 @@ class PoseSequence:
         neighbours = self._neighbours(xp, posed.points)
         stiff = data * self.seen + smooth * neighbours[:, None]
         stiff = xp.reshape(xp.broadcast_to(stiff[..., None], posed.points.shape), (count, -1, 1))
-        bend = np.zeros(PoseTangent.DOF)
-        bend[PoseTangent.JOINTS] = np.repeat(TURN_METRIC, 3)
+        bend = np.zeros(frames.layout.dof)
+        bend[frames.layout.joints] = np.repeat(TURN_METRIC, 3)
         diagonal = xp.matmul(J_T, stiff * J) + constant(w * np.diag(bend[list(self.free)]), stiff)
         cost = 0.5 * (data * xp.sum(error * error) + smooth * xp.sum(arriving**2) + w * xp.sum(distance**2))
         upper = -smooth * xp.matmul(J_T[:-1], J[1:])
@@ -92,7 +92,7 @@ class PoseSequence:
         """Return the frames moved by (1, F n) steps in the free tangents."""
         xp = array_namespace(step)
         count = frames.root.shape[0]
-        whole = zeros((count, PoseTangent.DOF), step)
+        whole = zeros((count, frames.layout.dof), step)
         whole[:, list(self.free)] = xp.reshape(step, (count, -1))
         return frames.retract(whole)
 
@@ -103,11 +103,11 @@ def _free_columns(xp: Any, by_rotations: Array | None, free: list[int]) -> Array
     count, num_landmarks = by_rotations.shape[:2]
     eye = identity(3, by_rotations)
     J = xp.concat([by_rotations, xp.broadcast_to(eye, (count, num_landmarks, 3, 3))], axis=-1)
-    return xp.reshape(J, (count, 3 * num_landmarks, PoseTangent.DOF))[..., free]
+    return xp.reshape(J, (count, 3 * num_landmarks, -1))[..., free]
 
 
-def _of_joints(xp: Any, by_joints: Array) -> Array:
-    """Return (F, 69) from (F, 21, 3): zero for the root and the translation."""
-    whole = zeros((by_joints.shape[0], PoseTangent.DOF), by_joints)
-    whole[:, PoseTangent.JOINTS] = xp.reshape(by_joints, (by_joints.shape[0], -1))
+def _of_joints(xp: Any, by_joints: Array, layout: PoseLayout) -> Array:
+    """Return (F, p) from (F, J, 3): zero for the root and the translation."""
+    whole = zeros((by_joints.shape[0], layout.dof), by_joints)
+    whole[:, layout.joints] = xp.reshape(by_joints, (by_joints.shape[0], -1))
     return whole

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.state_layout import RESIDUAL
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.codes import d_pose_d_key, decoded
+from solver_backend.fitters.model.codes import d_pose_d_key, decoded, state_layout
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix
 from solver_backend.priors.base import PosePrior
@@ -21,7 +24,7 @@ from solver_backend.solver.normal_equations import DenseBlocks, LazyNormalEquati
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
     """Return the poses the states decode to."""
-    return PosedFrames(states.root, decoded(prior, states.z), states.transl)
+    return PosedFrames(states.root, decoded(prior, states.z, states.residual), states.transl)
 
 
 def fit_frames(
@@ -34,16 +37,24 @@ def fit_frames(
     progress: Progress = silent,
 ) -> LMResult[FrameStates]:
     """Fit each frame, through a falling schedule of robust scales, and return how the last one ended."""
-    states, result = start, None
+    states, result, layout = start, None, state_layout(prior).without(RESIDUAL)
+
+    if layout.turned and states.residual is None:
+        still = zeros((states.z.shape[0], len(prior.joints), 3), states.z)
+        states = replace(states, residual=still)
+
+    def retract(s: FrameStates, step: Array) -> FrameStates:
+        return s.retract(step, layout)
+
     for done, scale in enumerate(scales):
 
         def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
             equations = frame_equations(subject, posed(prior, s), objective, scale, slice(None))
             return equations.cost, LazyNormalEquations(
-                lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(prior, s.z))
+                lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(layout, prior, s.z, s.residual))
             )
 
-        result = levenberg_marquardt(states, linearise, FrameStates.retract, settings, _where)
+        result = levenberg_marquardt(states, linearise, retract, settings, _where)
         states = result.state
         progress("Fitting frames", done + 1, len(scales))
     assert result is not None
@@ -70,7 +81,10 @@ def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> Fr
     end = xp.where(xp.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)
     transl = states.transl[before] + share[:, None] * (states.transl[after] - states.transl[before])
     root = matrix_from_quat(slerp(start, end, share))
-    return FrameStates(slerp(states.z[before], states.z[after], share), root, transl)
+    residual, codes = states.residual, slerp(states.z[before], states.z[after], share)
+    if residual is not None:
+        residual = residual[before] + share[:, None, None] * (residual[after] - residual[before])
+    return FrameStates(codes, root, transl, residual)
 
 
 def _where(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:

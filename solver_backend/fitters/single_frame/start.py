@@ -18,11 +18,12 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant, identity, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.priors.base import PosePrior
+from solver_backend.priors.base import AutoencodingPrior, PosePrior
 from solver_backend.priors.lifter import Lifted, load_lifter
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
-from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
 _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
     {"left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2)},
@@ -82,7 +83,7 @@ def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray) -> Fra
 def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
     prior, term = problem.prior, points_term(problem.measurements, frames, subject.betas)
     lifted = _lifted(subject, term)
-    states, (scales, iterations) = _placed(subject, lifted), NEAR
+    states, (scales, iterations) = _placed(subject, prior, lifted), NEAR
     if not bool(array_namespace(lifted.usable).all(lifted.usable)):
         states, (scales, iterations) = states.where(lifted.usable, _from_poses(subject, prior, term)), FAR
     objective = FrameObjective((term,), problem.pose_terms)
@@ -102,10 +103,12 @@ def _lifted(subject: Subject, term: PositionTerm) -> Lifted:
     return load_lifter()(term.positions, term.weight > 0, subject.landmarks.names)
 
 
-def _placed(subject: Subject, lifted: Lifted) -> FrameStates:
+def _placed(subject: Subject, prior: AutoencodingPrior, lifted: Lifted) -> FrameStates:
     """Return the lifted states of this subject, whose pelvis rests elsewhere than at the origin."""
-    rest = constant(subject.body.rest_joints(to_numpy(subject.betas))[0], lifted.z)
-    return FrameStates(lifted.z, lifted.root, lifted.pelvis - rest)
+    rest, z = constant(subject.body.rest_joints(to_numpy(subject.betas))[0], lifted.z), lifted.z
+    if prior.metadata.get("sha256") != load_lifter().metadata["sposer_sha256"]:  # the lifter's codes are SPoser's
+        z = prior.encode(prior_on_body(load_sposer(), subject.body.layout).decode(z))
+    return FrameStates(z, lifted.root, lifted.pelvis - rest)
 
 
 def _from_poses(subject: Subject, prior: PosePrior, term: PositionTerm) -> FrameStates:
@@ -127,9 +130,9 @@ def _pick(choices: list[FrameStates], index: Array) -> FrameStates:
 def _start(subject: Subject, prior: PosePrior, term: PositionTerm, values: dict[str, Any]) -> FrameStates:
     """Return a start pose placed on each frame's points by rigid alignment (Umeyama 1991)."""
     xp = array_namespace(term.positions)
-    rotvec = np.zeros((NUM_BODY_JOINTS, 3))
-    for joint, vector in values.items():
-        rotvec[SMPL_JOINTS.index(joint) - 1] = vector
+    rotvec = np.zeros((len(prior.joints), 3))
+    for joint in values.keys() & set(prior.joints):
+        rotvec[prior.joints.index(joint)] = values[joint]
     z = prior.encode(exp_so3(constant(rotvec, term.positions))[None])
     eye = identity(3, z)[None]
     origin = PosedFrames(eye, prior.decode(z), xp.zeros_like(term.positions[:1, 0]))

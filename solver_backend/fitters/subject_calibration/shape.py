@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.codes import d_pose_d_key
+from solver_backend.body.state_layout import RESIDUAL, UNCOVERED
+from solver_backend.fitters.model.codes import d_pose_d_key, state_layout
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
@@ -60,13 +60,14 @@ def fit_shape(
         settings: of each scale.
         shape_prior: what is known of shape and offsets.
     """
-    state = _State(subject, start)
+    state, layout = _State(subject, start), state_layout(prior).without(UNCOVERED, RESIDUAL)
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
 
     def retract(s: _State, step: Array) -> _State:
         m = precision.shape[0]
         xp = array_namespace(step)
-        return _State(moved(s.subject, step[0, :m]), s.frames.retract(xp.reshape(step[0, m:], (len(start.z), -1))))
+        by_frame = xp.reshape(step[0, m:], (len(start.z), -1))
+        return _State(moved(s.subject, step[0, :m]), s.frames.retract(by_frame, layout))
 
     for scale in scales:
 
@@ -82,19 +83,20 @@ def _arrowhead(
 ) -> tuple[Array, Arrowhead]:
     """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)
-    frames, d_pose_d_state = posed(prior, state.frames), d_pose_d_key(prior, state.frames.z)
+    frames, layout = posed(prior, state.frames), state_layout(prior).without(UNCOVERED, RESIDUAL)
+    d_pose_d_state, dof = d_pose_d_key(layout, prior, state.frames.z, state.frames.residual), frames.layout.dof
     J, gradient, information, cost = _point_jacobian(state.subject, frames, objective, scale)
     count = J.shape[0]
 
     def flat(matrices: Array) -> Array:
         return xp.reshape(matrices, (count, -1, matrices.shape[-1]))
 
-    by_pose, by_shape = xp.matmul(J[..., : PoseTangent.DOF], d_pose_d_state[:, None]), J[..., PoseTangent.DOF :]
+    by_pose, by_shape = xp.matmul(J[..., :dof], d_pose_d_state[:, None]), J[..., dof:]
     by_pose_T, by_shape_T = xp.matrix_transpose(flat(by_pose)), xp.matrix_transpose(flat(by_shape))
     weighted_shape = flat(xp.matmul(information, by_shape))
     gradient = xp.reshape(gradient, (count, -1, 1))
     blocks, g_blocks = xp.matmul(by_pose_T, flat(xp.matmul(information, by_pose))), xp.matmul(by_pose_T, gradient)
-    by_joints = d_pose_d_state[:, PoseTangent.JOINTS]
+    by_joints = d_pose_d_state[:, frames.layout.joints]
     by_joints_T = xp.matrix_transpose(by_joints)
     for term in objective.poses:
         evidence = term(frames.local)
@@ -121,7 +123,7 @@ def refit_shape(
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
     xp = array_namespace(J)
     precision = _prior_precision(subject, shape_prior)
-    by_shape = J[..., PoseTangent.DOF :]
+    by_shape = J[..., frames.layout.dof :]
     flat = xp.reshape(by_shape, (-1, by_shape.shape[-1]))
     H = shape_prior.evidence * xp.matmul(flat.T, xp.reshape(xp.matmul(information, by_shape), flat.shape))
     deviation = _parameters(subject) - _prior_mean(subject, shape_prior)
@@ -163,7 +165,7 @@ def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
 def _point_jacobian(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return (F, L, 3, 69 + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
+    """Return (F, L, 3, p + 10 + 3 L) derivatives of the landmarks, and the evidence's gradient, information, cost."""
     posed = pose(subject, frames, jacobian=True)
     xp = array_namespace(posed.points)
     count, num = posed.points.shape[:2]

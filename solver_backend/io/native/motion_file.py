@@ -10,15 +10,24 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange import motion_file
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.motion_file import AMASS_POSE_WIDTH, FORMAT, STORED, VERSION, MotionFile, motion_of
+from solver_backend.exchange.motion_file import (
+    AMASS_POSE_WIDTH,
+    FORMAT,
+    STORED,
+    VERSION,
+    MotionFile,
+    layout_of,
+    motion_of,
+)
 from solver_backend.exchange.schema import Fields, read_fields
-from solver_backend.types import NUM_BETAS, NUM_JOINTS, Motion
+from solver_backend.types import NUM_BETAS, Motion
 
 _SAME = (
-    "betas", "transl", "fps", "body", "joints", "keypoints3d", "joint_sigma", "joint_covariance", "keyframes",
-    "contacts", "flags", "reprojection_px", "markers", "marker_residual_mm", "marker_flags", "marker_sigma",
-    "cleaned_markers", "offsets",
+    "betas", "transl", "fps", "body", "body_layout", "joints", "keypoints3d", "joint_sigma", "joint_covariance",
+    "keyframes", "contacts", "flags", "reprojection_px", "markers", "marker_residual_mm", "marker_flags",
+    "marker_sigma", "cleaned_markers", "offsets",
 )  # fmt: skip
 """What a motion and its file call by one name."""
 
@@ -32,7 +41,7 @@ def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     record = MotionFile(
         name=Path(path).stem if name is None else name,
-        rotvec=rotvec.reshape(motion.num_frames, NUM_JOINTS, 3),
+        rotvec=rotvec.reshape(motion.num_frames, -1, 3),
         joint_set="" if motion.joint_set is None else motion.joint_set.value,
         marker_labels=motion.marker_labels or (),
         layout=motion.layout or (),
@@ -47,7 +56,7 @@ def read_motion(path: Path | str) -> Motion:
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        MotionInvalid: its values are not finite.
+        MotionInvalid: its values are not finite, or its layout is none.
     """
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
@@ -76,9 +85,11 @@ def _require_arrays(fields: Fields) -> None:
     Raises:
         FileDamaged: one is not.
     """
-    frames = len(fields.numbers("poses", (None, AMASS_POSE_WIDTH)))
+    layout = layout_of(fields)
+    width = AMASS_POSE_WIDTH if layout == SMPL else 3 * layout.num_joints
+    frames = len(fields.numbers("poses", (None, width)))
     shapes = {"betas": (NUM_BETAS,), "trans": (frames, 3), "mocap_framerate": (), "hand_pose": (frames, 6)}
-    shapes |= motion_file.optional_shapes(frames)
+    shapes |= motion_file.optional_shapes(frames, layout.num_joints)
     for key, shape in shapes.items():
         if key in fields or key in ("betas", "trans", "mocap_framerate", "joints"):
             fields.numbers(key, shape)

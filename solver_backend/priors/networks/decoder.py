@@ -43,7 +43,7 @@ def decoded_rotations_with_jacobian(decoder: DenseStack, z: Codes) -> tuple[Pose
     return xp.concat([R for R, _ in parts], axis=0), xp.concat([J for _, J in parts], axis=0)
 
 
-def reconstruction_energy(rotations: Poses, decoded: Poses, sigma: Float[Array, "21 3"]) -> Energies:
+def reconstruction_energy(rotations: Poses, decoded: Poses, sigma: Float[Array, "joints 3"]) -> Energies:
     """Return the mean squared rotation between (N, 21, 3, 3) poses and what was decoded, by ``sigma`` (21, 3): (N,)."""
     xp = array_namespace(rotations)
     residual = log_so3(xp.matmul(rotations, xp.permute_dims(decoded, (0, 1, 3, 2))))

@@ -10,7 +10,8 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.faults import DEMO_DETECTOR, DetectorFaults
 from solver_backend.types import NUM_JOINTS, Cameras, Capture, JointSet, Keypoints2D
 
 DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])
@@ -18,7 +19,7 @@ DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])
 
 
 def demo_capture(
-    num_frames: int = 360, fps: float = 60.0, seed: int = 7, noise: DetectorNoise = DetectorNoise()
+    num_frames: int = 360, fps: float = 60.0, seed: int = 7, faults: DetectorFaults = DEMO_DETECTOR
 ) -> Capture:
     """Return the demo capture with its truth.
 
@@ -26,7 +27,7 @@ def demo_capture(
         num_frames: F.
         fps: frames per second.
         seed: of the detector's noise; the motion is the same for all seeds.
-        noise: the detector.
+        faults: of the detector.
     """
     body = load_body()
     motion = author_motion(body, DEMO_BETAS, num_frames, fps)
@@ -38,7 +39,7 @@ def demo_capture(
     centre = posed.skeleton.joints[:, 0].mean(axis=0)
     cameras = tripods(np.array([centre[0], centre[1], 0.95]))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
-    xy, confidence = detect(px, cameras.image_size, noise, np.random.default_rng(seed))
+    xy, confidence = detect(px, cameras.image_size, fps, faults, np.random.default_rng(seed))
     body_pose = np.zeros((num_frames, 3 * (NUM_JOINTS - 1)))
     body_pose[:, : motion.body_pose[0].size] = motion.body_pose.reshape(num_frames, -1)
     truth = {

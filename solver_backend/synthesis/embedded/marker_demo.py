@@ -17,6 +17,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
+from solver_backend.synthesis.faults import OPTICAL_MARKERS, MarkerFaults
 from solver_backend.types import MarkerCloud
 
 DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"
@@ -29,23 +30,6 @@ _UNKNOWN = ("ARMBAND", "LUPA")
 
 
 @dataclass(frozen=True)
-class RecordingNoise:
-    """How a recording differs from markers that sit on their places and move with the bones."""
-
-    placement_mm: float = 8.0
-    """Standard deviation per axis of where a marker was stuck."""
-    skin_mm: float = 1.5
-    """Standard deviation per axis of skin that slides, correlated over ``skin_s``."""
-    skin_s: float = 0.3
-    measurement_mm: float = 0.3
-    """Standard deviation per axis of the cameras' measurement."""
-    hidden: float = 0.03
-    """Share of the samples that no two cameras see."""
-    hidden_s: float = 0.25
-    """Mean length of a gap."""
-
-
-@dataclass(frozen=True)
 class RecordedMarkers:
     """A take of markers with its truth; F frames."""
 
@@ -55,7 +39,7 @@ class RecordedMarkers:
 
 
 def record_markers(
-    num_frames: int = 240, fps: float = 60.0, seed: int = 11, noise: RecordingNoise = RecordingNoise(),
+    num_frames: int = 240, fps: float = 60.0, seed: int = 11, faults: MarkerFaults = OPTICAL_MARKERS,
     layout: str = "CMU_41",
 ) -> RecordedMarkers:  # fmt: skip
     """Return the take: a layout's markers and one whose label no layout knows.
@@ -64,22 +48,22 @@ def record_markers(
         num_frames: F.
         fps: frames per second.
         seed: of everything random; the motion is the same for all seeds.
-        noise: the recording.
+        faults: of the recording; gaps, placement, skin and measurement alone.
         layout: by its name.
     """
     body, rng = load_body(), np.random.default_rng(seed)
     motion = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])
-    placement = 1e-3 * noise.placement_mm * rng.normal(size=(len(places), 3))
+    placement = 1e-3 * faults.placement_mm * rng.normal(size=(len(places), 3))
     placement[-1] += (0.0, 0.0, -0.04)
     posed = pose_landmarks(
         body, marker_landmarks(body, places), BETAS, exp_so3(motion.global_orient), exp_so3(motion.body_pose),
         motion.transl, offsets=placement,
     )  # fmt: skip
-    shape, correlation = (len(places), num_frames, 3), float(np.exp(-1 / (fps * noise.skin_s)))
-    sliding = 1e-3 * noise.skin_mm * autoregressive(shape, correlation, rng).swapaxes(0, 1)
-    measured = 1e-3 * noise.measurement_mm * rng.normal(size=(num_frames, len(places), 3))
-    hidden = bursts(rng.random((len(places), num_frames)), noise.hidden, noise.hidden_s * fps).T
+    shape, correlation = (len(places), num_frames, 3), float(np.exp(-1 / (fps * faults.skin_s)))
+    sliding = 1e-3 * faults.skin_mm * autoregressive(shape, correlation, rng).swapaxes(0, 1)
+    measured = 1e-3 * faults.measurement_mm * rng.normal(size=(num_frames, len(places), 3))
+    hidden = bursts(rng.random((len(places), num_frames)), faults.hidden, faults.hidden_s * fps).T
     points = np.where(hidden[..., None], np.nan, posed.points + sliding + measured)
     labels = tuple(f"{_SUBJECT}:{name}" for name in (*marker_layout(layout), _UNKNOWN[0]))
     return RecordedMarkers(MarkerCloud(points, fps, labels), posed.skeleton.joints)

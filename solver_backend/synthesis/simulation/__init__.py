@@ -1,1 +1,1 @@
-"""Benchmark captures: recorded motion filmed by simulated cameras and detectors that err; not part of the extension."""
+"""What a camera sees of a moving body: who is hidden where, and what detectors make of it."""

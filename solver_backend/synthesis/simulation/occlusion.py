@@ -1,11 +1,11 @@
-"""Which keypoints a body hides from a camera by itself: sight lines cast at the posed mesh."""
+"""Faces of a posed mesh in the sight lines of points, and which of them a keypoint lies in."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.types import SMPL_JOINTS, Cameras
+from solver_backend.types import SMPL_JOINTS
 
 _CLEARANCE_M = 0.035
 """A sight line ends this far before the point, which may lie on the skin or a little below."""
@@ -26,41 +26,6 @@ _AROUND: dict[str, tuple[str, ...]] = {
     "wrist": ("elbow", "wrist", "hand"),
 }
 """Parts, by the joint that moves them, whose flesh a keypoint lies in; they do not hide it. Without side: its own."""
-
-
-def self_occluded(
-    cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
-) -> np.ndarray:
-    """Return (C, F, K) bool: skin of a part that the keypoint does not belong to stands in its sight line.
-
-    Args:
-        cameras: C cameras.
-        body: the body model, for its faces and parts.
-        vertices: (F, V, 3) the posed skin, metres.
-        points: (F, K, 3) the keypoints' true places.
-        keypoints: names of the K keypoints.
-    """
-    own = own_faces(body, keypoints)
-    hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
-    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
-        for frame in range(len(points)):
-            skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
-            face, target = stabbed_faces(skin, body.faces, targets)
-            hidden[view, frame] = np.bincount(target, ~own[target, face], minlength=len(targets)) > 0
-    return hidden
-
-
-def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, K) bool: skin of somebody else stands in a point's sight line.
-
-    Args: those of ``self_occluded``, the body and its skin being the other person's.
-    """
-    hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
-    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
-        for frame in range(len(points)):
-            skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
-            hidden[view, frame, np.unique(stabbed_faces(skin, body.faces, targets)[1])] = True
-    return hidden
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +67,7 @@ def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
         sided = side in ("left", "right")
         for joint in _AROUND.get(rest if sided else name, ()):
             full = joint if joint in SMPL_JOINTS else f"{side}_{joint}"
-            own[k] |= part == body.smpl_joints[SMPL_JOINTS.index(full)]
+            own[k] |= part == body.recorded_joints[SMPL_JOINTS.index(full)]
     return own
 
 

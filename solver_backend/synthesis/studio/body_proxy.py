@@ -8,8 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.synthesis.simulation.cast import Person
 
 _SLAB_M = 0.08
 """Parts are cut across their longest axis into slabs of about this length, an ellipsoid each."""

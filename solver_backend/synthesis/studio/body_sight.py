@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.occlusion import own_faces
 from solver_backend.synthesis.studio.body_proxy import PosedProxy, body_proxy
 from solver_backend.synthesis.studio.rigid_sight import RigidSight, rigid_sight
@@ -57,7 +57,7 @@ def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):
         if name in SMPL_JOINTS and not own[k].any():
-            joint = body.smpl_joints[SMPL_JOINTS.index(name)]
+            joint = body.recorded_joints[SMPL_JOINTS.index(name)]
             meeting = [joint, body.parents[joint], *(j for j, p in enumerate(body.parents) if p == joint)]
             own[k] = np.isin(part, meeting)
     return own

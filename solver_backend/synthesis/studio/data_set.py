@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solver_backend import __version__
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.outputs import check_output, is_free, write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.version import VERSION
 from solver_backend.io.files import read_json
 from solver_backend.synthesis.studio.errors import DiskTooSmall, OtherDataSet
 from solver_backend.synthesis.studio.make_shot import DONE, make_shot, read_shot
@@ -112,7 +112,7 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
     text = json.dumps(
-        {"format": _FORMAT, "version": __version__, "digest": digest(spec), "folder": str(spec.folder),
+        {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder),
          "description": json.loads(spec.text), "needed_mb": round(found.bytes / 2**20, 1)},
         indent=1, sort_keys=True,
     )  # fmt: skip

@@ -100,7 +100,7 @@ def _write_shot(spec: Spec, stage: Stage, folder: Path, told: Callable[[int], No
 def _write_formats(spec: Spec, stage: Stage, folder: Path, truth: Truth, captures: tuple[Capture, Capture]) -> None:
     pictures = "rgb" if "rgb" in spec.film else next((kind for kind in spec.film), "rgb")
     for capture, ending in zip(captures, ("", "_perturbed"), strict=True):
-        if ending and not (spec.perturb.views or spec.perturb.of_markers):
+        if ending and not (spec.perturb.of_views or spec.perturb.of_markers):
             continue
         if "pose2sim" in spec.write:
             write_trial(folder / f"pose2sim{ending}", capture)

@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.markers import marker_landmarks, skin_normals
 from solver_backend.cameras.projection import project
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.body_proxy import body_proxy
 from solver_backend.synthesis.studio.sight import hidden_by_boxes, hidden_by_ellipsoids, sight_lines
 from solver_backend.synthesis.studio.stage import Stage

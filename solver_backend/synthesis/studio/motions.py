@@ -16,8 +16,7 @@ from solver_backend.io.load import load_motion
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
 from solver_backend.io.motions.recorded_clip import body_rotations, recorded_from_bvh
 from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.simulation.benchmark import FLOOR_S, Take, cast_person, running_floor
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.synthesis.simulation.cast import FLOOR_S, Person, Take, cast_person, running_floor
 from solver_backend.types import NUM_BODY_JOINTS, JointSet
 
 CHOREOGRAPHY = "choreography"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.synthesis.simulation.occlusion import stabbed_faces
 from solver_backend.types import SMPL_JOINTS
 
@@ -49,7 +49,7 @@ def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidS
     at, bone, tables, parts = [], [], [], []
     ways = _directions()
     for group in _GROUPS:
-        bones = [body.smpl_joints[SMPL_JOINTS.index(name)] for name in group]
+        bones = [body.recorded_joints[SMPL_JOINTS.index(name)] for name in group]
         carried = np.flatnonzero(landmarks.weights[:, bones].sum(axis=1) > 0.85)
         target = landmarks.anchors[carried].sum(axis=1)
         of_group = np.flatnonzero(np.isin(face_part, bones))

@@ -9,11 +9,12 @@ from typing import Any
 
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.io.files import read_json
+from solver_backend.synthesis.faults import Faults
 from solver_backend.synthesis.studio.checked_values import CheckedValues
 from solver_backend.synthesis.studio.errors import StudioInvalid
 from solver_backend.synthesis.studio.looks import Look, read_look
 from solver_backend.synthesis.studio.motions import CHOREOGRAPHY
-from solver_backend.synthesis.studio.perturbation import PRESETS, Perturbation, read_perturbation
+from solver_backend.synthesis.studio.perturbation import PRESETS, read_faults
 from solver_backend.synthesis.studio.rigs import Rig, build_rig
 from solver_backend.types import JointSet
 
@@ -81,7 +82,7 @@ class Spec:
     """Layout that the person wears, "" for none."""
     joint_set: JointSet
     """Of the keypoints that are written and solved; the truth holds every set."""
-    perturb: Perturbation
+    perturb: Faults
     rgb: RgbSettings
     folder: Path
     """What paths are relative to."""
@@ -128,7 +129,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
         looks=looks, film=top.choices("film", ("infrared", "depth", "masks"), KINDS),
         write=top.choices("write", (), FORMATS), markers=markers,
         joint_set=JointSet(top.choice("joint_set", "BODY_25", [s.value for s in JointSet])),
-        perturb=read_perturbation(top.raw("perturb", "none")), rgb=_rgb(top), folder=folder,
+        perturb=read_faults(top.raw("perturb", "none")), rgb=_rgb(top), folder=folder,
         text=json.dumps(values, sort_keys=True),
     )  # fmt: skip
     return _require_sense(spec)

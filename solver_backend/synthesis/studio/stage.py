@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.errors import CameraInsideBody, NobodySeen
 from solver_backend.synthesis.studio.looks import draw_light
 from solver_backend.synthesis.studio.scene.costume import CornerSums, Costume, draw_outfit, dress

@@ -9,10 +9,11 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.synthesis.simulation.filming import Person
+from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
 from solver_backend.synthesis.studio.sight import hidden_by_boxes, sight_lines
 from solver_backend.synthesis.studio.stage import Stage

@@ -18,17 +18,22 @@ from pathlib import Path
 
 import numpy as np
 
+from research.simulation import bad_input, benchmark, filming, occlusion
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.synthesis.embedded import temporal_noise
-from solver_backend.synthesis.simulation import bad_input, benchmark, filming, keypoint_detector, occlusion
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.synthesis.simulation import camera_errors, cast, keypoint_detector
+from solver_backend.synthesis.simulation import occlusion as faces
 from solver_backend.types import Capture
 from tests.benchmarks.comparison import validation_takes
 from tests.benchmarks.comparison.validation_takes import take_named
 
 FOLDER = Path(__file__).resolve().parents[3] / "build" / "benchmark_captures"
-_SOURCES = (benchmark, filming, keypoint_detector, occlusion, bad_input, temporal_noise, validation_takes)
+_SOURCES = (
+    benchmark, filming, cast, camera_errors, keypoint_detector, occlusion, faces, bad_input, temporal_noise,
+    validation_takes,
+)  # fmt: skip
 TAKES = (
     "13_29:600+600", "salsa_07:20+600", "03_03:60+600", "salsa_11:270+600", "13_29:1200+600", "03_04:1200+600",
 )  # fmt: skip
@@ -64,7 +69,7 @@ def capture_path(take: str, settings: BenchmarkSettings, bad: str | None = None)
     return FOLDER / f"{stem}_{settings.num_views}views_{_key(take, settings, bad)}.npz"
 
 
-def take_of(spec: str) -> benchmark.Take:
+def take_of(spec: str) -> cast.Take:
     """Return the take that "NAME:START+FRAMES*TIMES" says, see ``filmed``."""
     name, _, part = spec.partition(":")
     start, _, frames = part.partition("+")
@@ -72,7 +77,7 @@ def take_of(spec: str) -> benchmark.Take:
     return there_and_back(take_named(name, int(frames) if frames else None, int(start or 0)), int(times or 1))
 
 
-def there_and_back(take: benchmark.Take, times: int) -> benchmark.Take:
+def there_and_back(take: cast.Take, times: int) -> cast.Take:
     """Return a take so many times as long: forwards and backwards in turn."""
     order = np.arange(len(take.rotations))
     frames = np.concatenate([order[:: 1 - 2 * (n % 2)] for n in range(times)])
@@ -86,7 +91,7 @@ def _key(take: str, settings: BenchmarkSettings, bad: str | None) -> str:
     return digest.hexdigest()[:12]
 
 
-def _walker() -> benchmark.Take:
+def _walker() -> cast.Take:
     return take_of(WALKER)
 
 

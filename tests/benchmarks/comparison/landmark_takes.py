@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from research.simulation.marker_noise import DataNoise, InferenceNoise
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import Landmarks, pose_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.landmarks import measure_landmarks
-from solver_backend.synthesis.simulation.benchmark import Take, cast_person
-from solver_backend.synthesis.simulation.marker_noise import DataNoise, InferenceNoise
+from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.types import SMPL_JOINTS, JointSet
 
 LAYOUT = "MANIFOLD_53"

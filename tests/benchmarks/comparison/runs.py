@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from research.baselines import BaselineResult
+from research.simulation.benchmark import BenchmarkSettings
 from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
+from solver_backend.synthesis.faults import DetectorFaults
 from tests.benchmarks.comparison.captures import capture_path, filmed
 from tests.benchmarks.comparison.code_version import ROOT, code_version
 from tests.benchmarks.comparison.judgement import Row, judged, worst_joints
@@ -124,7 +124,7 @@ def main(order: str) -> int:
     asked = json.loads(order)
     method = Method(asked["method"]["kind"], tuple((k, v) for k, v in asked["method"]["changes"]))
     detector = asked["settings"].pop("detector")
-    detector = DetectorModel(**detector | {"swap_frames": tuple(detector["swap_frames"])})
+    detector = DetectorFaults(**detector | {"swap_frames": tuple(detector["swap_frames"])})
     settings = BenchmarkSettings(**asked["settings"], detector=detector)
     capture, solve = filmed(asked["take"], settings, asked["bad"]), method.solver()
     begin, begin_cpu = time.perf_counter(), time.process_time()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings
+from research.simulation.benchmark import BenchmarkSettings
 from tests.benchmarks.comparison.captures import BAD, LONG_TAKE, TAKES
 from tests.benchmarks.comparison.judgement import COLUMNS, Row
 from tests.benchmarks.comparison.methods import OURS, PUBLISHED, Method, ablations, compared

@@ -19,7 +19,7 @@ def test_code_is_what_a_method_imports() -> None:
     names = {str(path.relative_to(ROOT / "solver_backend")) for path in closure("research.baselines.muvs")}
     parts = {"baselines/muvs.py", "baselines/sequence.py", "priors/gaussian_vae.py", "cameras/projection.py"}
     assert parts <= names
-    assert "fitters/keyframes/global_method.py" not in names and not any(name.startswith("report") for name in names)
+    assert "fitters/recipes/views.py" not in names and not any(name.startswith("report") for name in names)
     assert code_version("solver_backend.fitters.pipeline") != code_version("research.baselines.muvs")
 
 

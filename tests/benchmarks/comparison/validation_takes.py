@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
-from solver_backend.synthesis.simulation.benchmark import Take
+from solver_backend.synthesis.simulation.cast import Take
 from solver_backend.training.data.corpus import HELD_OUT
 from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
 from solver_backend.training.data.sources.clips import subject_of

@@ -17,8 +17,9 @@ from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.marker_demo import RecordedMarkers, RecordingNoise
+from solver_backend.synthesis.embedded.marker_demo import RecordedMarkers
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
+from solver_backend.synthesis.faults import OPTICAL_MARKERS
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.comparison.judgement import HELD, coverage
 
@@ -34,7 +35,7 @@ SHAPE_SPREAD = np.repeat([1.0, 0.7, 0.5], (3, 3, 4))
 
 def stranger(seed: int) -> RecordedMarkers:
     """Return a take of two seconds of somebody else, with its truth."""
-    body, rng, noise = load_body(), np.random.default_rng(seed), RecordingNoise()
+    body, rng, noise = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
     betas = SHAPE_SPREAD * rng.normal(size=10)
     motion, first = author_motion(body, betas, SCORE_FRAMES, FPS), (60 * seed) % (SCORE_FRAMES - FRAMES)
     part, places = slice(first, first + FRAMES), marker_layout(LAYOUTS[seed % len(LAYOUTS)])

@@ -12,8 +12,8 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated
+from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.labelling.frame_fit import FrameFit
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.choreography import author_motion
@@ -39,7 +39,7 @@ def live_ms(steps: int) -> float:
     motion = author_motion(body, BETAS, round(LIVE_S * FPS), FPS)
     poses = exp_so3(motion.global_orient), exp_so3(motion.body_pose), motion.transl
     points = pose_landmarks(body, places, BETAS, *poses).points
-    fit, sigma, taken = FrameFit(body, betas=BETAS), np.full(len(MARKERS), 0.02), []
+    fit, sigma, taken = LiveFit(body, betas=BETAS), np.full(len(MARKERS), 0.02), []
     for frame in points:
         start = time.process_time()
         fit.step(frame, frame, sigma, 1 / FPS, steps)

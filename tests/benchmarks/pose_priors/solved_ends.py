@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from solver_backend.body.body import load_body
@@ -16,7 +18,8 @@ from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import SPoser
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Capture, JointSet, Keypoints2D, MarkerCloud
 from tests.benchmarks.pose_priors.joint_ends import ends
 from tests.benchmarks.pose_priors.prior_tables import Table
@@ -24,7 +27,7 @@ from tests.benchmarks.pose_priors.prior_tables import Table
 _FRAMES, _FPS = 120, 60.0
 _HELD = slice(48, 73)
 """The angle is at its end from frame 40 to 80, and these frames are looked at."""
-_NOISE = DetectorNoise(sigma_px=2.0, missing=0.02, outliers=0.0)
+_NOISE = replace(DEMO_DETECTOR, drift_mm=6.25, missing=0.02, outliers=0.0)
 _LAYOUT, _STRAY_M, _SHIVER_M = "CMU_41", 0.008, 0.0005
 
 
@@ -68,7 +71,7 @@ def _seen(betas: np.ndarray, frames: PosedFrames) -> Capture:
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     points = pose(Subject(body, landmarks, betas, np.zeros((len(landmarks), 3))), frames).points
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
-    xy, confidence = detect(px, cameras.image_size, _NOISE, np.random.default_rng(1))
+    xy, confidence = detect(px, cameras.image_size, 60.0, _NOISE, np.random.default_rng(1))
     return Capture("end", cameras=cameras, keypoints=Keypoints2D(xy, confidence, JointSet.BODY_25, _FPS))
 
 

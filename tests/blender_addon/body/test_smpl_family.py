@@ -60,7 +60,9 @@ def test_skin_is_the_solvers(tmp_path: Path, joints: int) -> None:
     local = exp_so3(np.concatenate([rotvec[:, 1:22], np.zeros((2, joints - 22, 3))], axis=1))
     expected = pose_mesh(theirs, betas, exp_so3(rotvec[:, 0]), local, motion.transl)
     np.testing.assert_allclose(skin(ours, motion, [0, 1]), expected, atol=1e-6)
-    np.testing.assert_allclose(ours.rest_joints(betas), theirs.rest_joints(betas)[list(theirs.smpl_joints)], atol=1e-9)
+    np.testing.assert_allclose(
+        ours.rest_joints(betas), theirs.rest_joints(betas)[list(theirs.recorded_joints)], atol=1e-9
+    )
 
 
 def test_wrong_arrays_and_pickles_are_named(tmp_path: Path) -> None:

@@ -44,6 +44,6 @@ def test_nonsense_is_an_error_sentence(line: Any, tmp_path: Path, monkeypatch: p
 
 def test_what_the_solver_says_is_understood() -> None:
     assert what_is_wrong({"event": "progress", "stage": "a", "done": 0, "total": 0, "eta_s": None}, "solve") == ""
-    solved = {"motion": "m", "problems": [], "frames": 3, "reprojection_median_px": 1.5, "unsure_frames": 0}
+    solved = {"motion": "m", "diagnostics": [], "frames": 3, "reprojection_median_px": 1.5, "unsure_frames": 0}
     assert what_is_wrong({"event": "result", **solved, "unseen_frames": 1}, "solve") == ""
     assert what_is_wrong({"event": "error", "code": "a", "message": "b", "where": "", "hint": ""}, "solve") == ""

@@ -13,7 +13,7 @@ from blender_addon.animation.takes import takes_of
 from blender_addon.ui.scene_job import prepare_job
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation.filming import miscalibrated
+from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 
 
 def job_settings() -> dict:

@@ -23,8 +23,8 @@ from blender_addon.scene.add_take import add_take
 from blender_addon.solving.presets import PRESETS
 from blender_addon.ui.operators import solve
 from blender_addon.ui.operators.solver_operator import SolverOperator, current
-from blender_addon.ui.properties import MocapSolve
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.exchange.setting import settings_of_class
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.io.native.motion_file import read_motion as read_solver_motion
 from solver_backend.io.native.motion_file import write_motion
 
@@ -286,8 +286,11 @@ def test_every_setting_of_the_solver_is_in_the_panel(mocap):
     values = mocap.solve.values()
     assert SolveSettings.from_dict(values) == SolveSettings()  # the panel's defaults are the solver's
     elsewhere = {"betas", "layout", "leave_out"}  # the body's sliders, the markers' and the cameras' own settings
-    offered = set(MocapSolve.__annotations__) | elsewhere
-    assert set(SolveSettings.__dataclass_fields__) <= offered
+    assert set(SolveSettings.__dataclass_fields__) <= set(mocap.solve.bl_rna.properties.keys()) | elsewhere
+    for name, row in settings_of_class(SolveSettings).items():
+        if row.in_panel:
+            prop = mocap.solve.bl_rna.properties[name]
+            assert (prop.name, prop.description) == (row.label, row.description)
 
 
 def test_the_log_is_a_text_of_the_file(mocap, solved):

@@ -38,12 +38,12 @@ def test_npz_of_every_family(family, tmp_path):
     arrays = random_model(family)
     np.savez(tmp_path / "model.npz", **arrays)
     body = load_smpl_file(tmp_path / "model.npz", family=family)
-    assert body.family == family and body.parents == (-1, *PARENTS[family][1:])
+    assert body.layout.name == family and body.parents == (-1, *PARENTS[family][1:])
     np.testing.assert_array_equal(body.shapedirs, arrays["shapedirs"][..., :10])
     identity = np.tile(np.eye(3), (1, len(body.parents) - 1, 1, 1))
     joints = forward_kinematics(body, np.zeros(10), np.eye(3)[None], identity, np.zeros((1, 3))).joints[0]
     np.testing.assert_allclose(joints, arrays["J_regressor"] @ arrays["v_template"], atol=1e-12)
-    assert len(body.smpl_joints) == 24
+    assert len(body.recorded_joints) == 24
 
 
 class _FakeModules:

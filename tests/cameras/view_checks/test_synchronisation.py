@@ -9,8 +9,9 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
-from solver_backend.synthesis.simulation.filming import delayed
+from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.faults import DEMO_DETECTOR
+from solver_backend.synthesis.simulation.camera_errors import delayed
 from solver_backend.types import Capture
 
 
@@ -26,7 +27,7 @@ def late(capture: Capture, frames: np.ndarray, seed: int = 3) -> Capture:
         cameras.K, cameras.distortion, cameras.R, cameras.t, capture.truth["keypoints3d"], cameras.distortion_model
     )
     px = np.stack([delayed(track, delay) for track, delay in zip(px, frames, strict=True)])
-    xy, confidence = detect(px, cameras.image_size, DetectorNoise(), np.random.default_rng(seed))
+    xy, confidence = detect(px, cameras.image_size, 60.0, DEMO_DETECTOR, np.random.default_rng(seed))
     return replace(capture, keypoints=replace(capture.keypoints, xy=xy, confidence=confidence))
 
 
@@ -72,7 +73,7 @@ def test_a_camera_of_another_rate(capture):
     low = np.floor(faster).astype(int)
     share = (faster - low)[:, None, None]
     true[1] = (1 - share) * true[1, low] + share * true[1, low + 1]
-    xy, confidence = detect(true, cameras.image_size, DetectorNoise(), np.random.default_rng(5))
+    xy, confidence = detect(true, cameras.image_size, 60.0, DEMO_DETECTOR, np.random.default_rng(5))
     found = estimated(replace(capture, keypoints=replace(capture.keypoints, xy=xy, confidence=confidence)))
     np.testing.assert_allclose(found.drift, [0.0, 2.5, 0.0, 0.0], atol=0.4)
     np.testing.assert_allclose(found.at(300)[1], np.arange(300) * 5.0 / 300.0, atol=0.5)

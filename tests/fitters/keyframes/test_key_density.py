@@ -17,6 +17,7 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import JointSet
+from tests.support.layouts import WHOLE
 from tests.support.scenes import small_motion
 
 LAYOUT = KeyframeLayout.even(121, 10)
@@ -26,7 +27,7 @@ FPS = 60.0
 def model() -> BundleModel:
     body = load_body()
     subject = Subject.average(body, keypoint_landmarks(body, JointSet.COCO_17), np.zeros(1))
-    return BundleModel(subject, load_sposer(), BundleObjective(FrameObjective(())), residuals=True)
+    return BundleModel(subject, load_sposer(), BundleObjective(FrameObjective(())), WHOLE)
 
 
 def swaying(acceleration: float) -> Keyframes:

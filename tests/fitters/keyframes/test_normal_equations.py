@@ -12,17 +12,17 @@ from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from tests.support.finer_keys import resampled
+from tests.support.layouts import POSE, WHOLE
 from tests.support.random_keys import random_keys
 from tests.support.stick_scene import FRAMES, ROTATIONS, StickScene
 from tests.support.toy_prior import ToyPrior
 
 LAYOUT = KeyframeLayout.even(33, 8)
 WINDOWS, COUNT = np.arange(LAYOUT.num_windows), LAYOUT.num_windows
-DOF = KEY.dof(residuals=True)
+DOF = WHOLE.dof
 
 
 class ExactToyPrior(ToyPrior):
@@ -35,19 +35,19 @@ class ExactToyPrior(ToyPrior):
 def keys_near(spread: float) -> Keyframes:
     """Return keys that differ from one another by about ``spread``."""
     keys, steps = random_keys(LAYOUT.num_keys, seed=3), np.random.default_rng(5).normal(size=(LAYOUT.num_keys, DOF))
-    return keys.select(np.zeros(LAYOUT.num_keys, dtype=int)).retract(spread * steps)
+    return keys.select(np.zeros(LAYOUT.num_keys, dtype=int)).retract(spread * steps, WHOLE)
 
 
 def hessians(rows: WindowRows) -> np.ndarray:
     """Return (W n, 69, 69) positive definite matrices of the frames."""
-    half = np.random.default_rng(6).normal(size=(rows.frames.size, PoseTangent.DOF, PoseTangent.DOF))
+    half = np.random.default_rng(6).normal(size=(rows.frames.size, POSE.dof, POSE.dof))
     return half @ half.swapaxes(-1, -2)
 
 
 def exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: np.ndarray) -> np.ndarray:
     """Return (W, 297, 297): ``Σ_f w_f B_fᵀ H_f B_f`` with the curve's own Jacobian."""
-    windows, dof = np.arange(len(rows.time)), PoseTangent.DOF
-    B = KeyframeCurve.through(keys.triples(windows), rows.time, residuals=True).jacobian(prior)
+    windows, dof = np.arange(len(rows.time)), POSE.dof
+    B = KeyframeCurve.through(keys.triples(windows), rows.time, residuals=True).jacobian(prior, WHOLE)
     B = B.reshape(*rows.time.shape, dof, -1)
     weighted = rows.weight[..., None, None] * hessian.reshape(*rows.time.shape, dof, dof) @ B
     return (B.swapaxes(-1, -2) @ weighted).sum(axis=1)
@@ -57,7 +57,7 @@ def difference(spread: float) -> float:
     """Return how far the mixed matrix is from the exact one, as a share of it, both in double precision."""
     prior, keys, rows = ExactToyPrior(), keys_near(spread), LAYOUT.rows()
     H = hessians(rows)
-    found, expected = normal_equations._mixed(prior, keys, rows, H), exact(prior, keys, rows, H)
+    found, expected = normal_equations._mixed(WHOLE, prior, keys, rows, H), exact(prior, keys, rows, H)
     assert found.dtype == np.float64
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
@@ -76,10 +76,10 @@ def test_the_mixed_matrix_is_its_formula():
     """``P_aᵀ (Σ_f w_a w_b H_f) P_b``, key by key and frame by frame, for keys of any distance."""
     keys, rows, prior = random_keys(LAYOUT.num_keys), LAYOUT.rows(), ExactToyPrior()
     H = hessians(rows)
-    found = normal_equations._mixed(prior, keys, rows, H)
+    found = normal_equations._mixed(WHOLE, prior, keys, rows, H)
     at_keys = KeyframeCurve.through(keys.triples(WINDOWS), np.tile([0.0, 0.5, 1.0], (COUNT, 1)), residuals=True)
-    B, shares = at_keys.jacobian(prior).reshape(COUNT, 3, PoseTangent.DOF, 3, DOF), lagrange(rows.time)
-    of_frames = H.reshape(*rows.time.shape, PoseTangent.DOF, -1)
+    B, shares = at_keys.jacobian(prior, WHOLE).reshape(COUNT, 3, POSE.dof, 3, DOF), lagrange(rows.time)
+    of_frames = H.reshape(*rows.time.shape, POSE.dof, -1)
     for a in range(3):
         for b in range(3):
             weight = rows.weight * shares[..., a] * shares[..., b]
@@ -123,7 +123,7 @@ def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
     found, best = (-np.linalg.solve(matrix + damping, g) for matrix in (mixed, whole))
     assert found @ g < 0 and best @ g < 0
     assert found @ best > 0.98 * np.linalg.norm(found) * np.linalg.norm(best)
-    moved = keys.retract(0.5 * found.reshape(-1, DOF))
+    moved = keys.retract(0.5 * found.reshape(-1, DOF), WHOLE)
     assert data_equations(scene.data(residuals=True), moved, rows, 3.0).cost.sum() < data.cost.sum()
 
 

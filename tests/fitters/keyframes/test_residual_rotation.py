@@ -16,12 +16,13 @@ from solver_backend.fitters import solve
 from solver_backend.fitters.keyframes.residual_rotation import REACH, ResidualRotationTerm
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import KEY
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import DetectorNoise, detect
+from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.key_equations import dense, no_equations
+from tests.support.layouts import WHOLE
 from tests.support.random_keys import random_keys
 
 SIGMA = 0.1
@@ -33,7 +34,9 @@ def cost(deviations: float) -> float:
     residual = np.zeros_like(keys.residual)
     residual[1, 4, 0] = deviations * SIGMA
     return float(
-        ResidualRotationTerm(np.full((21, 3), SIGMA), 2.0, steadiness=0.0).cost(replace(keys, residual=residual))[1]
+        ResidualRotationTerm(np.full((21, 3), SIGMA), 2.0, steadiness=0.0).cost(
+            replace(keys, residual=residual), WHOLE
+        )[1]
     )
 
 
@@ -50,8 +53,8 @@ def test_a_turn_without_bound_costs_no_more_than_its_reach():
 def test_bending_over_keys_is_bounded_from_above_and_exact_within_a_window(count):
     """At rest, where tails are Gaussian: ``n + m Bᵀ B``, but that keys about a joint of windows do not meet."""
     n, m = 2.0, 0.5
-    keys, dof = random_keys(count), KEY.dof(residuals=True)
-    equations = no_equations(dof, count)
+    keys, dof = random_keys(count), WHOLE.dof
+    equations = no_equations(WHOLE, count)
     at_rest = replace(keys, residual=np.zeros_like(keys.residual))
     ResidualRotationTerm(np.full((21, 3), SIGMA), n, steadiness=m).add_to(equations, at_rest)
     angle = np.arange(count) * dof + dof - 63 + 12
@@ -75,8 +78,8 @@ def test_toes_that_bend_far_are_followed():
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     points = pose(Subject(body, landmarks, truth["betas"], np.zeros((len(landmarks), 3))), frames).points
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
-    noise = DetectorNoise(sigma_px=2.0, missing=0.02, outliers=0.0)
-    xy, confidence = detect(px, cameras.image_size, noise, np.random.default_rng(1))
+    noise = replace(DEMO_DETECTOR, drift_mm=6.25, missing=0.02, outliers=0.0)
+    xy, confidence = detect(px, cameras.image_size, 60.0, noise, np.random.default_rng(1))
     capture = Capture("toes", cameras=cameras, keypoints=Keypoints2D(xy, confidence, JointSet.BODY_25, 60.0))
     found = swing_and_twist(exp_so3(solve(capture).motion.body_pose[HELD, :63].reshape(-1, 21, 3)))
     assert np.degrees(np.median(found[:, TOES, FLEXION])) < -38.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.fitters.keyframes.initial_keys import _neighbours
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
-from solver_backend.fitters.keyframes.restart import _lost_windows, regained
+from solver_backend.fitters.keyframes.restart import _lost_windows, resolve_lost_limbs
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import pose
@@ -27,10 +27,10 @@ def _of_windows(keys: Keyframes) -> Callable[[slice], Keyframes]:
     return lambda windows: keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
 
 
-def _regained(scene: StickScene, keys: Keyframes, schedule: Schedule) -> Keyframes:
+def _resolved(scene: StickScene, keys: Keyframes, schedule: Schedule) -> Keyframes:
     model = scene.model(ROTATIONS)
     at = pose(model.subject, model.poses(keys, scene.layout)).points
-    return regained(_measured(scene), model, scene.layout, keys, at, _of_windows(scene.start), schedule)
+    return resolve_lost_limbs(_measured(scene), model, scene.layout, keys, at, _of_windows(scene.start), schedule)
 
 
 def _lost(scene: StickScene, keys: Keyframes) -> np.ndarray:
@@ -43,12 +43,12 @@ def test_a_lost_limb_is_solved_again_alone_and_only_for_a_lower_cost():
     scene, schedule = StickScene(), Schedule((3.0,), 20)
     solution = solve_keys(scene.model(ROTATIONS), scene.layout, scene.truth, schedule)
     assert not _lost(scene, solution.keys).any()
-    assert _regained(scene, solution.keys, schedule) is solution.keys
+    assert _resolved(scene, solution.keys, schedule) is solution.keys
     thrown = solution.keys.residual.copy()
     thrown[3, [15, 17]] += 1.5
     lost = replace(solution.keys, residual=thrown)
     assert _lost(scene, lost).tolist() == [False, True, False]
-    found = _regained(scene, lost, schedule)
+    found = _resolved(scene, lost, schedule)
     assert not _lost(scene, found).any()
     np.testing.assert_allclose(found.transl, solution.keys.transl, atol=0.01)
 
@@ -64,7 +64,7 @@ def test_points_that_are_wrong_for_some_frames_do_not_lead_keys_astray():
     at = pose(model.subject, model.poses(keys, scene.layout)).points
     assert _lost_windows(measured, scene.layout, at, None).any()
     turned = replace(scene.start, quat=scene.start.quat[:, [3, 2, 1, 0]] * np.array([-1.0, -1.0, 1.0, 1.0]))
-    found = regained(measured, model, scene.layout, keys, at, _of_windows(turned), schedule)
+    found = resolve_lost_limbs(measured, model, scene.layout, keys, at, _of_windows(turned), schedule)
     assert found is keys
 
 

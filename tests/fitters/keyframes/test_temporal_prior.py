@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.body.state_layout import TRANSL
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.keyframes.temporal_prior import FADING_S, MotionPrior
-from solver_backend.fitters.model.tangent import KEY
 from tests.support.key_equations import dense, no_equations
+from tests.support.layouts import LAYOUTS, ON_MANIFOLD, WHOLE
 from tests.support.random_keys import random_keys
 
 KEYS = 7
@@ -18,16 +19,19 @@ KEYS = 7
 @pytest.mark.parametrize("unseen", [None, np.array([False, False, True, True, True, False])])
 @pytest.mark.parametrize("residuals", [False, True])
 def test_gradient_equals_central_differences(residuals, unseen):
-    keys, dof = random_keys(KEYS), KEY.dof(residuals=residuals)
+    keys, layout = random_keys(KEYS), LAYOUTS[residuals]
+    dof = layout.dof
     terms = [MotionPrior(0.2, 2.0, 3.0, 4.0, unseen), *[ResidualRotationTerm(np.full((21, 3), 0.1), 1.0)] * residuals]
-    equations = no_equations(dof, KEYS)
+    equations = no_equations(layout, KEYS)
     for term in terms:
         term.add_to(equations, keys)
     gradient = equations.g.reshape(-1)[: KEYS * dof]
     rng = np.random.default_rng(0)
     for _ in range(5):
         direction = rng.normal(size=(KEYS, dof))
-        costs = [sum(term.cost(keys.retract(s * 1e-5 * direction)).sum() for term in terms) for s in (1, -1)]
+        costs = [
+            sum(term.cost(keys.retract(s * 1e-5 * direction, layout), layout).sum() for term in terms) for s in (1, -1)
+        ]
         numeric = (costs[0] - costs[1]) / 2e-5
         assert gradient @ direction.reshape(-1) == pytest.approx(numeric, rel=1e-6)
 
@@ -35,7 +39,7 @@ def test_gradient_equals_central_differences(residuals, unseen):
 def test_hessian_is_symmetric_positive_and_exact_for_translations():
     keys = random_keys(KEYS)
     prior = MotionPrior(0.2, accel_sigma=2.0, angular_sigma=1e9, latent_sigma=1e9)
-    equations = no_equations(36, KEYS)
+    equations = no_equations(ON_MANIFOLD, KEYS)
     prior.add_to(equations, keys)
     full = dense(equations)[: KEYS * 36, : KEYS * 36]
     np.testing.assert_allclose(full, full.T, atol=1e-12)
@@ -43,8 +47,8 @@ def test_hessian_is_symmetric_positive_and_exact_for_translations():
     second = np.zeros((KEYS - 2, KEYS))
     for k in range(KEYS - 2):
         second[k, k : k + 3] = [1, -2, 1]
-    expected = second.T @ second / (2.0 * 0.2**2) ** 2
-    np.testing.assert_allclose(full[KEY.transl.start :: 36, KEY.transl.start :: 36], expected, rtol=1e-6, atol=1e-9)
+    expected, height = second.T @ second / (2.0 * 0.2**2) ** 2, WHOLE[TRANSL].start
+    np.testing.assert_allclose(full[height::36, height::36], expected, rtol=1e-6, atol=1e-9)
 
 
 def test_between_unseen_keys_speed_fades():
@@ -54,10 +58,10 @@ def test_between_unseen_keys_speed_fades():
     prior = MotionPrior(spacing, unseen=np.ones(count - 1, dtype=bool))
     blocks = (count + 1) // 2
     equations = KeyframeNormalEquations(
-        np.zeros((blocks, 72, 72)), np.zeros((blocks - 1, 72, 72)), np.zeros((blocks, 72)), 36
+        np.zeros((blocks, 72, 72)), np.zeros((blocks - 1, 72, 72)), np.zeros((blocks, 72)), ON_MANIFOLD
     )
     prior.add_to(equations, keys)
-    along_x = np.arange(count) * 36 + KEY.transl.start
+    along_x = np.arange(count) * 36 + WHOLE[TRANSL].start
     H = dense(equations)[np.ix_(along_x, along_x)]
     start = np.array([0.0, spacing])
     path = np.append(start, np.linalg.solve(H[2:, 2:], -H[2:, :2] @ start))

@@ -30,7 +30,7 @@ def at():
     problem = Problem.of(body, prior, measure_markers(cloud, body, np.zeros(1)))
     subject = Subject.average(body, problem.measurements.landmarks, np.zeros(1))
     frames = np.arange(3)
-    start = CalibrationState.of(subject, fit_to_points(problem, subject, frames))
+    start = CalibrationState.of(subject, problem.prior, fit_to_points(problem, subject, frames))
     placement = placement_prior(subject, SolveSettings())
     rng = np.random.default_rng(3)
     size = 10 + 3 * len(LABELS) + 99 * len(frames)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import marker_layout
+from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.fitters import Solution, solve
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels
 from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
@@ -62,11 +63,13 @@ def test_faults_are_named_and_flagged(solution):
     np.testing.assert_array_equal(flags & (MARKER_SWAPPED | MARKER_GHOST), expected)
     np.testing.assert_array_equal((flags & MARKER_FILLED) > 0, expected == MARKER_GHOST)
     np.testing.assert_array_equal((flags & MARKER_SEEN) > 0, expected != MARKER_GHOST)
-    found = {(f["kind"], f["detail"], f["first"], f["last"]) for f in solution.motion.provenance["findings"]}
+    found = {
+        (f.code, f.where.markers, f.where.frames) for f in read_diagnostics(solution.motion.provenance["diagnostics"])
+    }
     assert found == {
-        ("markers_exchanged", "LWRA and LWRB", 20, 31),
-        ("marker_ghost", "RKNE", 50, 57),
-        ("marker_still", "LELB", 40, 89),
+        ("markers_exchanged", ("LWRA", "LWRB"), ((20, 31),)),
+        ("marker_ghost", ("RKNE",), ((50, 57),)),
+        ("marker_still", ("LELB",), ((40, 89),)),
     }
 
 

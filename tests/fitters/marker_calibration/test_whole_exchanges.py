@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import marker_layout
+from solver_backend.exchange.diagnostics import Remedy, diagnostic, read_diagnostics
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_throughout
 from solver_backend.fitters.pipeline import calibrate_person
@@ -33,8 +34,8 @@ def test_two_labels_are_exchanged_throughout(worn, known):
     labels = tuple(swap.get(label, label) for label in LABELS)
     capture = Capture("take", markers=replace(worn.cloud, labels=labels))
     motion = solve(capture, BY_FRAME, person=person).motion
-    found = [(f["kind"], f["detail"], f["first"], f["last"]) for f in motion.provenance["findings"]]
-    assert found == [("markers_exchanged", "LELB and LWRA", 0, 23)]
+    found = read_diagnostics(motion.provenance["diagnostics"])
+    assert found == (diagnostic("markers_exchanged", markers=PAIR, frames=[(0, 23)], remedy=Remedy.REPAIRED),)
     columns = [motion.marker_labels.index(name) for name in PAIR]
     assert (motion.marker_flags[:, columns] & MARKER_SWAPPED).all()
     assert 1000 * np.linalg.norm(motion.joints - clean.joints, axis=-1).mean() < 3.0

@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from research.simulation import bad_input
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, read_diagnostics
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters import solve
 from solver_backend.fitters.measurements.sanitise import CheckedCapture, check_capture
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation import bad_input
-from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Fault, FaultKind, Motion, Remedy
+from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, Capture, Motion
 from tests.support.faulty import swapped, with_detections
 from tests.support.recordings import BALANCING_TRIAL
 
@@ -49,8 +50,8 @@ def error_mm(motion: Motion, capture: Capture) -> float:
     return 1000 * float(np.linalg.norm(motion.joints - capture.truth["joints"], axis=-1).mean())
 
 
-def named(fault: Fault) -> tuple[FaultKind, str, Remedy]:
-    return fault.kind, fault.camera, fault.remedy
+def named(found: Diagnostic) -> tuple[str, tuple[str, ...], Remedy]:
+    return found.code, found.where.cameras, found.remedy
 
 
 def views(capture: Capture, count: int) -> Capture:
@@ -60,7 +61,7 @@ def views(capture: Capture, count: int) -> Capture:
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_a_good_capture_has_no_findings_and_is_left_as_it_is(capture, count):
     found = checked(views(capture, count), estimate_sync=True)
-    assert found.faults == ()
+    assert found.diagnostics == ()
     np.testing.assert_array_equal(found.capture.keypoints.xy, capture.keypoints.xy[:count])
 
 
@@ -68,7 +69,7 @@ def test_a_good_capture_has_no_findings_and_is_left_as_it_is(capture, count):
 def test_the_real_recording_has_no_findings_beside_those_of_its_reader(shared_data):
     recording = load_capture(shared_data / BALANCING_TRIAL)
     assert any("cam_01 by 26 px, cam_03 by 33 px" in problem for problem in recording.problems)
-    assert checked(recording).faults == ()
+    assert checked(recording).diagnostics == ()
 
 
 @pytest.mark.parametrize("count", [3, 4])
@@ -76,24 +77,25 @@ def test_the_real_recording_has_no_findings_beside_those_of_its_reader(shared_da
 def test_a_bumped_camera_is_named_and_turned_back(capture, count, first):
     few = views(capture, count)
     found = checked(bad_input.bumped(few, VIEW, 5.0, first))
-    (fault,) = found.faults
-    assert named(fault) == (FaultKind.CAMERA_TURNED, NAME, Remedy.REPAIRED)
-    assert fault.figure == pytest.approx(5.0, abs=0.2)
-    assert (abs(fault.first - first) <= 3, fault.last) == (True, LAST)
+    (fault,) = found.diagnostics
+    assert named(fault) == ("camera_turned", (NAME,), Remedy.REPAIRED)
+    assert fault.values["size"] == pytest.approx(5.0, abs=0.2)
+    ((begin, end),) = fault.where.frames
+    assert (abs(begin - first) <= 3, end) == (True, LAST)
     assert points_mm(found, few) < 1.1 * points_mm(checked(few), few)
 
 
 @pytest.mark.parametrize("count", [3, 4])
 @pytest.mark.parametrize(
     ("spoil", "kind"),
-    [(bad_input.mirrored, FaultKind.IMAGE_MIRRORED), (bad_input.sides_exchanged, FaultKind.SIDES_EXCHANGED)],
+    [(bad_input.mirrored, "image_mirrored"), (bad_input.sides_exchanged, "sides_exchanged")],
 )
 def test_a_mirrored_view_is_named_and_turned_round(capture, count, spoil, kind):
     few = views(capture, count)
     found = checked(spoil(few, VIEW))
-    (fault,) = found.faults
-    assert named(fault) == (kind, NAME, Remedy.REPAIRED)
-    assert (fault.first, fault.last) == (0, LAST)
+    (fault,) = found.diagnostics
+    assert named(fault) == (kind, (NAME,), Remedy.REPAIRED)
+    assert fault.where.frames == ((0, LAST),)
     np.testing.assert_allclose(found.capture.keypoints.xy, few.keypoints.xy, atol=1e-9)
 
 
@@ -101,10 +103,10 @@ def test_a_mirrored_view_is_named_and_turned_round(capture, count, spoil, kind):
 def test_exchanged_names_are_named_and_put_right(capture, count, pair):
     few = views(capture, count)
     found = checked(bad_input.calibrations_exchanged(few, *pair))
-    (fault,) = found.faults
-    assert (fault.kind, fault.remedy) == (FaultKind.NAMES_EXCHANGED, Remedy.REPAIRED)
-    assert {fault.camera, fault.detail} == {few.cameras.names[view] for view in pair}
-    assert (fault.first, fault.last) == (0, LAST)
+    (fault,) = found.diagnostics
+    assert (fault.code, fault.remedy) == ("names_exchanged", Remedy.REPAIRED)
+    assert set(fault.where.cameras) == {few.cameras.names[view] for view in pair}
+    assert fault.where.frames == ((0, LAST),)
     assert points_mm(found, few) < 1.05 * points_mm(checked(few), few)
 
 
@@ -113,19 +115,19 @@ def test_names_in_another_order_are_put_right(capture, order):
     cameras = capture.cameras
     wrong = replace(capture, cameras=replace(cameras.subset(list(order)), names=cameras.names))
     found = checked(wrong)
-    assert {f.kind for f in found.faults} == {FaultKind.NAMES_EXCHANGED}
-    assert {name for f in found.faults for name in (f.camera, f.detail)} == set(cameras.names)
+    assert {f.code for f in found.diagnostics} == {"names_exchanged"}
+    assert {name for f in found.diagnostics for name in f.where.cameras} == set(cameras.names)
     assert points_mm(found, capture) < 1.05 * points_mm(checked(capture), capture)
 
 
 def test_slightly_late_cameras_are_named_and_moved(capture):
     late = bad_input.unsynchronised(bad_input.unsynchronised(capture, VIEW, 1), 3, -2)
     found = checked(late)
-    assert [named(f) for f in found.faults] == [
-        (FaultKind.UNSYNCHRONISED, NAME, Remedy.REPAIRED),
-        (FaultKind.UNSYNCHRONISED, "cam04", Remedy.REPAIRED),
+    assert [named(f) for f in found.diagnostics] == [
+        ("camera_late", (NAME,), Remedy.REPAIRED),
+        ("camera_early", ("cam04",), Remedy.REPAIRED),
     ]
-    np.testing.assert_allclose([f.figure for f in found.faults], [1.0, -2.0], atol=0.3)
+    np.testing.assert_allclose([f.values["size"] for f in found.diagnostics], [1.0, 2.0], atol=0.3)
     assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
 
 
@@ -133,15 +135,17 @@ def test_a_person_who_stands_still_leaves_the_delays_unknown(capture):
     _, keypoints = capture.require_multiview()
     rng = np.random.default_rng(4)
     xy = np.repeat(keypoints.xy[:, :1], LAST + 1, axis=1) + rng.normal(size=keypoints.xy.shape)
-    (fault,) = checked(with_detections(capture, xy, np.repeat(keypoints.confidence[:, :1], LAST + 1, axis=1))).faults
-    assert named(fault) == (FaultKind.DELAY_UNKNOWN, "", Remedy.REPORTED)
+    (fault,) = checked(
+        with_detections(capture, xy, np.repeat(keypoints.confidence[:, :1], LAST + 1, axis=1))
+    ).diagnostics
+    assert named(fault) == ("delays_unknown", (), Remedy.REPORTED)
 
 
 def test_a_very_late_camera_is_named_and_moved(capture):
     found = checked(bad_input.unsynchronised(capture, VIEW, 6))
-    (fault,) = found.faults
-    assert named(fault) == (FaultKind.UNSYNCHRONISED, NAME, Remedy.REPAIRED)
-    assert fault.figure == pytest.approx(6.0, abs=0.3)
+    (fault,) = found.diagnostics
+    assert named(fault) == ("camera_late", (NAME,), Remedy.REPAIRED)
+    assert fault.values["size"] == pytest.approx(6.0, abs=0.3)
     assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
 
 
@@ -155,17 +159,17 @@ def test_somebody_else_in_one_view_is_left_out(capture):
     confidence = keypoints.confidence.copy()
     confidence[VIEW, 40:70] = 0.9
     found = checked(with_detections(capture, xy, confidence))
-    (fault,) = found.faults
-    assert named(fault) == (FaultKind.CONTRADICTS, NAME, Remedy.EXCLUDED)
-    np.testing.assert_allclose((fault.first, fault.last), (40, 69), atol=2)
+    (fault,) = found.diagnostics
+    assert named(fault) == ("contradicts", (NAME,), Remedy.EXCLUDED)
+    np.testing.assert_allclose(fault.where.frames[0], (40, 69), atol=2)
     assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
 
 
 def test_an_absence_is_named(capture):
     found = checked(bad_input.away(capture, 50, 0.5))
-    (fault,) = found.faults
-    assert named(fault) == (FaultKind.PERSON_AWAY, "", Remedy.BRIDGED)
-    np.testing.assert_allclose((fault.first, fault.last), (50, 79), atol=7)
+    (fault,) = found.diagnostics
+    assert named(fault) == ("person_away", (), Remedy.BRIDGED)
+    np.testing.assert_allclose(fault.where.frames[0], (50, 79), atol=7)
 
 
 def test_an_absence_is_bridged_upright_and_costs_the_rest_nothing(capture, clean):
@@ -184,14 +188,14 @@ def test_an_absence_is_bridged_upright_and_costs_the_rest_nothing(capture, clean
 
 def test_a_solve_names_what_it_found_and_is_as_good_as_a_clean_one(capture, clean):
     """A bumped camera and exchanged limbs of others at once."""
-    assert clean.provenance["findings"] == []
+    assert clean.provenance["diagnostics"] == []
     bad = bad_input.bumped(swapped(capture, [(2, "legs", 20, 42), (0, "arms", 60, 71)]), VIEW, 5.0, 50)
     motion = solve(bad, replace(QUICK, estimate_sync=True)).motion
-    found = [Fault.from_dict(values) for values in motion.provenance["findings"]]
-    assert [(f.kind, f.camera, f.detail) for f in found] == [
-        (FaultKind.LIMBS_EXCHANGED, "cam03", "legs"),
-        (FaultKind.CAMERA_TURNED, NAME, ""),
-        (FaultKind.LIMBS_EXCHANGED, "cam01", "arms"),
+    found = read_diagnostics(motion.provenance["diagnostics"])
+    assert [(f.code, f.where.cameras, f.values.get("part")) for f in found] == [
+        ("limbs_exchanged", ("cam03",), "legs"),
+        ("camera_turned", (NAME,), None),
+        ("limbs_exchanged", ("cam01",), "arms"),
     ]
     assert error_mm(motion, capture) < 1.15 * error_mm(clean, capture)
 
@@ -200,8 +204,8 @@ def test_a_recording_at_half_its_rate_is_solved_from_the_frames_it_has(capture, 
     keypoints = capture.keypoints
     frames = np.arange(LAST + 1) // 2 * 2
     result = checked(with_detections(capture, keypoints.xy[:, frames], keypoints.confidence[:, frames]))
-    kinds = [(fault.kind, fault.remedy) for fault in result.faults]
-    assert kinds.count((FaultKind.FRAMES_REPEATED, Remedy.BRIDGED)) == len(capture.cameras)
+    kinds = [(fault.code, fault.remedy) for fault in result.diagnostics]
+    assert kinds.count(("frames_repeated", Remedy.BRIDGED)) == len(capture.cameras)
     motion = solve(with_detections(capture, keypoints.xy[:, frames], keypoints.confidence[:, frames]), QUICK).motion
     truth = capture.truth["joints"]
     error, best = (float(np.linalg.norm(m.joints - truth, axis=-1).mean()) for m in (motion, clean))

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from solver_backend.body.state_layout import RESIDUAL, ROOT, TRANSL
 from solver_backend.fitters.model.codes import CODES, d_pose_d_key, decoded, decoded_with_vjp, decoder_jacobian
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.sphere import spherical_normalisation
+from tests.support.layouts import POSE, WHOLE
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 
@@ -36,13 +37,13 @@ def test_vjp_is_the_transposed_jacobian(residuals):
 
 def test_root_and_translation_of_a_state_are_those_of_its_pose():
     keys = random_keys(4)
-    P = d_pose_d_key(ToyPrior(), keys.z, keys.residual)
-    assert P.shape == (4, PoseTangent.DOF, KEY.dof(residuals=True))
-    for rows, columns in ((PoseTangent.ROOT, KEY.root), (PoseTangent.TRANSL, KEY.transl)):
+    P = d_pose_d_key(WHOLE, ToyPrior(), keys.z, keys.residual)
+    assert P.shape == (4, POSE.dof, WHOLE.dof)
+    for rows, columns in ((POSE.root, WHOLE[ROOT]), (POSE.transl, WHOLE[TRANSL])):
         np.testing.assert_array_equal(P[:, rows, columns], np.tile(np.eye(3), (4, 1, 1)))
         alone = P[:, rows].copy()
         alone[:, :, columns] = 0
         assert not alone.any()
-    coupled = P[:, PoseTangent.joint(7), KEY.residual].copy()
+    coupled = P[:, POSE.joint(7), WHOLE[RESIDUAL]].copy()
     coupled[:, :, 21:24] = 0
     assert not coupled.any()

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.tangent import KEY, PoseTangent
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat
+from tests.support.layouts import LAYOUTS, ON_MANIFOLD, POSE, WHOLE
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 
@@ -18,7 +19,7 @@ FRAMES, WINDOW = 27, 9
 LAYOUT = KeyframeLayout.even(FRAMES, WINDOW)
 ROWS = LAYOUT.rows()
 WINDOWS = np.arange(LAYOUT.num_windows)
-PARTS = {"latent": KEY.latent, "root": KEY.root, "transl": KEY.transl, "residual": KEY.residual}
+PARTS = {"latent": WHOLE[CODE], "root": WHOLE[ROOT], "transl": WHOLE[TRANSL], "residual": WHOLE[RESIDUAL]}
 
 
 def curve_through(keys: Keyframes, *, residuals: bool) -> KeyframeCurve:
@@ -27,13 +28,13 @@ def curve_through(keys: Keyframes, *, residuals: bool) -> KeyframeCurve:
 
 def tangent_between(poses: PosedFrames, base: PosedFrames) -> np.ndarray:
     """Return (F, 69): the step that leads from one pose to the other."""
-    tangent = np.empty((len(base.root), PoseTangent.DOF))
+    tangent = np.empty((len(base.root), POSE.dof))
     for columns, R, R0 in (
-        (PoseTangent.ROOT, poses.root, base.root), (PoseTangent.JOINTS, poses.local, base.local),
+        (POSE.root, poses.root, base.root), (POSE.joints, poses.local, base.local),
     ):  # fmt: skip
         turns = (R @ np.swapaxes(R0, -1, -2)).reshape(-1, 3, 3)
         tangent[:, columns] = Rotation.from_matrix(turns).as_rotvec().reshape(len(R), -1)
-    tangent[:, PoseTangent.TRANSL] = poses.transl - base.transl
+    tangent[:, POSE.transl] = poses.transl - base.transl
     return tangent
 
 
@@ -42,8 +43,8 @@ def along(keys: Keyframes, direction: np.ndarray, *, residuals: bool) -> np.ndar
     prior, step = ToyPrior(), 1e-5
     base = curve_through(keys, residuals=residuals).poses(prior)
     up, down = (
-        tangent_between(curve_through(keys.retract(sign * step * direction), residuals=residuals).poses(prior), base)
-        for sign in (1, -1)
+        tangent_between(curve_through(moved, residuals=residuals).poses(prior), base)
+        for moved in (keys.retract(sign * step * direction, LAYOUTS[residuals]) for sign in (1, -1))
     )
     return (up - down) / (2 * step)
 
@@ -52,7 +53,7 @@ def directions(parts: str, count: int, residuals: bool):
     """Yield random directions of the keys, in one part of their tangents or in all."""
     rng = np.random.default_rng(4)
     for _ in range(count):
-        direction = rng.normal(size=(LAYOUT.num_keys, KEY.dof(residuals=residuals)))
+        direction = rng.normal(size=(LAYOUT.num_keys, LAYOUTS[residuals].dof))
         if parts != "all":
             alone = np.zeros_like(direction)
             alone[:, PARTS[parts]] = direction[:, PARTS[parts]]
@@ -91,7 +92,7 @@ def test_value_is_sider2_on_codes_and_root_and_the_parabola_on_the_rest():
 @pytest.mark.parametrize(("part", "residuals"), CASES)
 def test_jacobian_equals_central_differences(part, residuals):
     keys = random_keys(LAYOUT.num_keys)
-    jacobian = curve_through(keys, residuals=residuals).jacobian(ToyPrior())
+    jacobian = curve_through(keys, residuals=residuals).jacobian(ToyPrior(), LAYOUTS[residuals])
     width = ROWS.time.shape[1]
     for direction in directions(part, 3, residuals):
         numeric = along(keys, direction, residuals=residuals)
@@ -104,9 +105,9 @@ def test_jacobian_equals_central_differences(part, residuals):
 def test_vjp_equals_central_differences(part, residuals):
     keys = random_keys(LAYOUT.num_keys)
     _, vjp = curve_through(keys, residuals=residuals).poses_with_vjp(ToyPrior())
-    cotangent = np.random.default_rng(7).normal(size=(ROWS.time.size, PoseTangent.DOF))
-    by_keys = vjp(cotangent).by_tangents(keys)
-    assert by_keys.shape == (LAYOUT.num_keys, KEY.dof(residuals=residuals))
+    cotangent = np.random.default_rng(7).normal(size=(ROWS.time.size, POSE.dof))
+    by_keys = vjp(cotangent).by_tangents(keys, LAYOUTS[residuals])
+    assert by_keys.shape == (LAYOUT.num_keys, LAYOUTS[residuals].dof)
     for direction in directions(part, 3, residuals):
         numeric = (cotangent * along(keys, direction, residuals=residuals)).sum()
         np.testing.assert_allclose((by_keys * direction).sum(), numeric, rtol=1e-6, atol=1e-7)
@@ -115,10 +116,10 @@ def test_vjp_equals_central_differences(part, residuals):
 @pytest.mark.parametrize("residuals", [False, True])
 def test_vjp_is_the_transposed_jacobian_summed_over_windows(residuals):
     keys = random_keys(LAYOUT.num_keys)
-    curve, dof = curve_through(keys, residuals=residuals), KEY.dof(residuals=residuals)
-    cotangent = np.random.default_rng(8).normal(size=(ROWS.time.size, PoseTangent.DOF))
-    found = curve.poses_with_vjp(ToyPrior())[1](cotangent).by_tangents(keys)
-    by_frames = np.einsum("fij,fi->fj", curve.jacobian(ToyPrior()), cotangent)
+    curve, dof = curve_through(keys, residuals=residuals), LAYOUTS[residuals].dof
+    cotangent = np.random.default_rng(8).normal(size=(ROWS.time.size, POSE.dof))
+    found = curve.poses_with_vjp(ToyPrior())[1](cotangent).by_tangents(keys, LAYOUTS[residuals])
+    by_frames = np.einsum("fij,fi->fj", curve.jacobian(ToyPrior(), LAYOUTS[residuals]), cotangent)
     by_windows = by_frames.reshape(len(WINDOWS), -1, 3, dof).sum(axis=1)
     expected = np.zeros_like(found)
     for k in range(3):
@@ -131,10 +132,11 @@ def test_terms_in_the_codes_themselves_reach_the_keys():
     keys = random_keys(LAYOUT.num_keys)
     curve = curve_through(keys, residuals=False)
     by_codes = np.random.default_rng(9).normal(size=(ROWS.time.size, 32))
-    nothing = np.zeros((ROWS.time.size, PoseTangent.DOF))
-    by_keys = curve.poses_with_vjp(ToyPrior())[1](nothing, by_codes).by_tangents(keys)
+    nothing = np.zeros((ROWS.time.size, POSE.dof))
+    by_keys = curve.poses_with_vjp(ToyPrior())[1](nothing, by_codes).by_tangents(keys, ON_MANIFOLD)
     for direction in directions("latent", 3, residuals=False):
-        values = [curve_through(keys.retract(sign * 1e-5 * direction), residuals=False).codes.value for sign in (1, -1)]
+        moved = (keys.retract(sign * 1e-5 * direction, ON_MANIFOLD) for sign in (1, -1))
+        values = [curve_through(part, residuals=False).codes.value for part in moved]
         numeric = (by_codes * (values[0] - values[1]).reshape(len(by_codes), -1)).sum() / 2e-5
         np.testing.assert_allclose((by_keys * direction).sum(), numeric, rtol=1e-6)
 

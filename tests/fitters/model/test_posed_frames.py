@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.tangent import KEY, PoseTangent, StateTangent
 from solver_backend.geometry.rotations import exp_so3
+from tests.support.layouts import POSE
 
 FRAMES = 6
 NAMES = ("root", "local", "transl")
@@ -24,19 +24,19 @@ def assert_same(found: PosedFrames, expected: PosedFrames, atol: float = 1e-12) 
 
 @pytest.mark.parametrize("length", [0.0, 1e-12, 1e-6, 0.3, 3.0])
 def test_a_step_back_undoes_a_step(length):
-    poses, step = random_poses(), length * np.random.default_rng(1).normal(size=(FRAMES, PoseTangent.DOF))
+    poses, step = random_poses(), length * np.random.default_rng(1).normal(size=(FRAMES, POSE.dof))
     assert_same(poses.retract(step).retract(-step), poses)
 
 
 def test_no_step_is_the_identity_and_steps_along_one_axis_add_up():
     poses = random_poses()
-    assert_same(poses.retract(np.zeros((FRAMES, PoseTangent.DOF))), poses)
-    step = np.random.default_rng(2).normal(size=(FRAMES, PoseTangent.DOF))
+    assert_same(poses.retract(np.zeros((FRAMES, POSE.dof))), poses)
+    step = np.random.default_rng(2).normal(size=(FRAMES, POSE.dof))
     assert_same(poses.retract(0.3 * step).retract(0.5 * step), poses.retract(0.8 * step))
 
 
 def test_turns_stay_rotations():
-    moved = random_poses().retract(5.0 * np.random.default_rng(3).normal(size=(FRAMES, PoseTangent.DOF)))
+    moved = random_poses().retract(5.0 * np.random.default_rng(3).normal(size=(FRAMES, POSE.dof)))
     for R in (moved.root, moved.local):
         np.testing.assert_allclose(np.swapaxes(R, -1, -2) @ R, np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
         np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-12)
@@ -45,12 +45,12 @@ def test_turns_stay_rotations():
 def test_each_part_of_a_step_moves_its_part_of_the_pose_from_the_left():
     poses, rng = random_poses(), np.random.default_rng(4)
     turn, shift = 0.4 * rng.normal(size=(FRAMES, 3)), rng.normal(size=(FRAMES, 3))
-    step = np.zeros((FRAMES, PoseTangent.DOF))
-    step[:, PoseTangent.ROOT], step[:, PoseTangent.TRANSL] = turn, shift
+    step = np.zeros((FRAMES, POSE.dof))
+    step[:, POSE.root], step[:, POSE.transl] = turn, shift
     moved = poses.retract(step)
     assert_same(moved, PosedFrames(exp_so3(turn) @ poses.root, poses.local, poses.transl + shift))
-    step = np.zeros((FRAMES, PoseTangent.DOF))
-    step[:, PoseTangent.joint(17)] = turn
+    step = np.zeros((FRAMES, POSE.dof))
+    step[:, POSE.joint(17)] = turn
     local = poses.local.copy()
     local[:, 17] = exp_so3(turn) @ local[:, 17]
     assert_same(poses.retract(step), PosedFrames(poses.root, local, poses.transl))
@@ -63,20 +63,3 @@ def test_frames_are_taken_apart_and_put_together():
     mixed = poses.where(mask, other)
     assert_same(mixed.select(mask), poses.select(mask), 0)
     assert_same(mixed.select(~mask), other.select(~mask), 0)
-
-
-@pytest.mark.parametrize(("tangent", "dof"), [(KEY, 36), (StateTangent(32), 38)])
-def test_parts_of_a_state_follow_one_another_and_fill_it(tangent, dof):
-    parts = (tangent.latent, tangent.root, tangent.transl, tangent.residual)
-    assert [column for part in parts for column in range(200)[part]] == list(range(dof + 63))
-    assert (tangent.dof(), tangent.dof(residuals=True)) == (dof, dof + 63)
-
-
-def test_parts_of_a_pose_follow_one_another_and_fill_it():
-    joints = [PoseTangent.joint(j) for j in range(21)]
-    for parts in (
-        (PoseTangent.ROOT, PoseTangent.JOINTS, PoseTangent.TRANSL),
-        (PoseTangent.ROTATIONS, PoseTangent.TRANSL),
-    ):
-        assert [column for part in parts for column in range(200)[part]] == list(range(PoseTangent.DOF))
-    assert [column for part in joints for column in range(200)[part]] == list(range(200)[PoseTangent.JOINTS])

@@ -78,3 +78,18 @@ def test_codes_stay_on_their_sphere_and_carry_derivatives_back():
     up, down = (SphericalMean.of(keys.z + sign * direction, weights).value for sign in (1, -1))
     numeric = 0.5 * np.sum((up - down) * cotangent)
     np.testing.assert_allclose(np.sum(mean.vjp(cotangent).sum(axis=1) * direction), numeric, rtol=1e-5)
+
+
+def test_derivatives_of_a_mean_on_the_sphere_equal_central_differences() -> None:
+    rng, step = np.random.default_rng(4), 1e-6
+    vectors = rng.normal(size=(3, 5, 8))
+    vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
+    weights = rng.uniform(0.1, 1.0, (3, 4, 5))
+    mean, direction, cotangent = SphericalMean.of(vectors, weights), rng.normal(size=(3, 8)), rng.normal(size=(3, 4, 8))
+    for key in range(5):
+        moved = [vectors + s * step * direction[:, None] * (np.arange(5) == key)[:, None] for s in (1, -1)]
+        numeric = (SphericalMean.of(moved[0], weights).value - SphericalMean.of(moved[1], weights).value) / (2 * step)
+        found = (mean.jacobian(key) @ direction[:, None, :, None])[..., 0]
+        np.testing.assert_allclose(found, numeric, atol=1e-8)
+        transposed = (np.swapaxes(mean.jacobian(key), -1, -2) @ cotangent[..., None])[..., 0]
+        np.testing.assert_allclose(mean.vjp(cotangent)[:, :, key], transposed, atol=1e-12)

@@ -14,7 +14,6 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, PoseInvalid
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.pose_ndf import sequence_solver
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
@@ -23,10 +22,11 @@ from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from tests.support.layouts import POSE
 from tests.support.pose_ndf_weights import random_prior
 
 NAMES = ("LWRA", "RWRA", "CLAV", "LTOE", "RTOE", "LFHD", "LELB", "RKNE")
-ALL = tuple(range(PoseTangent.DOF))
+ALL = tuple(range(POSE.dof))
 WEIGHTS = ManifoldWeights(2.0, 0.3, 1.5, level=0.015)
 
 

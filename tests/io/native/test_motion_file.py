@@ -8,9 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.body.body import load_body
+from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, OutputExists
+from solver_backend.exchange.motion_file import read_motion as shown_motion
 from solver_backend.exchange.npz import read_npz, write_npz
+from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.types import Motion
 from tests.support.scenes import small_motion
 
 
@@ -75,3 +80,54 @@ def test_damaged_files_are_named(tmp_path: Path, changes: dict, error: type[Exce
     write_npz(tmp_path / "bad.npz", {k: v for k, v in arrays.items() if v is not None})
     with pytest.raises(error, match=text):
         read_motion(tmp_path / "bad.npz")
+
+
+LONG_TAIL = BodyLayout("tailed", ("hips", "spine", "tail1", "tail2"), (-1, 0, 0, 2), ("trunk", "trunk", "tail", "tail"))
+
+
+def tailed_motion(frames: int = 5) -> Motion:
+    rng = np.random.default_rng(3)
+    return Motion(
+        betas=np.zeros(10), global_orient=rng.normal(size=(frames, 3)), body_pose=rng.normal(size=(frames, 9)),
+        transl=rng.normal(size=(frames, 3)), fps=60.0, body="dragon", joints=rng.normal(size=(frames, 4, 3)),
+        body_layout=LONG_TAIL, joint_sigma=np.full((frames, 4), 0.01),
+    )  # fmt: skip
+
+
+def test_a_motion_of_another_layout_is_as_wide_as_it_and_comes_back(tmp_path):
+    motion = tailed_motion()
+    found = read_motion(write_motion(tmp_path / "take.npz", motion))
+    assert found.body_layout == LONG_TAIL
+    for name in ("global_orient", "body_pose", "joints", "joint_sigma"):
+        np.testing.assert_allclose(getattr(found, name), getattr(motion, name), atol=1e-6)
+
+
+def test_a_motion_of_another_layout_is_refused_where_smpl_is_expected_by_both_names(tmp_path):
+    path = write_motion(tmp_path / "take.npz", tailed_motion())
+    with pytest.raises(MotionInvalid, match=r"layout tailed \(4 joints\); SMPL \(24 joints\) is expected"):
+        shown_motion(path)
+    with pytest.raises(MotionInvalid, match=r"layout tailed \(4 joints\); SMPL \(24 joints\)"):
+        measure_motion(load_body(), read_motion(path), [], np.zeros(1))
+    assert shown_motion(path, LONG_TAIL).rotvec.shape == (5, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joint_parents": np.array([-1, 3, 0, 2])}, "no tree"),
+        ({"joint_parents": np.array([-1.0, np.nan, 0, 2])}, "no layout"),
+        ({"joint_names": np.array(["hips", "spine", "tail1"])}, "no layout"),
+        ({"poses": np.zeros((5, 156), np.float32)}, "of the layout tailed"),
+    ],
+)
+def test_a_damaged_layout_is_refused_by_name(tmp_path, change, message):
+    path = write_motion(tmp_path / "take.npz", tailed_motion())
+    with np.load(path) as data:
+        np.savez(path, **{**data, **change})
+    with pytest.raises(MotionInvalid, match=message):
+        shown_motion(path, LONG_TAIL)
+
+
+def test_a_motion_is_as_wide_as_its_layout():
+    with pytest.raises(MotionInvalid, match=r"body_pose has shape \(5, 9\); \(5, 69\) is expected of the layout SMPL"):
+        replace(tailed_motion(), body_layout=SMPL)

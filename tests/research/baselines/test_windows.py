@@ -86,3 +86,14 @@ def test_stretched_slerp_keeps_to_the_plane_of_its_keys_and_to_equal_keys() -> N
     same = StretchedSlerp.between(np.array([[[[0.3, 0.4], [0.3, 0.4]]]]), np.array([[0.25]]))
     assert np.allclose(same.value, [[0.3, 0.4]])
     assert np.allclose(same.vjp(np.array([[[1.0, 2.0]]])), [[0.75, 1.5], [0.25, 0.5]])
+
+
+def test_derivatives_by_a_key_are_those_of_central_differences() -> None:
+    rng = np.random.default_rng(5)
+    keys, time, h = rng.normal(size=(1, 1, 2, 5)), rng.uniform(0.1, 0.9, (1, 3)), 1e-6
+    found = StretchedSlerp.between(keys, time).jacobian(1)
+    for d in range(5):
+        step = np.zeros_like(keys)
+        step[..., 1, d] = h
+        ahead, behind = (StretchedSlerp.between(keys + s * step, time).value for s in (1, -1))
+        np.testing.assert_allclose(found[..., d], (ahead - behind) / (2 * h), atol=1e-7)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation.keypoint_detector import (
-    DetectorModel,
     DetectorOutput,
     Sight,
     bias_by_direction,
@@ -21,7 +21,7 @@ SHAPE = (4, 600, 25)
 
 
 def _detect(
-    model: DetectorModel, occluded: np.ndarray | None = None, fps: float = 60.0, seed: int = 1
+    model: DetectorFaults, occluded: np.ndarray | None = None, fps: float = 60.0, seed: int = 1
 ) -> DetectorOutput:
     hidden = np.zeros(SHAPE, dtype=bool) if occluded is None else occluded
     sight = Sight(_truth(), np.full(SHAPE, 0.3), _seen_from(), hidden, np.tile([1920, 1080], (4, 1)))
@@ -99,7 +99,7 @@ def test_outliers_are_told_and_lie_far() -> None:
 
 
 def test_confidences_tell_part_of_the_truth_and_the_same_seed_the_same_take() -> None:
-    found, again = _detect(DetectorModel()), _detect(DetectorModel())
+    found, again = _detect(MEASURED_DETECTOR), _detect(MEASURED_DETECTOR)
     assert np.array_equal(found.xy, again.xy, equal_nan=True) and np.array_equal(found.confidence, again.confidence)
     seen = found.confidence > 0
     error = np.linalg.norm(found.xy - _truth(), axis=-1)

@@ -23,7 +23,7 @@ from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set, plan,
 from solver_backend.synthesis.studio.judge.judge import judge
 from solver_backend.synthesis.studio.judge.page import page_html, table
 from solver_backend.synthesis.studio.judge.place_errors import place_errors
-from solver_backend.synthesis.studio.perturbation import read_perturbation
+from solver_backend.synthesis.studio.perturbation import read_faults
 from solver_backend.synthesis.studio.rigs import build_rig
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.writers.contact_sheet import card_text
@@ -195,9 +195,9 @@ def test_the_error_by_place_grows_with_the_noise_and_falls_with_the_cameras() ->
     ring = {"count": 6, "radius_m": 3.0, "size": [640, 480]}
     few, many = build_rig({**ring, "count": 2, "turn_deg": 0}), build_rig(ring)
     small = {"half_m": 0.5, "step_m": 0.5}
-    quiet = place_errors(many, read_perturbation({"jitter_mm": 3}), **small)
-    loud = place_errors(many, read_perturbation({"jitter_mm": 12}), **small)
-    two = place_errors(few, read_perturbation({"jitter_mm": 12}), **small)
+    quiet = place_errors(many, read_faults({"jitter_mm": 3}), **small)
+    loud = place_errors(many, read_faults({"jitter_mm": 12}), **small)
+    two = place_errors(few, read_faults({"jitter_mm": 12}), **small)
     assert 2.5 < np.nanmedian(loud.error_mm) / np.nanmedian(quiet.error_mm) < 5.5
     assert quiet.views.mean() > 3 * two.views.mean() / 2
     assert not np.isfinite(two.error_mm).any() or np.nanmedian(two.error_mm) > np.nanmedian(loud.error_mm)

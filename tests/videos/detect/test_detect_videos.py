@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import solver_backend.videos.detect.detect_videos as detecting
+from research.simulation.filming import around
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, NoDetections
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.native.capture_file import read_capture
-from solver_backend.synthesis.simulation.filming import around
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.assemble import assembled, in_video_pixels
 from solver_backend.videos.detect.choice import chosen_detector

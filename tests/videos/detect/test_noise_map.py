@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from research.simulation.filming import around
 from solver_backend.cameras.noise_map import NoiseMap, read_noise_map
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged, TooFewViews
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthesis.simulation.filming import around
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 

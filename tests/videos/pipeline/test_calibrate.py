@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import silent
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.calibration import read_calibration
-from solver_backend.synthesis.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.types import Capture
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline import calibrate

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from research.simulation.filming import FilmSettings, around, film
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation.benchmark import Take, cast_person
-from solver_backend.synthesis.simulation.filming import FilmSettings, around, film
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel
+from solver_backend.synthesis.faults import MEASURED_DETECTOR
+from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.sync.clap import RATE_HZ, claps, clocks_by_claps
@@ -43,7 +44,7 @@ def filmed(take: Take, seed: int) -> tuple[list[np.ndarray], np.ndarray]:
     late_s = np.r_[0.0, rng.uniform(-1.5, 1.5, 3)]
     cut = np.floor(late_s * FPS).astype(int)
     delays = np.tile((cut - late_s * FPS)[:, None], (1, FRAMES))
-    model = DetectorModel(occluded_missing=0.0)
+    model = replace(MEASURED_DETECTOR, occluded_missing=0.0)
     found = film(person, cameras, FilmSettings(JOINT_SET, FPS, model, None, delays), rng)
     return [found.xy[c, MARGIN + cut[c] : FRAMES - MARGIN + cut[c]] for c in range(4)], -late_s
 

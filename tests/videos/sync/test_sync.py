@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from research.simulation.filming import around
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.synthesis.simulation.filming import around
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.errors import VideoWithoutSound

@@ -16,8 +16,7 @@ from typing import Any
 
 from ....errors import BatchTaken
 from ..record import read_record
-from ..request import Work
-from ..steps import steps_of
+from ..work import Work
 from .base import DIED, ENDED, LOST, Ended, Ticket
 from .connection import connected, require_dask
 from .marker import marker_in, put_marker, remove_marker
@@ -40,8 +39,7 @@ class ClusterEngine:
     """Takes as chains of tasks on a cluster.
 
     Args:
-        request: the batch; its folders must be the same to all workers.
-        choices: what decides what is made of a capture.
+        work: the batch; its folders must be the same to all workers.
         address: of the scheduler, or the name of its file.
         tend: called now and then, by a cluster of our own to start again what has died.
         patience_s: how long to wait for a scheduler that is gone, and for workers.
@@ -56,21 +54,21 @@ class ClusterEngine:
     tries = 3
 
     def __init__(
-        self, request: Work, choices: dict[str, Any], address: str,
+        self, work: Work, address: str,
         tend: Callable[[], None] = lambda: None, patience_s: float = 60.0, stretches: bool = False,
     ) -> None:  # fmt: skip
         require_dask()
         from .cluster_workers import Workers
 
-        self._request, self._choices, self._address, self._tend = request, choices, address, tend
+        self._work, self._address, self._tend = work, address, tend
         self._patience_s, self._stretches = patience_s, stretches
         self._running: dict[str, _Running] = {}
         self._queue: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._looked = 0.0
         self._client = connected(address, patience_s=min(_CONNECT_S, patience_s), tend=tend)
-        self._marker = put_marker(request.out)
-        self._plain = request.plain()
-        self._workers = Workers(address, self._plain["out"], self._marker, patience_s)
+        self._marker = put_marker(work.out)
+        self._plain, self._out = work.plain(), str(work.out.resolve())
+        self._workers = Workers(address, self._out, self._marker, patience_s)
         self._workers.client = self._client
         try:
             self._wait_for_workers()
@@ -88,18 +86,18 @@ class ClusterEngine:
         from .cluster_workers import MEMORY
 
         given = {
-            "request": self._plain, "choices": self._choices, "capture": str(ticket.capture.resolve()),
+            "work": self._plain, "out": self._out, "capture": str(ticket.capture.resolve()),
             "marker": self._marker, "versions": self._workers.versions, "stretches": self._stretches,
         }  # fmt: skip
         allowed = self._workers.allowed(ticket)
-        memory_mb = self._request.limits.memory_mb
+        memory_mb = self._work.limits.memory_mb
         where: dict[str, Any] = {} if allowed is None else {"workers": sorted(allowed), "allow_other_workers": False}
         if memory_mb is not None and self._workers.state_memory(memory_mb):
             where["resources"] = {MEMORY: memory_mb}
         futures: list[Any] = []
         name = f"{ticket.name}-{self._marker[:8]}-{time.monotonic_ns():x}"
         try:
-            for step in steps_of(self._request, self._choices, ticket.capture):
+            for step in self._work.steps(ticket.capture):
                 before = futures[-1] if futures else None
                 key = f"{step.name}-{step.key[:16]}-{name}"
                 futures.append(
@@ -145,7 +143,7 @@ class ClusterEngine:
 
     def close(self) -> None:
         """Withdraw what is being done; workers notice that within seconds."""
-        remove_marker(self._request.out, self._marker)
+        remove_marker(self._work.out, self._marker)
         with suppress(Exception):
             self._client.cancel([future for one in self._running.values() for future in one.futures])
         with suppress(Exception):
@@ -177,7 +175,7 @@ class ClusterEngine:
 
     def _deaths(self, ticket: Ticket) -> int:
         """Return how often a take was begun and never ended; Dask also blames those that waited behind it."""
-        attempts = (read_record(self._request.out / ticket.name) or {}).get("attempts", ())
+        attempts = (read_record(self._work.out / ticket.name) or {}).get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
 
     def _judged(self, ticket: Ticket, result: dict[str, Any]) -> Ended:
@@ -195,9 +193,9 @@ class ClusterEngine:
         self._tend()
         if self._client.status != "running":
             return self._begin_anew()
-        if marker_in(self._request.out) not in (self._marker, ""):
+        if marker_in(self._work.out) not in (self._marker, ""):
             raise BatchTaken(
-                "Another batch has begun in the same folder of results.", where=str(self._request.out),
+                "Another batch has begun in the same folder of results.", where=str(self._work.out),
                 hint="What is done is kept. Give each batch its own --out, or wait for the other one.",
             )  # fmt: skip
         self._workers.look_at_new()

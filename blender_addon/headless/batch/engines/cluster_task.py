@@ -10,9 +10,9 @@ from typing import Any
 
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import silent
-from ..record import version
+from ...._exchange.version import VERSION
+from ..kinds import work_of
 from ..run_take import UNFINISHED, recalled, run_step
-from ..steps import request_of
 from .marker import marker_in
 
 UNSUITABLE = "unsuitable"
@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
     from importlib.metadata import version as version_of
 
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"Manifold MoCap": version(), "Dask distributed": version_of("distributed"), "Python": python}
+    return {"Manifold MoCap": VERSION, "Dask distributed": version_of("distributed"), "Python": python}
 
 
 def describe(out: str) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None
     """Do one step of a take and return ``worker`` and ``record``, or ``unsuitable`` and why.
 
     Args:
-        given: the batch: request, choices, capture, marker and versions.
+        given: the batch: work, out, capture, marker, versions and stretches.
         step: its name.
         before: what the step before this one has returned.
     """
@@ -55,21 +55,19 @@ def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None
     if before is not None and (UNSUITABLE in before or before["record"]["status"] != UNFINISHED):
         return before
     worker = get_worker().address
-    wrong = what_is_wrong(
-        describe(given["request"]["out"]), given["versions"], given["marker"], given["request"]["out"]
-    )
+    wrong = what_is_wrong(describe(given["out"]), given["versions"], given["marker"], given["out"])
     if wrong:
         return {"worker": worker, UNSUITABLE: wrong}
-    request, capture = request_of(given["request"]), Path(given["capture"])
-    if not request.sees(capture):
+    work, capture = work_of(given["work"]), Path(given["capture"])
+    if not work.sees(capture):
         return {"worker": worker, UNSUITABLE: f"it does not see the capture {capture}"}
-    known = recalled(request, given["choices"], capture)
+    known = recalled(work, capture)
     if known is None:
         if given["stretches"]:
             secede()  # the thread is free for stretches of this very take
         known = run_step(
-            request, given["choices"], capture, step, silent,
-            worker=worker, stopped=_withdrawn(request.out, given["marker"]), in_child=True,
+            work, capture, step, silent,
+            worker=worker, stopped=_withdrawn(work.out, given["marker"]), in_child=True,
             scheduler=get_worker().scheduler.address if given["stretches"] else "",
         )  # fmt: skip
     return {"worker": worker, "record": known}

@@ -8,8 +8,8 @@ from typing import Any
 
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import Progress, silent
-from ..request import Work
 from ..run_take import run_take
+from ..work import Work
 from .base import ENDED, Ended, Ticket
 
 
@@ -17,15 +17,14 @@ class HereEngine:
     """One take at a time, with Blender's part in this process.
 
     Args:
-        request: the batch.
-        choices: what decides what is made of a capture.
+        work: the batch.
         progress: told how far each take has come.
     """
 
     tries = 1
 
-    def __init__(self, request: Work, choices: dict[str, Any], progress: Progress) -> None:
-        self._request, self._choices, self._progress = request, choices, progress
+    def __init__(self, work: Work, progress: Progress) -> None:
+        self._work, self._progress = work, progress
         self._begun: Ticket | None = None
 
     def free(self) -> int:
@@ -42,7 +41,7 @@ class HereEngine:
         if ticket is None:
             threading.Event().wait(timeout_s)
             return []
-        record = run_take(self._request, self._choices, ticket.capture, self._progress)
+        record = run_take(self._work, ticket.capture, self._progress)
         return [Ended(ticket, ENDED, record)]
 
     def notes(self) -> list[str]:
@@ -61,15 +60,14 @@ class ProcessesEngine:
     """Several takes at a time, the solver and Blender of each in processes of their own; needs nothing installed.
 
     Args:
-        request: the batch.
-        choices: what decides what is made of a capture.
+        work: the batch.
         workers: takes at a time.
     """
 
     tries = 2
 
-    def __init__(self, request: Work, choices: dict[str, Any], workers: int) -> None:
-        self._request, self._choices, self._workers = request, choices, workers
+    def __init__(self, work: Work, workers: int) -> None:
+        self._work, self._workers = work, workers
         self._pool = ThreadPoolExecutor(workers, "take")
         self._running: dict[Future[dict[str, Any]], Ticket] = {}
         self._stop = threading.Event()
@@ -81,7 +79,7 @@ class ProcessesEngine:
     def begin(self, ticket: Ticket) -> None:
         """Start the take's processes."""
         task = self._pool.submit(
-            run_take, self._request, self._choices, ticket.capture, silent,
+            run_take, self._work, ticket.capture, silent,
             worker="this machine", stopped=self._stopped, in_child=True,
         )  # fmt: skip
         self._running[task] = ticket

@@ -72,7 +72,7 @@ def judge(
     spec, records = read_data_set(out)
     given = spec.perturb
     chosen = tuple(sources) or tuple(
-        source for source, touched in (("views", given.views or not given.of_markers), ("markers", given.of_markers))
+        source for source, touched in (("views", given.of_views or not given.of_markers), ("markers", given.of_markers))
         if touched
     )  # fmt: skip
     work = [

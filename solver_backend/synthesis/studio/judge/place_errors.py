@@ -11,15 +11,16 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.synthesis.simulation.filming import Person, miscalibrated, px_per_mm
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorModel, Sight, detect_keypoints
+from solver_backend.synthesis.faults import Faults
+from solver_backend.synthesis.simulation.camera_errors import miscalibrated, px_per_mm
+from solver_backend.synthesis.simulation.cast import Person
+from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_keypoints
 from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
 from solver_backend.synthesis.studio.motions import MotionSource
-from solver_backend.synthesis.studio.perturbation import Perturbation
 from solver_backend.synthesis.studio.rig_aim import aim_point
 from solver_backend.synthesis.studio.rigs import Rig
 from solver_backend.synthesis.studio.shots import seeded
@@ -54,7 +55,7 @@ class PlaceErrors:
 
 
 def place_errors(
-    rig: Rig, faults: Perturbation, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
+    rig: Rig, faults: Faults, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
     joint_set: JointSet = JointSet.BODY_25, progress: Progress = silent,
 ) -> PlaceErrors:  # fmt: skip
     """Return the error of a rig over a square of the floor.
@@ -84,7 +85,8 @@ def place_errors(
     centre = aim_point(true)[:2] if rig.fixed else np.zeros(2)
     rng = seeded(seed, rig.name, "places")
     room = np.array([*centre, 0.95])
-    known = miscalibrated(true, room, faults.calibration_mm, rng) if faults.calibration_mm and len(true) > 1 else true
+    off_mm = faults.cameras.calibration_mm
+    known = miscalibrated(true, room, off_mm, rng) if off_mm and len(true) > 1 else true
     ticks = np.arange(-half_m, half_m + 1e-9, step_m)
     moves = np.array([[centre[0] + x, centre[1] + y, 0.0] for y in ticks.tolist() for x in ticks.tolist()])
     looked, stage = [], f"rig {rig.name}"
@@ -117,23 +119,21 @@ def _keypoints(body: Body, joint_set: JointSet) -> Landmarks:
 
 def _look(
     true: Cameras, person: Person, points: np.ndarray, hidden: np.ndarray, joint_set: JointSet,
-    faults: Perturbation, rng: np.random.Generator,
+    faults: Faults, rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return (C, F, K, 2) detections and (C, F, K) confidences of a detector that looks often at some poses."""
     px = project(true.K, true.distortion, true.R, true.t, points, true.distortion_model)
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
     way = np.einsum("fij,cfi->cfj", person.orient, true.centres[:, None] - points[None, :, 0])
-    model = DetectorModel(
-        view_bias_mm=faults.bias_mm, drift_mm=faults.drift_mm, jitter_mm=faults.jitter_mm, missing=faults.missing,
-        occluded_missing=faults.occluded_missing, outliers=faults.outliers, swaps_per_minute=0.0, drift_s=1e-3,
-    )  # fmt: skip
+    # Looks are apart: drift is new in each, and nobody exchanges limbs.
+    detector = replace(faults.detector, swaps_per_minute=0.0, drift_s=1e-3)
     tile = (1, _DRAWS, 1)
     sight = Sight(
         np.tile(np.where(inside[..., None], px, -1e6), (*tile, 1)), np.tile(px_per_mm(true, points), tile),
         np.tile(np.arctan2(way[..., 0], way[..., 2]), (1, _DRAWS)), np.tile(hidden, tile), true.image_size,
     )  # fmt: skip
-    found = detect_keypoints(sight, joint_set, _FPS, model, rng)
+    found = detect_keypoints(sight, joint_set, _FPS, detector, rng)
     return found.xy, found.confidence
 
 
@@ -146,8 +146,3 @@ def places_text(places: Sequence[PlaceErrors]) -> str:
         for p in places
     ]  # fmt: skip
     return json.dumps({"format": "manifold_mocap_places", "version": 1, "places": maps}, allow_nan=False) + "\n"
-
-
-def with_count(rig: Rig, cameras: list[int]) -> Rig:
-    """Return the rig with some of its cameras: what fewer would reach."""
-    return replace(rig, name=f"{rig.name}_{len(cameras)}", cameras=rig.cameras.subset(cameras))

@@ -170,10 +170,10 @@ class _Regions:
 
     def __init__(self, body: Body) -> None:
         owner = body.weights.argmax(axis=1)
-        names = {joint: SMPL_JOINTS[k] for k, joint in enumerate(body.smpl_joints)}
+        names = {joint: SMPL_JOINTS[k] for k, joint in enumerate(body.recorded_joints)}
         self._part = np.array([names.get(int(o), "hand").removeprefix("left_").removeprefix("right_") for o in owner])
         self._v = body.v_template
-        joints = body.joints_template[list(body.smpl_joints)]
+        joints = body.joints_template[list(body.recorded_joints)]
         self._at = {name: joints[k] for k, name in enumerate(SMPL_JOINTS)}
 
     def of(self, garment: str) -> np.ndarray:

@@ -10,7 +10,6 @@ from solver_backend.body.body import Body
 from solver_backend.fitters.measurements.markers import measure_markers
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, frame_equations, pose
-from solver_backend.fitters.model.tangent import PoseTangent
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import fit_frames, posed
@@ -106,9 +105,9 @@ def _free(
         back = left_jacobian_inverse_so3(away)
         by_joints = np.swapaxes(back, -1, -2) @ (precision * away)[..., None]
         hessian, gradient = equations.hessian.copy(), equations.gradient.copy()
-        gradient[:, PoseTangent.JOINTS] += by_joints.reshape(len(away), -1)
+        gradient[:, frames.layout.joints] += by_joints.reshape(len(away), -1)
         for j in range(away.shape[1]):
-            block = PoseTangent.joint(j)
+            block = frames.layout.joint(j)
             hessian[:, block, block] += np.swapaxes(back[:, j], -1, -2) @ (precision[j, :, None] * back[:, j])
         cost = equations.cost + 0.5 * (precision * away * away).sum((1, 2))
         return cost, DenseBlocks(hessian + 1e-3 * np.eye(hessian.shape[-1]), gradient)

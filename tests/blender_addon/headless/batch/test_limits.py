@@ -33,7 +33,7 @@ else:
         (job.parent / json.loads(job.read_text())[key]).write_bytes(b"x")
 read = {"capture": "c", "name": "c", "fps": 30, "cameras": [], "notes": [], "people": [], "person": ""}
 solved = {"motion": "m", "unsure_frames": 0, "unseen_frames": 0}
-print(json.dumps({"event": "result", "problems": [], "frames": 3, **read, **solved}))
+print(json.dumps({"event": "result", "problems": [], "diagnostics": [], "frames": 3, **read, **solved}))
 """
 """A process in the solver's place: one that never ends, one that grows to 400 MB, and sound ones."""
 

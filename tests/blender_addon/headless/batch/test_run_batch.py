@@ -14,7 +14,7 @@ import pytest
 from blender_addon._exchange.errors import Cancelled
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import BatchInvalid, SolverStopped
-from blender_addon.headless.batch import steps
+from blender_addon.headless.batch import takes
 from blender_addon.headless.batch.record import fingerprint
 from blender_addon.headless.batch.request import BatchRequest
 from blender_addon.headless.batch.run_batch import run_batch
@@ -57,7 +57,7 @@ class Solver:
             "unsure_frames": 3,
             "unseen_frames": 0,
         }
-        return {"event": "result", "motion": job["out"], "problems": [], **figures}
+        return {"event": "result", "motion": job["out"], "diagnostics": [], **figures}
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def captures(tmp_path: Path) -> Path:
 @pytest.fixture
 def solver(monkeypatch: pytest.MonkeyPatch) -> Solver:
     solver = Solver({"good": 1.5, "worst": 9.0, "a folder": 3.0})
-    monkeypatch.setattr(steps, "run_solver", solver)
+    monkeypatch.setattr(takes, "run_solver", solver)
     return solver
 
 
@@ -94,6 +94,14 @@ def test_the_worst_comes_first_and_one_failure_stops_nobody(captures: Path, solv
     assert sorted(p.name for p in (out / "good").iterdir()) == [
         "good.html", "good.job.json", "good.npz", "good_capture.npz", "take.json",
     ]  # fmt: skip
+
+
+def test_a_strict_batch_has_strict_jobs_and_solves_again_what_was_not(
+    captures: Path, solver: Solver, tmp_path: Path
+) -> None:
+    run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    run_batch(BatchRequest(captures, tmp_path / "out", strict=True), silent)
+    assert [job.get("strict", False) for job in solver.jobs] == [False] * 4 + [True] * 4
 
 
 def test_recordings_of_markers_are_captures_and_their_markers_are_exported(
@@ -147,7 +155,7 @@ def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: 
 def test_a_new_version_solves_again(captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = fingerprint(captures / "good.npz", {})
     assert fingerprint(captures / "good.npz", {}) == before
-    monkeypatch.setattr("blender_addon.headless.batch.record.version", lambda: "99.0")
+    monkeypatch.setattr("blender_addon.headless.batch.record.VERSION", "99.0")
     assert fingerprint(captures / "good.npz", {}) != before
 
 
@@ -177,10 +185,10 @@ def test_cancelling_keeps_what_is_done(captures: Path, solver: Solver, tmp_path:
             raise Cancelled("The work was cancelled.")
         return solver(verb, given, **more)
 
-    steps.run_solver = interrupted  # undone with the fixture
+    takes.run_solver = interrupted  # undone with the fixture
     with pytest.raises(Cancelled):
         run_batch(BatchRequest(captures, tmp_path / "out"), silent)
-    steps.run_solver = solver
+    takes.run_solver = solver
     solver.solved.clear()
     run_batch(BatchRequest(captures, tmp_path / "out"), silent)
     assert solver.solved == ["broken", "good", "worst"]
@@ -191,7 +199,7 @@ def test_what_breaks_unforeseen_is_one_takes_failure(
 ) -> None:
     result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert {take["status"] for take in result["takes"]} == {"failed"}, "the stand-in's motions cannot be baked"
-    monkeypatch.setattr(steps, "run_bake", lambda *_: 1 / 0)
+    monkeypatch.setattr(takes, "run_bake", lambda *_: 1 / 0)
     result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert result["exit_code"] == 4
     assert result["takes"][0]["error"]["message"] == "ZeroDivisionError: division by zero"

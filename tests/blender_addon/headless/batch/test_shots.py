@@ -17,10 +17,10 @@ import pytest
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import ShotsMissing
 from blender_addon.headless.batch import run_batch
+from blender_addon.headless.batch.kinds import work_of
 from blender_addon.headless.batch.record import read_record
 from blender_addon.headless.batch.request import Spread
-from blender_addon.headless.batch.shots import RECORDS, SHOTS, ShotsRequest, require_all
-from blender_addon.headless.batch.steps import request_of, steps_of
+from blender_addon.headless.batch.shots import RECORDS, SHOTS, Shots, digest_of, require_all
 from blender_addon.headless.studio import StudioRequest, run_studio
 from solver_backend.synthesis.studio.data_set import make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
@@ -51,24 +51,25 @@ def asked(folder: Path, **change: Any) -> tuple[Path, Path]:
 
 def test_steps_have_keys_of_description_name_and_version_and_travel(tmp_path: Path) -> None:
     spec, out = asked(tmp_path)
-    request = ShotsRequest(spec, out, ("a", "b"), colour=True)
-    item, other = request.items
-    steps = steps_of(request, request.choices(), item)
+    work = Shots(spec, out, digest_of(spec), colour=True)
+    item, other = work.item("a"), work.item("b")
+    steps = work.steps(item)
     assert [step.name for step in steps] == ["film", "colour"]
-    again = request_of(json.loads(json.dumps(request.plain())))
-    assert steps_of(again, request.choices(), item) == steps
-    assert not {step.key for step in steps} & {step.key for step in steps_of(request, request.choices(), other)}
+    again = work_of(json.loads(json.dumps(work.plain())))
+    assert again == work and again.steps(item) == steps
+    assert not {step.key for step in steps} & {step.key for step in work.steps(other)}
     spec.write_text(json.dumps(SPEC | {"seed": 6}))
-    assert not {step.key for step in steps} & {step.key for step in steps_of(request, request.choices(), item)}
+    changed = Shots(spec, out, digest_of(spec), colour=True)
+    assert not {step.key for step in steps} & {step.key for step in changed.steps(item)}
     assert not again.sees(item), "the data set's folder is not there yet"
 
 
 def test_shots_that_are_missing_are_named_with_their_reason(tmp_path: Path) -> None:
     done = {"take": "a", "status": "done"}
     failed = {"take": "b", "status": "failed", "error": {"message": "Nobody is seen."}}
-    require_all([done], ShotsRequest(tmp_path, tmp_path, ("a",)))
+    require_all([done], tmp_path)
     with pytest.raises(ShotsMissing, match=r"1 of 2 shots could not be made: b: Nobody is seen\."):
-        require_all([done, failed], ShotsRequest(tmp_path, tmp_path, ("a", "b")))
+        require_all([done, failed], tmp_path)
 
 
 @pytest.mark.slow

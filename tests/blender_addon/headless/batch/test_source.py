@@ -43,7 +43,7 @@ def test_a_capture_that_changes_arrives_again_and_a_second_of_its_name_is_told_o
     captures = tmp_path / "captures"
     captures.mkdir()
     request = BatchRequest(captures, tmp_path / "out")
-    source = Watched(request, {}, settled_s=0.0, poll_s=0.0)
+    source = Watched(request, settled_s=0.0, poll_s=0.0)
     assert source.arrived() == [] and not source.closed
     path = captures / "a.npz"
     path.write_bytes(b"1")
@@ -53,7 +53,7 @@ def test_a_capture_that_changes_arrives_again_and_a_second_of_its_name_is_told_o
     (captures / "a").mkdir()
     (captures / "a" / "frame.json").write_text("{}")
     assert source.arrived() == []
-    assert source.doubled == {str(captures / "a"): "a is not done: a.npz is called the same."}
+    assert source.notes() == ["a is not done: a.npz is called the same."]
 
 
 @pytest.mark.parametrize("given", [[], ["captures", "--watch", "captures"]])

@@ -140,10 +140,10 @@ def test_a_worker_of_another_version_is_named_with_both_and_gets_nothing(
     other.mkdir(parents=True)
     for path in (ROOT / "blender_addon").iterdir():
         (other / path.name).symlink_to(path)
-    manifest = other / "blender_manifest.toml"
-    manifest.unlink()
-    text = (ROOT / "blender_addon" / "blender_manifest.toml").read_text(encoding="utf-8")
-    manifest.write_text(text.replace('\nversion = "0.1.0"', '\nversion = "7.8.9"'), encoding="utf-8")
+    exchange = other / "_exchange"
+    exchange.unlink()
+    shutil.copytree(ROOT / "blender_addon" / "_exchange", exchange)
+    (exchange / "version.py").write_text('VERSION = "7.8.9"\n', encoding="utf-8")
     odd_worker(path=other.parent)
     request = batch(tmp_path, ["a", "b", "c", "d"])
     result = run_batch(request, silent, Spread(cluster.address))

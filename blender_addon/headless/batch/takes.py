@@ -1,0 +1,184 @@
+"""The captures of a batch as work: each converted, solved and, where asked for, baked, rendered and exported."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..._exchange.diagnostics import read_diagnostics, sentence, warnings_in
+from ..._exchange.outputs import atomic_outputs
+from ..bake import BakeRequest, run_bake
+from ..child_verb import run_verb
+from ..export import ExportRequest, run_export
+from ..solver import run_solver
+from .limits import TakeLimits, TakeWatch
+from .record import fingerprint, read_record, step_key
+from .request import READING, BatchRequest
+from .work import Place, Step
+
+
+@dataclass(frozen=True)
+class Takes:
+    """The takes of a batch; each step is known by its key."""
+
+    request: BatchRequest
+    choices: dict[str, Any]
+    """What decides what is made of a capture, see ``BatchRequest.choices``: read once, the same for all workers."""
+    kind: ClassVar = "takes"
+
+    @property
+    def out(self) -> Path:
+        """Folder of the results."""
+        return self.request.out
+
+    @property
+    def limits(self) -> TakeLimits:
+        """Of the solver for each take."""
+        return self.request.limits
+
+    def sees(self, item: Path) -> bool:
+        """Return whether a capture can be seen from here."""
+        return item.exists()
+
+    def steps(self, item: Path) -> tuple[Step, ...]:
+        """Return the steps that are asked for of a capture, with their keys.
+
+        Raises:
+            OSError: the capture cannot be looked at.
+        """
+        request, choices = self.request, self.choices
+        solve = fingerprint(item, {name: choices[name] for name in ("settings", "python")})
+        wanted = {
+            "bake": request.bake,
+            "render": request.render,
+            "export": bool(request.formats or request.marker_formats),
+        }
+        about = {name: choices[name] for name in ("formats", "markers", "body") if name in choices}
+        chosen = {"bake": {"body": about["body"]}, "render": {"body": about["body"]}, "export": about}
+        others = (Step(name, step_key(solve, name, chosen[name])) for name, asked in wanted.items() if asked)
+        return Step("solve", solve), *others
+
+    def do_step(self, item: Path, step: str, place: Place) -> dict[str, Any]:
+        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
+
+        Raises:
+            MocapError: the step failed, or was stopped.
+        """
+        if step == "solve":
+            return _solve(self.request, self.choices["settings"], item, place)
+        if step == "export":
+            return _export(self.request, place)
+        return _show(self.request, item, place, blend=step == "bake")
+
+    def plain(self) -> dict[str, Any]:
+        """Return the work for another process or machine: plain values, paths from the root."""
+        return {"kind": self.kind, "request": self.request.plain(), "choices": self.choices}
+
+    @classmethod
+    def from_plain(cls, values: dict[str, Any]) -> Takes:
+        """Return the work that ``plain`` has written."""
+        return cls(BatchRequest.from_plain(values["request"]), values["choices"])
+
+
+def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+    folder, name = place.folder, place.folder.name
+    copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
+    given = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
+    reading = [text for option in given.items() for text in option]
+    reading += ["--trim"] if shared.get("trim") else []
+    watch = TakeWatch(request.limits)
+    solver = partial(
+        run_solver,
+        progress=place.progress,
+        python=request.python,
+        over_limit=lambda pid: place.stopped() or watch.over_limit(pid),
+    )
+    solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
+    job_file = _write_job(folder, copy, motion, page, shared)
+    solved = solver("solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])])
+    takes = solved.get("takes", [solved])
+    several = [Path(take[kind]).name for take in takes for kind in ("motion", "report") if "takes" in solved]
+    worst = max(takes, key=lambda take: take.get("reprojection_median_px") or take.get("marker_median_mm") or 0.0)
+    people = {"people": [take.get("person", "") for take in takes]} if "takes" in solved else {}
+    return {
+        "outputs": [copy.name, job_file.name, *(several or (motion.name, page.name))],
+        "notes": [sentence(item) for take in takes for item in warnings_in(read_diagnostics(take["diagnostics"]))],
+        "figures": {key: value for key, value in worst.items() if key != "event"},
+        **people,
+    }
+
+
+def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
+    """Write the Blender file of each motion, or its video and contact sheet."""
+    made = [_show_motion(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
+    outputs = [path for one in made for path in one["outputs"]]
+    return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
+
+
+def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
+    folder, copy = place.folder, place.folder / f"{place.folder.name}_capture.npz"
+    if place.in_child:
+        words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
+        words += ["--footage-from", str(capture)]
+        words += ["--no-pictures"] if blend else []
+        words += ["--body", str(request.body)] if request.body else []
+        return run_verb("bake" if blend else "render", words, place.progress, place.stopped)
+    wanted = BakeRequest(
+        motion, folder, copy, request.body, blend=blend, video=not blend, pictures=not blend, overwrite=True,
+        footage_from=(capture,),
+    )  # fmt: skip
+    return run_bake(wanted, place.progress)
+
+
+def _export(request: BatchRequest, place: Place) -> dict[str, Any]:
+    outputs = [path for motion in _motions(place.folder) for path in _export_motion(motion, request, place)]
+    return {"outputs": _inside(place.folder, outputs), "notes": []}
+
+
+def _export_motion(motion: Path, request: BatchRequest, place: Place) -> list[str]:
+    exports, outputs = place.folder / "export", list[str]()
+    if request.formats and place.in_child:
+        words = [str(motion), "--format", *request.formats, "--out", str(exports), "--overwrite"]
+        words += ["--body", str(request.body)] if request.body else []
+        outputs += run_verb("export", words, place.progress, place.stopped)["outputs"]
+    elif request.formats:
+        wanted = ExportRequest(motion, exports, request.formats, request.body, overwrite=True)
+        outputs += run_export(wanted, place.progress)["outputs"]
+    return outputs + _export_markers(request, motion, place)
+
+
+def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
+    """Write the cleaned markers of a take that was solved from markers, and return the files."""
+    record = read_record(place.folder) or {}
+    paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
+    if (record.get("solve") or {}).get("marker_median_mm") is None:
+        return []
+    for path in paths:
+        options = [str(motion), "--out", str(path), "--overwrite"]
+        run_solver("export-markers", options, place.progress, python=request.python)
+    return [str(path) for path in paths]
+
+
+def _motions(folder: Path) -> list[Path]:
+    """Return the motions that the take's solve has made: one, or one a person."""
+    made = (read_record(folder) or {})["steps"]["solve"]["outputs"]
+    return [folder / name for name in made if name.endswith(".npz") and name != f"{folder.name}_capture.npz"]
+
+
+def _inside(folder: Path, paths: list[str]) -> list[str]:
+    return [Path(path).relative_to(folder).as_posix() for path in paths]
+
+
+def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: dict[str, Any]) -> Path:
+    path = folder / f"{folder.name}.job.json"
+    values = {
+        "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
+        "overwrite": True, "settings": shared.get("settings") or {},
+    }  # fmt: skip
+    values |= {key: shared[key] for key in ("person", "strict") if shared.get(key)}
+    with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
+        temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
+    return path

@@ -1,0 +1,84 @@
+"""What engines spread over workers: items, each done in steps and recorded in its own folder of ``out``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+from ..._exchange.errors import MocapError
+from ..._exchange.progress import Progress
+from .limits import TakeLimits
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of an item."""
+
+    name: str
+    """Of the step, such as solve, bake or film."""
+    key: str
+    """Hash of what it is made from."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and under whose eyes a step is done."""
+
+    folder: Path
+    """Folder of the item's record."""
+    progress: Progress
+    """Receives how far each stage has come."""
+    stopped: Callable[[], MocapError | None] = lambda: None
+    """Asked again and again; where it returns an error the step ends with it."""
+    in_child: bool = False
+    """Let Blender work in a process of its own, as many steps at a time need."""
+    scheduler: str = ""
+    """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
+
+
+class Work(Protocol):
+    """Items of one kind and their steps; a frozen value that knows what decides what is made of them."""
+
+    kind: ClassVar[str]
+    """Name in ``plain``; also what the progress counts."""
+
+    @property
+    def out(self) -> Path:
+        """Folder of the records."""
+        ...
+
+    @property
+    def limits(self) -> TakeLimits:
+        """Of the solver for each item."""
+        ...
+
+    def sees(self, item: Path) -> bool:
+        """Return whether what a task works on can be seen from here."""
+        ...
+
+    def steps(self, item: Path) -> tuple[Step, ...]:
+        """Return the steps of an item that are asked for, in their order.
+
+        Raises:
+            OSError: the item cannot be looked at.
+        """
+        ...
+
+    def do_step(self, item: Path, step: str, place: Place) -> dict[str, Any]:
+        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
+
+        Raises:
+            MocapError: the step failed, or was stopped.
+        """
+        ...
+
+    def plain(self) -> dict[str, Any]:
+        """Return plain values for another process or machine, with ``kind``."""
+        ...
+
+
+def take_name(item: Path) -> str:
+    """Return the name of an item's folder: a capture's take, or a shot."""
+    return item.stem if item.is_file() else item.name

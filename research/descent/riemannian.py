@@ -1,0 +1,218 @@
+"""Minimisers on manifolds from gradients alone: projected gradient descent with retraction, and L-BFGS."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from research.descent.line_search import Trial, WolfeSettings, strong_wolfe
+from research.descent.manifolds import Manifold, State
+
+Objective = Callable[[State], tuple[Any, State]]
+"""State -> cost and its gradient, ambient (derivatives by the state's entries) or tangent."""
+
+
+@dataclass(frozen=True)
+class MinimiseSettings:
+    """When to stop and how to step."""
+
+    max_iterations: int = 200
+    """Steps at most."""
+    gradient_tolerance: float = 1e-8
+    """Stop when the Riemannian gradient is shorter."""
+    cost_tolerance: float = 0.0
+    """Stop when a step lowers the cost by less than this share of it."""
+    first_step: float = 0.1
+    """Length of the first step, in the manifold's unit."""
+    memory: int = 12
+    """Pairs L-BFGS remembers."""
+    line_search: WolfeSettings = field(default_factory=WolfeSettings)
+    """Strong Wolfe conditions of every step."""
+
+
+@dataclass(frozen=True)
+class MinimiseResult:
+    """Where a minimiser ended."""
+
+    state: State
+    """Best state found."""
+    cost: float
+    """Cost there."""
+    gradient_norm: float
+    """Length of the Riemannian gradient there."""
+    iterations: int
+    """Steps made."""
+    evaluations: int
+    """Times cost and gradient were computed."""
+    converged: bool
+    """A tolerance was met."""
+    status: str
+    """One sentence on why it stopped."""
+
+
+def gradient_descent(
+    manifold: Manifold, objective: Objective, state: State, settings: MinimiseSettings = MinimiseSettings()
+) -> MinimiseResult:
+    """Minimise by steps against the projected gradient, retracted to the manifold.
+
+    ``g = P_x ∇f(x)``, ``x ← retract(x, -α g)`` with α from a strong Wolfe line search.
+
+    Args:
+        manifold: where the state lives.
+        objective: state -> cost, gradient.
+        state: start, on the manifold.
+        settings: when to stop.
+
+    Reference: thesis 6.2.4, Algorithm 1 (whose ``z + α g`` descends for negative α).
+    """
+    return _minimise(manifold, objective, state, settings, _SteepestDescent())
+
+
+def lbfgs(
+    manifold: Manifold, objective: Objective, state: State, settings: MinimiseSettings = MinimiseSettings()
+) -> MinimiseResult:
+    """Minimise by limited-memory BFGS whose pairs are carried along to the tangent space of the iterate.
+
+    Args:
+        manifold: where the state lives.
+        objective: state -> cost, gradient.
+        state: start, on the manifold.
+        settings: when to stop.
+
+    Reference: Ring and Wirth 2012, "Optimization methods on Riemannian manifolds and their application to shape
+    space"; Nocedal and Wright 2006, algorithm 7.4.
+    """
+    return _minimise(manifold, objective, state, settings, _LimitedMemory(settings.memory))
+
+
+class _Directions(ABC):
+    """How a minimiser chooses where to go."""
+
+    @abstractmethod
+    def direction(self, manifold: Manifold, gradient: State) -> State:
+        """Return a tangent vector along which the cost falls."""
+
+    @abstractmethod
+    def first_step(self, before: float, slope_before: float, slope: float) -> float:
+        """Return the step to try first, given the last step and the slopes of both lines."""
+
+    @abstractmethod
+    def learn(self, manifold: Manifold, x: State, y: State, step: State, old: State, new: State) -> None:
+        """Take note of the step from ``x`` to ``y`` and the gradients there."""
+
+
+class _SteepestDescent(_Directions):
+    """Directions of Algorithm 1."""
+
+    def direction(self, manifold: Manifold, gradient: State) -> State:
+        return manifold.combine(-1.0, gradient, 0.0, gradient)
+
+    def first_step(self, before: float, slope_before: float, slope: float) -> float:
+        """Return the step that would change the cost as much as the last one did (Nocedal and Wright eq. 3.60)."""
+        return before * slope_before / slope
+
+    def learn(self, manifold: Manifold, x: State, y: State, step: State, old: State, new: State) -> None:
+        """Remember nothing."""
+
+
+class _LimitedMemory(_Directions):
+    """Directions of L-BFGS."""
+
+    def __init__(self, memory: int) -> None:
+        self._memory = memory
+        self._pairs: list[tuple[State, State, float]] = []
+
+    def direction(self, manifold: Manifold, gradient: State) -> State:
+        q = manifold.combine(-1.0, gradient, 0.0, gradient)
+        shares = []
+        for s, y, product in reversed(self._pairs):
+            share = manifold.inner(s, q) / product
+            shares.append(share)
+            q = manifold.combine(1.0, q, -share, y)
+        if self._pairs:
+            s, y, product = self._pairs[-1]
+            q = manifold.combine(product / manifold.inner(y, y), q, 0.0, q)
+        for (s, y, product), share in zip(self._pairs, reversed(shares), strict=True):
+            q = manifold.combine(1.0, q, share - manifold.inner(y, q) / product, s)
+        if not manifold.inner(q, gradient) < 0:
+            self._pairs.clear()
+            return manifold.combine(-1.0, gradient, 0.0, gradient)
+        return q
+
+    def first_step(self, before: float, slope_before: float, slope: float) -> float:
+        """Return the full step once there is curvature to go by."""
+        return 1.0 if self._pairs else before * slope_before / slope
+
+    def learn(self, manifold: Manifold, x: State, y: State, step: State, old: State, new: State) -> None:
+        """Carry all pairs from ``x`` to ``y`` and add the last one if its curvature is positive."""
+        carried = [(manifold.transport(x, y, s), manifold.transport(x, y, d), p) for s, d, p in self._pairs]
+        s = manifold.transport(x, y, step)
+        change = manifold.combine(1.0, new, -1.0, manifold.transport(x, y, old))
+        product = manifold.inner(s, change)
+        if product > 1e-10 * math.sqrt(manifold.inner(s, s) * manifold.inner(change, change)):
+            carried.append((s, change, product))
+        self._pairs = carried[-self._memory :]
+
+
+def _minimise(
+    manifold: Manifold,
+    objective: Objective,
+    state: State,
+    settings: MinimiseSettings,
+    method: _Directions,
+) -> MinimiseResult:
+    cost, gradient = _evaluate(manifold, objective, state)
+    evaluations, before, slope_before = 1, 0.0, 0.0
+    for iteration in range(settings.max_iterations):
+        norm = math.sqrt(manifold.inner(gradient, gradient))
+        if norm <= settings.gradient_tolerance:
+            return _result(state, cost, norm, iteration, evaluations, "The gradient vanished.")
+        direction = method.direction(manifold, gradient)
+        slope = manifold.inner(gradient, direction)
+        first = method.first_step(before, slope_before, slope) if before else settings.first_step / norm
+        line = _line(manifold, objective, state, direction)
+        start = Trial(0.0, cost, slope, (state, gradient))
+        trial, good, count = strong_wolfe(line, start, first, settings.line_search)
+        evaluations += count
+        if not good and not trial.cost < cost:
+            return _result(state, cost, norm, iteration, evaluations, "No step lowers the cost.", False)
+        moved, new = trial.payload
+        step = manifold.combine(trial.step, direction, 0.0, direction)
+        method.learn(manifold, state, moved, step, gradient, new)
+        fall = cost - trial.cost
+        state, cost, gradient, before, slope_before = moved, trial.cost, new, trial.step, slope
+        if fall <= settings.cost_tolerance * abs(cost) and settings.cost_tolerance > 0:
+            norm = math.sqrt(manifold.inner(gradient, gradient))
+            return _result(state, cost, norm, iteration + 1, evaluations, "The cost no longer falls.")
+    norm = math.sqrt(manifold.inner(gradient, gradient))
+    status = f"Stopped after {settings.max_iterations} iterations; raise max_iterations to go on."
+    return _result(state, cost, norm, settings.max_iterations, evaluations, status, False)
+
+
+def _line(
+    manifold: Manifold, objective: Objective, x: State, direction: State
+) -> Callable[[float], Trial[tuple[State, State]]]:
+    """Return the objective along the retracted line, with its exact derivative."""
+
+    def evaluate(step: float) -> Trial[tuple[State, State]]:
+        moved = manifold.combine(step, direction, 0.0, direction)
+        y = manifold.retract(x, moved)
+        cost, gradient = _evaluate(manifold, objective, y)
+        slope = manifold.inner(gradient, manifold.velocity(x, moved, y)) / step
+        return Trial(step, cost, slope, (y, gradient))
+
+    return evaluate
+
+
+def _evaluate(manifold: Manifold, objective: Objective, x: State) -> tuple[float, State]:
+    cost, gradient = objective(x)
+    return float(cost), manifold.project(x, gradient)
+
+
+def _result(
+    state: State, cost: float, norm: float, iterations: int, evaluations: int, status: str, converged: bool = True
+) -> MinimiseResult:
+    return MinimiseResult(state, cost, norm, iterations, evaluations, converged, status)

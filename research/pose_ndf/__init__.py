@@ -1,0 +1,1 @@
+"""What papers do with Pose-NDF and the product does not."""

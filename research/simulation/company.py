@@ -1,0 +1,114 @@
+"""Two people who cross in front of cameras: each hides the other, and a detector lists them in any order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from research.simulation.benchmark import JOINT_SET, BenchmarkSettings
+from research.simulation.filming import FilmSettings, around, film, hidden_by
+from solver_backend.exchange.errors import TakeTooShort
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.people.detections import Detections
+from solver_backend.synthesis.simulation.camera_errors import miscalibrated
+from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
+from solver_backend.types import Cameras, Keypoints2D
+
+PASSING_M = (0.5, 0.7)
+"""How near the two come to each other, between their pelvises: less and their shoulders would touch."""
+CROSSING_RAD = (np.pi / 3, np.pi)
+"""Angle between their ways."""
+HIDDEN_SHARE = 0.6
+"""A detector misses somebody of whom another hides more than this share of the keypoints."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Two people filmed together, and each of them alone by the same cameras with the same noise."""
+
+    cameras: Cameras
+    """C cameras as calibrated."""
+    detections: Detections
+    """Both, in any order in each view and frame."""
+    who: np.ndarray
+    """(C, F, 2) whose each detection is, 0 or 1; -1 = none."""
+    alone: tuple[Keypoints2D, Keypoints2D]
+    """The detections of each where the other is not there."""
+    joints: tuple[np.ndarray, np.ndarray]
+    """(F, J, 3) true joints of each."""
+    fps: float
+    """Frames per second."""
+
+
+def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSettings()) -> Crossing:
+    """Film two people who walk past each other in the middle of the shorter take.
+
+    Args:
+        takes: what they do; the longer one is cut.
+        settings: cameras, detector and its errors; the seed draws people, ways, noise and the order of detections.
+
+    Raises:
+        TakeTooShort: fewer than four frames.
+    """
+    frames = min(len(take.rotations) for take in takes)
+    if frames < 4:
+        raise TakeTooShort(f"Two people cross within 4 frames or more, not {frames}.", where=takes[0].name)
+    rng = np.random.default_rng(settings.seed)
+    cut = [Take(take.name, take.rotations[:frames], take.root[:frames], take.fps) for take in takes]
+    people = _past_each_other([cast_person(take, rng) for take in cut], rng)
+    joints = [person.landmarks(JOINT_SET).skeleton.joints for person in people]
+    path = np.concatenate([part[:, 0] for part in joints])
+    cameras, fps = around(path, settings.num_views), takes[0].fps
+    alone: list[Keypoints2D] = []
+    together: list[DetectorOutput] = []
+    hidden: list[np.ndarray] = []
+    for number, person in enumerate(people):
+        offsets = 1e-3 * settings.anatomy_mm * rng.normal(size=(JOINT_SET.num_keypoints, 3))
+        filming = FilmSettings(JOINT_SET, fps, settings.detector, offsets)
+        seed = int(rng.integers(2**31))
+        single = film(person, cameras, filming, np.random.default_rng(seed))
+        alone.append(Keypoints2D(single.xy, single.confidence, JOINT_SET, fps))
+        points = person.landmarks(JOINT_SET, offsets).points
+        hidden.append(hidden_by(people[1 - number], cameras, points, fps))
+        together.append(film(person, cameras, replace(filming, hidden=hidden[-1]), np.random.default_rng(seed)))
+    detections, who = _listed(cameras, together, np.stack(hidden, axis=2), rng)
+    seen = miscalibrated(cameras, path.mean(axis=0), settings.calibration_mm, rng)
+    return Crossing(seen, detections, who, (alone[0], alone[1]), (joints[0], joints[1]), fps)
+
+
+def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Person]:
+    """Return both turned and moved so that they are beside each other in the middle of the take."""
+    middle = len(people[0].transl) // 2
+    angle = (0.0, rng.uniform(*CROSSING_RAD))
+    gap = rng.uniform(*PASSING_M)
+    placed: list[Person] = []
+    for number, person in enumerate(people):
+        way = person.transl[-1] - person.transl[0]
+        turn = exp_so3(np.array([0.0, 0.0, angle[number] - np.arctan2(way[1], way[0])]))
+        transl = (person.transl - person.transl[middle] * [1, 1, 0]) @ turn.T
+        # Across the way of one as the other sees it, which for equal speeds is the mean of both ways.
+        aside = 0.5 * angle[1]
+        transl = transl + (number - 0.5) * gap * np.array([np.cos(aside), np.sin(aside), 0.0])
+        # The mesh turns about the pelvis of its rest pose, not about the origin.
+        pelvis = person.body.rest_joints(person.betas)[0]
+        moved = transl + (turn - np.eye(3)) @ pelvis
+        placed.append(replace(person, orient=turn @ person.orient, transl=moved))
+    return placed
+
+
+def _listed(
+    cameras: Cameras, found: list[DetectorOutput], hidden: np.ndarray, rng: np.random.Generator
+) -> tuple[Detections, np.ndarray]:
+    """Return what files hold: people in any order, those whom the other hides left out; and who is who."""
+    xy = np.stack([output.xy for output in found], axis=2)
+    confidence = np.stack([output.confidence for output in found], axis=2)
+    there = (hidden.mean(axis=-1) <= HIDDEN_SHARE) & (confidence > 0).any(axis=-1)
+    views, frames = there.shape[:2]
+    order = np.argsort(rng.random((views, frames, len(found))), axis=-1)
+    pick = np.arange(views)[:, None, None], np.arange(frames)[None, :, None], order
+    xy, confidence, there = xy[pick], confidence[pick], there[pick]
+    xy = np.where(there[..., None, None], xy, np.nan).astype(np.float32)
+    confidence = np.where(there[..., None], confidence, 0.0).astype(np.float32)
+    return Detections(cameras.names, xy, confidence, JOINT_SET), np.where(there, order, -1)

@@ -1,0 +1,97 @@
+"""A person in front of cameras: tripods, a calibration that errs, and what a detector makes of the pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from research.simulation.occlusion import occluded_by, self_occluded
+from solver_backend.cameras.projection import project
+from solver_backend.synthesis.embedded.demo import tripods
+from solver_backend.synthesis.faults import DetectorFaults
+from solver_backend.synthesis.simulation.camera_errors import delayed, px_per_mm
+from solver_backend.synthesis.simulation.cast import Person
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, Sight, detect_keypoints
+from solver_backend.types import Cameras, JointSet
+
+LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)
+"""Distortion like that of the recording's cameras."""
+OCCLUSION_HZ = 30.0
+"""Sight lines are cast this often."""
+_CHUNK = 64
+
+
+def around(pelvis: np.ndarray, num_views: int) -> Cameras:
+    """Return tripod cameras that keep a person on this (F, 3) path in view; two stand at a right angle or so."""
+    low, high = pelvis.min(axis=0), pelvis.max(axis=0)
+    centre = np.array([*(0.5 * (low + high))[:2], 0.95])
+    radius = 4.2 + 0.5 * float(np.linalg.norm((high - low)[:2]))
+    ring = tripods(centre, max(num_views, 4), radius)
+    cameras = ring if num_views >= 4 else ring.subset([0, 1, 2][:num_views])
+    return replace(cameras, distortion=np.tile(LENS, (len(cameras), 1)))
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """What films, and how far it errs."""
+
+    joint_set: JointSet
+    """Names of the K keypoints."""
+    fps: float
+    """Frames per second."""
+    detector: DetectorFaults
+    """The detector."""
+    offsets: np.ndarray | None = None
+    """(K, 3) metres in the rest frames, from what the body means by a keypoint to what the detector means; None for
+    none."""
+    delays: np.ndarray | None = None
+    """(C,) frames by which views lag; None for none."""
+    hidden: np.ndarray | None = None
+    """(C, F, K) bool, what others hide; None for nothing."""
+
+
+def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.random.Generator) -> DetectorOutput:
+    """Return what a detector finds of a person.
+
+    Args:
+        person: F frames.
+        cameras: C cameras as they truly stand.
+        settings: the detector and its errors.
+        rng: seeded source of randomness.
+    """
+    joint_set = settings.joint_set
+    posed = person.landmarks(joint_set, settings.offsets)
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
+    if settings.delays is not None:
+        px = np.stack([delayed(track, delay) for track, delay in zip(px, settings.delays, strict=True)])
+    way = cameras.centres[:, None] - posed.skeleton.joints[None, :, 0]
+    body_way = np.einsum("fij,cfi->cfj", person.orient, way)
+    sight = Sight(
+        px, px_per_mm(cameras, posed.points), np.arctan2(body_way[..., 0], body_way[..., 2]),
+        _out_of_sight(person, cameras, posed.points, settings), cameras.image_size,
+    )  # fmt: skip
+    return detect_keypoints(sight, joint_set, settings.fps, settings.detector, rng)
+
+
+def _out_of_sight(person: Person, cameras: Cameras, points: np.ndarray, settings: FilmSettings) -> np.ndarray:
+    """Return (C, F, K) bool: hidden by the person's own body or by others; looked at ``OCCLUSION_HZ``."""
+    step = max(1, round(settings.fps / OCCLUSION_HZ))
+    frames, keypoints = np.arange(0, len(points), step), settings.joint_set.keypoints
+    hidden = [
+        self_occluded(cameras, person.body, person.skin(chunk), points[chunk], keypoints)
+        for chunk in np.array_split(frames, -(-len(frames) // _CHUNK))
+    ]
+    own = np.repeat(np.concatenate(hidden, axis=1), step, axis=1)[:, : len(points)]
+    return own if settings.hidden is None else own | settings.hidden
+
+
+def hidden_by(other: Person, cameras: Cameras, points: np.ndarray, fps: float) -> np.ndarray:
+    """Return (C, F, K) bool: somebody else stands before the points (F, K, 3); looked at ``OCCLUSION_HZ``."""
+    step = max(1, round(fps / OCCLUSION_HZ))
+    frames = np.arange(0, len(points), step)
+    hidden = [
+        occluded_by(cameras, other.body, other.skin(chunk), points[chunk])
+        for chunk in np.array_split(frames, -(-len(frames) // _CHUNK))
+    ]
+    return np.repeat(np.concatenate(hidden, axis=1), step, axis=1)[:, : len(points)]

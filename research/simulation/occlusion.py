@@ -1,0 +1,44 @@
+"""Which keypoints a body hides from a camera by itself: sight lines cast at the posed mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.synthesis.simulation.occlusion import own_faces, stabbed_faces
+from solver_backend.types import Cameras
+
+
+def self_occluded(
+    cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray, keypoints: tuple[str, ...]
+) -> np.ndarray:
+    """Return (C, F, K) bool: skin of a part that the keypoint does not belong to stands in its sight line.
+
+    Args:
+        cameras: C cameras.
+        body: the body model, for its faces and parts.
+        vertices: (F, V, 3) the posed skin, metres.
+        points: (F, K, 3) the keypoints' true places.
+        keypoints: names of the K keypoints.
+    """
+    own = own_faces(body, keypoints)
+    hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
+    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
+        for frame in range(len(points)):
+            skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
+            face, target = stabbed_faces(skin, body.faces, targets)
+            hidden[view, frame] = np.bincount(target, ~own[target, face], minlength=len(targets)) > 0
+    return hidden
+
+
+def occluded_by(cameras: Cameras, body: Body, vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return (C, F, K) bool: skin of somebody else stands in a point's sight line.
+
+    Args: those of ``self_occluded``, the body and its skin being the other person's.
+    """
+    hidden = np.zeros((len(cameras), *points.shape[:2]), dtype=bool)
+    for view, (R, t) in enumerate(zip(cameras.R.astype(np.float32), cameras.t.astype(np.float32), strict=True)):
+        for frame in range(len(points)):
+            skin, targets = vertices[frame].astype(np.float32) @ R.T + t, points[frame].astype(np.float32) @ R.T + t
+            hidden[view, frame, np.unique(stabbed_faces(skin, body.faces, targets)[1])] = True
+    return hidden

@@ -1,0 +1,135 @@
+"""Where the parts of tangent vectors stand: of a pose, and of a state that a pose is decoded from."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+CODE, ROOT, TRANSL, UNCOVERED, RESIDUAL = "code", "root", "transl", "uncovered", "residual"
+"""Blocks of a state: the prior's code; the root's rotation (left, world); the translation; rotation vectors of joints
+that no prior covers; and those by which covered joints leave the prior's manifold."""
+
+
+@dataclass(frozen=True)
+class PoseLayout:
+    """Tangent of a posed frame: rotations left of the root (world) and of each joint (in the parent's frame), metres.
+
+    ``R(δ) = exp([δ]x) R``, ``t(δ) = t + δ``.
+    """
+
+    num_joints: int
+    """Joints after the root that turn."""
+
+    @property
+    def dof(self) -> int:
+        """Length of the tangent."""
+        return self.transl.stop
+
+    @property
+    def root(self) -> slice:
+        """The root's rotation."""
+        return slice(0, 3)
+
+    @property
+    def joints(self) -> slice:
+        """The rotations of all joints after the root."""
+        return slice(3, 3 + 3 * self.num_joints)
+
+    @property
+    def rotations(self) -> slice:
+        """The rotations of the root and of the joints."""
+        return slice(0, self.joints.stop)
+
+    @property
+    def transl(self) -> slice:
+        """The translation."""
+        return slice(self.joints.stop, self.joints.stop + 3)
+
+    def joint(self, column: int) -> slice:
+        """Return where the joint of a column of the pose stands; column 0 is the first joint after the root."""
+        first = self.joints.start + 3 * column
+        return slice(first, first + 3)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some numbers of a state's tangent."""
+
+    name: str
+    size: int
+    joints: tuple[int, ...] = ()
+    """Columns of the pose that the block's rotation vectors turn, three numbers each."""
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """Tangent of a key, or of a frame on its own: named blocks, one after the other.
+
+    Blocks of rotation vectors come last. A solve that frees some blocks alone has their layout, see ``only``.
+    """
+
+    blocks: tuple[Block, ...]
+
+    @classmethod
+    @lru_cache(maxsize=64)
+    def of(cls, code_dof: int, num_joints: int, uncovered: tuple[int, ...] = ()) -> StateLayout:
+        """Return the layout of a state that a prior's code decodes to a pose.
+
+        Args:
+            code_dof: dimension of the codes' manifold.
+            num_joints: joints after the root that turn.
+            uncovered: columns of the pose that the prior says nothing of.
+        """
+        covered = tuple(joint for joint in range(num_joints) if joint not in uncovered)
+        return cls(
+            (
+                Block(CODE, code_dof), Block(ROOT, 3), Block(TRANSL, 3),
+                Block(UNCOVERED, 3 * len(uncovered), uncovered), Block(RESIDUAL, 3 * len(covered), covered),
+            )
+        )  # fmt: skip
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._slices
+
+    def __getitem__(self, name: str) -> slice:
+        """Return where a block stands.
+
+        Raises:
+            KeyError: the layout has no such block.
+        """
+        return self._slices[name]
+
+    def only(self, names: Collection[str]) -> StateLayout:
+        """Return the layout of these blocks alone, in the order in which they stand here."""
+        return StateLayout(tuple(block for block in self.blocks if block.name in names))
+
+    def without(self, *names: str) -> StateLayout:
+        """Return the layout of all blocks but these."""
+        return StateLayout(tuple(block for block in self.blocks if block.name not in names))
+
+    def columns(self, free: Collection[str]) -> np.ndarray:
+        """Return the columns (n,) of this layout in which the blocks ``free`` stand: where ``only(free)`` lies."""
+        return np.concatenate([np.arange(self.dof)[self[block.name]] for block in self.only(free).blocks])
+
+    @cached_property
+    def dof(self) -> int:
+        """Length of the tangent."""
+        return sum(block.size for block in self.blocks)
+
+    @cached_property
+    def turned(self) -> tuple[int, ...]:
+        """Columns of the pose that rotation vectors turn, in the order of the blocks."""
+        return tuple(joint for block in self.blocks for joint in block.joints)
+
+    @property
+    def turns(self) -> slice:
+        """Where the rotation vectors of ``turned`` stand, joint after joint."""
+        return slice(self.dof - 3 * len(self.turned), self.dof)
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        ends = np.cumsum([block.size for block in self.blocks]).tolist()
+        return {block.name: slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True)}

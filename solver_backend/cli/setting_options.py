@@ -1,0 +1,81 @@
+"""The settings of a solve as options of a command line, made from the rows that declare them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from itertools import groupby
+from typing import Any
+
+from solver_backend.exchange.setting import Setting, defaults_of_class, settings_of_class
+from solver_backend.exchange.solve_settings import SolveSettings
+
+ROWS = settings_of_class(SolveSettings)
+
+
+def add_settings(parser: argparse.ArgumentParser, names: Iterable[str] = ROWS) -> None:
+    """Add settings to a parser, one group of options for each of theirs; what is not given is None.
+
+    Args:
+        parser: of a verb.
+        names: of the settings; all if left out.
+    """
+    chosen = [(name, ROWS[name]) for name in ROWS if name in set(names)]
+    for title, rows in groupby(chosen, key=lambda item: item[1].group):
+        group = parser.add_argument_group(title)
+        for name, row in rows:
+            _add_option(group, name, row)
+
+
+def given_settings(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings that stand on a command line, by name."""
+    values = {name: getattr(args, name, None) for name in ROWS}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def describe_range(row: Setting) -> str:
+    """Return which values a setting may have, in a few words; "" for what its metavar says."""
+    if row.kind == "choice":
+        return ", ".join(choice.value for choice in row.choices)
+    return f"{row.low:g} to {row.high:g}{f' {row.unit}' if row.unit else ''}" if row.low is not None else ""
+
+
+def describe_default(name: str) -> str:
+    """Return what a setting is where it is not given; "" for nothing."""
+    value = defaults_of_class(SolveSettings)[name]
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g}" if isinstance(value, float) else str(value or "")
+
+
+def option(name: str) -> str:
+    """Return the option of a setting."""
+    return f"--{name.replace('_', '-')}"
+
+
+def _add_option(group: Any, name: str, row: Setting) -> None:
+    bounds, default = describe_range(row), describe_default(name)
+    more = "; ".join([bounds] * bool(bounds) + [f"default {default}"] * bool(default))
+    text = f"{row.description[0].lower()}{row.description[1:]}{f' ({more})' if more else ''}"
+    group.add_argument(option(name), dest=name, default=None, help=text.replace("%", "%%"), **_how(row))
+
+
+def _how(row: Setting) -> dict[str, Any]:
+    """Return how argparse reads a setting; what is valid is checked by the settings themselves."""
+    return {
+        "switch": {"action": argparse.BooleanOptionalAction},
+        "whole": {"type": int, "metavar": "N"},
+        "number": {"type": float, "metavar": "X"},
+        "choice": {"metavar": row.metavar},
+        "file": {"metavar": row.metavar},
+        "name_or_file": {"metavar": row.metavar},
+        "texts": {"metavar": row.metavar, "action": "append"},
+        "numbers": {"metavar": row.metavar, "type": _numbers},
+    }[row.kind]
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers with commas between") from None

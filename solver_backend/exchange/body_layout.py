@@ -1,0 +1,181 @@
+"""Bodies as data: joints, their tree, sides and groups, and the layouts of the SMPL family."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from .errors import BodyInvalid, MotionInvalid
+
+
+@dataclass(frozen=True)
+class BodyLayout:
+    """The joints of a body, the root first and parents before their children."""
+
+    name: str
+    joints: tuple[str, ...]
+    """Names; the same joint of the other side is named alike, with ``left_`` and ``right_`` exchanged."""
+    parents: tuple[int, ...]
+    """Parent of each joint; -1 at the root."""
+    groups: tuple[str, ...]
+    """Group of each joint, such as trunk, left_arm or left_hand."""
+    resting: tuple[str, ...] = ()
+    """Groups at the end of the joints that solves leave at rest."""
+    recorded_as: BodyLayout | None = None
+    """Layout of the motions of such bodies; None: this one."""
+
+    def __post_init__(self) -> None:
+        count = len(self.joints)
+        if not count == len(self.parents) == len(self.groups) or len(set(self.joints)) < count:
+            raise BodyInvalid(
+                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups are no layout.",
+                where=self.name, hint="Every joint has a name of its own, a parent and a group.",
+            )  # fmt: skip
+        if any(p >= j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
+            raise BodyInvalid(
+                f"Parents {self.parents} are no tree; one root (-1) and parents before their children are expected.",
+                where=self.name,
+            )
+
+    @property
+    def num_joints(self) -> int:
+        """J, the root included."""
+        return len(self.joints)
+
+    @cached_property
+    def solved(self) -> tuple[str, ...]:
+        """Joints after the root that a solve turns."""
+        moving = [group not in self.resting for group in self.groups]
+        return self.joints[1 : moving.index(False) if False in moving else None]
+
+    @property
+    def num_solved(self) -> int:
+        """How many joints after the root a solve turns."""
+        return len(self.solved)
+
+    @property
+    def recorded(self) -> BodyLayout:
+        """Layout of the motions of such bodies."""
+        return self.recorded_as or self
+
+    @cached_property
+    def mirror(self) -> tuple[int, ...]:
+        """The joint on the other side; a joint of the midline, or of one side alone, is its own."""
+        other = [_other_side(name) for name in self.joints]
+        return tuple(self.joints.index(name) if name in self.joints else j for j, name in enumerate(other))
+
+    @cached_property
+    def children(self) -> tuple[tuple[int, ...], ...]:
+        """Children of each joint."""
+        return tuple(tuple(c for c, p in enumerate(self.parents) if p == j) for j in range(self.num_joints))
+
+    @cached_property
+    def main_child(self) -> dict[int, int]:
+        """The child at which a bone ends: the only one, or the one of its own group."""
+        ends = {}
+        for j, children in enumerate(self.children):
+            own = [c for c in children if self.groups[c] == self.groups[j]]
+            if len(children) == 1 or len(own) == 1:
+                ends[j] = (own or children)[0]
+        return ends
+
+    def group(self, name: str) -> tuple[int, ...]:
+        """Return the joints of a group."""
+        return tuple(j for j, group in enumerate(self.groups) if group == name)
+
+    def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
+        """Return the joint of this body that stands for each joint of another's.
+
+        Raises:
+            BodyInvalid: a joint has none.
+        """
+        names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
+        missing = [name for name in names if name not in self.joints]
+        if missing:
+            raise BodyInvalid(f"{self.name} has no {', '.join(missing)}, which {other.name} has.", where=self.name)
+        return tuple(self.joints.index(name) for name in names)
+
+    def require_same_joints(self, other: BodyLayout, where: str) -> None:
+        """Check that a motion of this layout can stand where one of another is expected.
+
+        Raises:
+            MotionInvalid: joints or tree differ.
+        """
+        if (self.joints, self.parents) != (other.joints, other.parents):
+            raise MotionInvalid(
+                f"The motion is of the layout {self.name} ({self.num_joints} joints); {other.name} "
+                f"({other.num_joints} joints) is expected.", where=where, hint="Use the body that it was solved with.",
+            )  # fmt: skip
+
+    def without(self, joints: Collection[str], name: str) -> BodyLayout:
+        """Return the layout of a body that lacks these joints and what hangs on them.
+
+        Args:
+            joints: names.
+            name: of the new layout.
+        """
+        lost = {j for j, joint in enumerate(self.joints) if joint in joints}
+        for j, parent in enumerate(self.parents):
+            lost |= {j} if parent in lost else set()
+        kept = [j for j in range(self.num_joints) if j not in lost]
+        return replace(
+            self, name=name, joints=tuple(self.joints[j] for j in kept), groups=tuple(self.groups[j] for j in kept),
+            parents=tuple(kept.index(self.parents[j]) if self.parents[j] >= 0 else -1 for j in kept), recorded_as=None,
+        )  # fmt: skip
+
+
+def _other_side(name: str) -> str:
+    for side, other in (("left_", "right_"), ("right_", "left_")):
+        if name.startswith(side):
+            return other + name.removeprefix(side)
+    return name
+
+
+def _hand(side: str, fingers: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"{side}_{finger}{knuckle}" for finger in fingers for knuckle in (1, 2, 3))
+
+
+def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
+    """Return SMPL's layout with a face and fifteen finger joints in place of each hand."""
+    body = SMPL.without(("left_hand", "right_hand"), name)
+    joints, parents, groups = [*body.joints, *face], [*body.parents], [*body.groups]
+    parents += [joints.index("head")] * len(face)
+    groups += ["face"] * len(face)
+    for side in ("left", "right"):
+        for joint in _hand(side, ("index", "middle", "pinky", "ring", "thumb")):
+            first = joint.endswith("1")
+            parents.append(joints.index(f"{side}_wrist") if first else len(joints) - 1)
+            joints.append(joint)
+            groups.append(f"{side}_hand")
+    resting = ("face", "left_hand", "right_hand")
+    return BodyLayout(name, tuple(joints), tuple(parents), tuple(groups), resting, SMPL)
+
+
+_STAND_INS = {"left_hand": "left_middle1", "right_hand": "right_middle1"}
+"""Joints of SMPL-H and SMPL-X that stand for SMPL's hands: the roots of the middle fingers."""
+
+SMPL = BodyLayout(
+    "SMPL",
+    (
+        "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
+        "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
+        "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+        "left_hand", "right_hand",
+    ),
+    (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21),
+    (
+        "trunk", "left_leg", "right_leg", "trunk", "left_leg", "right_leg", "trunk", "left_leg",
+        "right_leg", "trunk", "left_leg", "right_leg", "trunk", "left_arm", "right_arm", "trunk",
+        "left_arm", "right_arm", "left_arm", "right_arm", "left_arm", "right_arm",
+        "left_hand", "right_hand",
+    ),
+    resting=("left_hand", "right_hand"),
+)  # fmt: skip
+"""SMPL's joints in SMPL's order (Loper et al. 2015)."""
+SMPL_H = _with_fingers("SMPL-H", ())
+"""SMPL with fingers (Romero et al. 2017)."""
+SMPL_X = _with_fingers("SMPL-X", ("jaw", "left_eye", "right_eye"))
+"""SMPL with fingers, jaw and eyes (Pavlakos et al. 2019)."""
+FAMILY: dict[int, BodyLayout] = {layout.num_joints: layout for layout in (SMPL, SMPL_H, SMPL_X)}
+"""Layouts of the SMPL family by number of joints, which is how its files differ."""

@@ -1,0 +1,23 @@
+"""What was found: one value from reader to report, worded once, from one table."""
+
+from __future__ import annotations
+
+from .diagnostic import (
+    Diagnostic,
+    Remedy,
+    Where,
+    diagnostic,
+    merge,
+    notes_in,
+    read_diagnostics,
+    warnings_in,
+)
+from .entry import Entry, Severity
+from .summary import summarise
+from .table import TABLE
+from .wording import frames_text, sentence, word
+
+__all__ = [
+    "TABLE", "Diagnostic", "Entry", "Remedy", "Severity", "Where", "diagnostic", "frames_text", "merge", "notes_in",
+    "read_diagnostics", "sentence", "summarise", "warnings_in", "word",
+]  # fmt: skip

@@ -1,0 +1,94 @@
+"""Diagnostics of a recording: what is wrong with single views or markers, as a solve finds it."""
+
+from __future__ import annotations
+
+from .entry import Entry, note, warning
+
+RECORDING: dict[str, Entry] = {
+    "limbs_exchanged": note(
+        "Camera {camera}: left and right {part} are exchanged",
+        "The detector took left for right for a while, often when the person turns away from the camera.",
+        "Compare with the footage if the limbs look wrong there.",
+    ),
+    "sides_exchanged": warning(
+        "Camera {camera}: left and right are exchanged",
+        "The keypoints of this view have their left and right names exchanged.",
+        "Check the names of the keypoints in this view's files.",
+    ),
+    "image_mirrored": warning(
+        "Camera {camera}: the image is mirrored",
+        "The camera, or the program that records it, mirrors its pictures.",
+        "Turn off mirroring in the camera or in what records it.",
+    ),
+    "names_exchanged": warning(
+        "Camera {camera} and camera {other_camera} are exchanged",
+        "A folder of detections, or a calibration, has the name of another camera.",
+        "Give their folders of detections, or their calibrations, each other's names.",
+    ),
+    "camera_turned": warning(
+        "Camera {camera} is turned by {size:.1f}° against its calibration",
+        "The camera was bumped or moved after it was calibrated.",
+        "Calibrate it again.",
+    ),
+    "camera_early": warning(
+        "Camera {camera} runs {size:.1f} frames early",
+        "The recordings did not start together. The detections are moved in time.",
+        "Synchronise the recordings to use every frame.",
+    ),
+    "camera_late": warning(
+        "Camera {camera} runs {size:.1f} frames late",
+        "The recordings did not start together. The detections are moved in time.",
+        "Synchronise the recordings to use every frame.",
+    ),
+    "rate_differs": warning(
+        "Camera {camera} runs at another rate, by {size:.1f} frames over the take",
+        "The camera's clock, or its conversion, has another frame rate. The detections are moved in time.",
+        "Record, or convert, all cameras at one rate.",
+    ),
+    "frames_repeated": warning(
+        "Camera {camera} repeats frames, {size:.0f} % of its own",
+        "The video was converted to a higher rate, or the detector skips frames.",
+        "Use each camera's own rate.",
+    ),
+    "frames_skipped": warning(
+        "Every other frame or so, {size:.0f} %, has no detections in any view",
+        "The detector looked at some frames alone.",
+        "Run the detector on all frames, or convert the videos to the rate it looked at.",
+    ),
+    "delay_unknown": note(
+        "Whether camera {camera} is synchronised is unknown, for too little moves",
+        "A delay is measured by movement, and this view shows too little of it.",
+        "If the recordings are not synchronised, let the person wave or step before all cameras.",
+    ),
+    "delays_unknown": note(
+        "Whether the cameras are synchronised is unknown, for too little moves",
+        "A delay is measured by movement, and the take has too little of it.",
+        "If the recordings are not synchronised, let the person wave or step before all cameras.",
+    ),
+    "contradicts": warning(
+        "Camera {camera} shows something else than the others",
+        "Another person, a mirror, or a bumped camera.",
+        "Look at its footage there.",
+    ),
+    "person_away": note(
+        "No two cameras see the person",
+        "The person left the volume, or is hidden from all cameras but one.",
+        "Add a camera that sees the place, or animate the stretch by hand.",
+    ),
+    "markers_exchanged": note(
+        "The markers {marker} and {other_marker} have each other's labels",
+        "The labels were exchanged where the take was recorded or labelled.",
+        "Correct the labels where the take is kept.",
+    ),
+    "marker_ghost": note(
+        "The marker {marker} is recorded where it cannot be",
+        "A reflection, or a wrong label.",
+        "Look at the marker there.",
+    ),
+    "marker_still": warning(
+        "The marker {marker} stands still while the person moves",
+        "The marker fell off, or the recording repeats its last position.",
+        "Look at the marker there.",
+    ),
+}
+"""By code."""

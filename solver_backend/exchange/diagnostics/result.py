@@ -1,0 +1,123 @@
+"""Diagnostics of a result: what a solve shows of itself, and what no person does."""
+
+from __future__ import annotations
+
+from .entry import Entry, error, note, warning
+
+_FAR = "A limb is swapped, hidden or badly detected."
+_FAR_MARKERS = "Markers are labelled wrongly, exchanged or loose."
+_COMPARE = "Compare with the footage there."
+
+RESULT: dict[str, Entry] = {
+    "frames_unseen": warning(
+        "Fewer than two cameras see the person; the pose is interpolated",
+        "The person is hidden, out of view or not detected.",
+        "Detect again there, add a camera that sees the place, or animate the stretch by hand.",
+    ),
+    "frames_unseen_markers": warning(
+        "Too few markers are seen; the pose is interpolated",
+        "Markers are hidden, or missing in the file.",
+        "Fill the gaps in the program that recorded them, or animate the stretch by hand.",
+    ),
+    "frames_unsure": warning(
+        "The body is far from the detections, or some joint is hardly known ({percent:.1f} % of the frames)",
+        _FAR,
+        _COMPARE,
+    ),
+    "few_frames_unsure": note(
+        "The body is far from the detections, or some joint is hardly known ({percent:.1f} % of the frames)",
+        _FAR,
+        _COMPARE,
+    ),
+    "frames_unsure_markers": warning(
+        "The body is far from the markers, or some joint is hardly known ({percent:.1f} % of the frames)",
+        _FAR_MARKERS,
+        "Look for markers that are labelled wrongly, exchanged or loose there.",
+    ),
+    "few_frames_unsure_markers": note(
+        "The body is far from the markers, or some joint is hardly known ({percent:.1f} % of the frames)",
+        _FAR_MARKERS,
+        "Look for markers that are labelled wrongly, exchanged or loose there.",
+    ),
+    "views_disagree_with_result": warning(
+        "Only {percent:.0f} % of the detections agree with the solved body",
+        "Cameras are not synchronised, moved, calibrated for another recording, or follow different people.",
+        "Check the calibration, the synchronisation and who is detected in each view.",
+    ),
+    "residual_large": warning(
+        "The solved body is {size:.0f} px (median) from the detections; detectors are within {limit:.0f} px",
+        "The calibration does not belong to the recording, or the cameras are not synchronised.",
+        "Check the calibration and the synchronisation.",
+    ),
+    "camera_disagrees": warning(
+        "Camera {camera} disagrees with the others: {size:.1f} px against {usual:.1f} px",
+        "The camera moved during the take, is not synchronised, or its calibration is off.",
+        "Check its calibration, whether it moved during the take, and whether it is synchronised.",
+    ),
+    "camera_sees_little": note(
+        "Camera {camera} detects only {percent:.0f} % of the keypoints",
+        "The person is seldom in its view, or the picture is too dark, too small or blurred.",
+        "Check that the person is in its view, its exposure, and the detector's input.",
+    ),
+    "keypoints_seldom_seen": note(
+        "Seldom detected by two cameras: {shares}",
+        "These keypoints are hidden in most views, or the detector does not find them.",
+        "What hangs on them comes from the pose prior and the neighbouring frames.",
+    ),
+    "keypoints_often_outliers": note(
+        "Often an outlier: {shares}",
+        "Swapped sides or an occlusion in that view. The solve gives these detections little weight.",
+        "If they matter, look for swapped sides or an occlusion in that view.",
+    ),
+    "floor_too_high": warning(
+        "A foot goes {size:.0f} cm below the floor in most frames",
+        "The calibration's origin is not on the floor, or its Z does not point up.",
+        "Check that the calibration's origin lies on the floor and that Z points up.",
+    ),
+    "foot_below_floor": note(
+        "A foot goes {size:.0f} cm below the floor",
+        "The floor is not level or not at z = 0, or the feet are badly detected.",
+        "Check that the calibration's origin lies on the floor and that Z points up.",
+    ),
+    "feet_slide": warning(
+        "The feet slide by {size:.2f} cm a frame while they are on the floor",
+        "The toes are seldom detected, or the cameras are not synchronised.",
+        "Look at the feet in the baked scene.",
+    ),
+    "stature_odd": warning(
+        "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
+        "The calibration has another unit or scale, or the detections are not of a person.",
+        "Check the unit of the calibration, or the size of the board's squares.",
+    ),
+    "shape_odd": warning(
+        "A shape coefficient is {size:.3g}; those of people lie within {limit:g}",
+        "The shape follows wrong measurements: scale, labels or calibration.",
+        "Check the scale and the labels; or give a calibrated subject or a known shape.",
+    ),
+    "motion_rate_odd": warning(
+        "{rate:g} frames a second is not what is recorded",
+        "The file states another unit or no rate.",
+        "Give the frame rate if it is another.",
+    ),
+    "motion_too_fast": warning(
+        "The body moves at up to {size:.3g} m/s",
+        "The frame rate or the unit is wrong, or the pose jumps.",
+        "Check the rate and the unit, and look at the motion there.",
+    ),
+    "pose_outside_anatomy": warning(
+        "Joints are turned far beyond what people's can, in {count} frames: {excess}",
+        "Left and right are exchanged, the axes or the order of the joints is another, or the pose is wrong.",
+        "Check left and right, the axes and the order of the joints, and look at the motion there.",
+    ),
+    "motion_rate_impossible": error(
+        "The frame rate must be {least:g} to {most:g}, not {rate:g}",
+        "The file states another unit, or its rate is damaged.",
+        "Check the file's rate.",
+    ),
+    "motion_place_impossible": error(
+        "The body would be {size:.3g} km from the origin",
+        "The file has another unit, or is damaged.",
+        "Check the file's units.",
+    ),
+}
+"""By code."""

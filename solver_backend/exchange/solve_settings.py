@@ -1,0 +1,123 @@
+"""The settings of a solve, each declared once.
+
+The solver, the job file, the command line, the panels and ``docs/reference/settings.md`` are made from these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .setting import Choice, check_settings, known_values, setting
+
+METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording", "Body, files and arrays"
+"""Groups; those of the first are what a preset of the panel chooses."""
+METHODS = (
+    Choice("global", "Whole Take", "All keyframes of the take at once"),
+    Choice("sliding", "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
+    Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
+    Choice("noise-aware", "Noise-Aware", "Every frame on its own, each landmark's reliability estimated, as published"),
+)
+"""'sliding' is of the thesis, 6.3.2, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
+METHOD_NAMES = tuple(method.value for method in METHODS)
+BACKENDS = (
+    Choice("numpy", "NumPy", "Works everywhere"),
+    Choice("torch", "PyTorch", "Needs a Python with torch, chosen in the add-on's preferences"),
+    Choice("cuda", "CUDA", "Needs a Python with torch for CUDA and an NVIDIA graphics processor"),
+)
+"""Their results agree to 0.1 mm."""
+
+
+@dataclass(frozen=True)
+class SolveSettings:
+    """What to solve with.
+
+    Raises:
+        JobInvalid: a value is of another type or out of range.
+    """
+
+    method: str = setting(
+        "choice", "global", "Method", "How frames are tied together", group=METHOD, choices=METHODS, metavar="NAME"
+    )
+    window: int = setting(
+        "whole", 20, "Window", "Frames at 60 a second between the ends of a window of keyframes", group=METHOD,
+        low=4, high=240, unit="frames",
+    )  # fmt: skip
+    """Frames a window of 'sliding'; it holds a key at each end and one in the middle."""
+    refine_window: int = setting(
+        "whole", 10, "Refined Window", "The same for the last passes; fewer follow faster limbs", group=METHOD,
+        low=2, high=240, unit="frames",
+    )  # fmt: skip
+    """The same for 'global', as a duration: so many frames at 60 a second, and down to 0.6 times as many in takes that
+    are fast throughout, 0.4 where they are of markers."""
+    residual_rotations: bool = setting(
+        "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little", group=METHOD
+    )
+    """In the refinement, let each joint leave the prior's manifold by a small rotation."""
+    contacts: bool = setting("switch", True, "Feet Stand", "Hold feet that stand to where they stand", group=METHOD)
+    learn_noise: bool = setting(
+        "switch", True, "Weigh Views", "Learn how reliable each keypoint is in each view", group=METHOD
+    )
+    """Without it all views of a keypoint count alike."""
+    iterations: int = setting(
+        "whole", 30, "Iterations", "Linearisations at most for each robust step", group=METHOD, low=1, high=200
+    )
+    """Most steps end sooner, when the cost no longer falls."""
+    robust_scale: float = setting(
+        "number", 4.0, "Outlier Scale", "Standard deviations at which a detection starts to be doubted", group=METHOD,
+        low=0.1, high=100, unit="standard deviations",
+    )  # fmt: skip
+    """Geman-McClure scale in standard deviations of the detector's noise."""
+    smoothing: float = setting(
+        "number", 1.0, "Smoothing",
+        "How many times as calm as recorded motion: 1 follows the detections, 3 is calm, 10 loses detail",
+        group=CLEAN_UP, low=0.1, high=100, soft_high=10,
+    )  # fmt: skip
+    """How many times as bounded accelerations are as those of recorded motion."""
+    foot_lock: float = setting(
+        "number", 1.0, "Foot Lock", "How many times as firmly standing feet are held where they stand", group=CLEAN_UP,
+        low=0.1, high=5,
+    )  # fmt: skip
+    """Beyond 5 the equations grow too stiff, and feet slip again."""
+    estimate_sync: bool = setting(
+        "switch", False, "Correct Delays", "Where some camera is late, move the others by their delays too; "
+        "without, only sure delays from 0.3 frames on are corrected", group=RECORDING,
+    )  # fmt: skip
+    leave_out: tuple[str, ...] = setting(
+        "texts", (), "Left-out Views", "Camera that takes no part, in some frames (from 0) or in all; may be repeated",
+        group=RECORDING, metavar="CAMERA[:FIRST-LAST]", in_panel=False,
+    )  # fmt: skip
+    body: str = setting(
+        "name_or_file", "neutral", "Body", "Name of a body, or the path of a body file; empty for the one that ships",
+        group=RESOURCES, metavar="NAME|PATH",
+    )  # fmt: skip
+    betas: tuple[float, ...] | None = setting(
+        "numbers", None, "Shape", "Known shape of the body; estimated from the take where it is left out",
+        group=RESOURCES, count=10, metavar="B0,B1,…", in_panel=False,
+    )  # fmt: skip
+    noise: str = setting(
+        "file", "", "Detector's Noise", "File that says how far the detector's keypoints scatter at each confidence, "
+        "as the command line's detector-noise measures it; empty takes confidences as they are",
+        group=RESOURCES, metavar="NOISE.json",
+    )  # fmt: skip
+    layout: str = setting(
+        "file", "", "Marker Layout", "File that says which place each marker's label names, as the command line's "
+        "layout writes it; empty goes by the layouts that are known", group=RESOURCES, metavar="LAYOUT.json",
+        in_panel=False,
+    )  # fmt: skip
+    backend: str = setting(
+        "choice", "numpy", "Arrays", "What computes", group=RESOURCES, choices=BACKENDS, metavar="NAME"
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:
+        """Build settings from plain values; None stands for the default.
+
+        Raises:
+            JobInvalid: a name is unknown, or a value is of another type or out of range.
+        """
+        return cls(**known_values(cls, values))

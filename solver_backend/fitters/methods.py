@@ -1,0 +1,78 @@
+"""The methods of a solve, one row each: what runs it, and what it needs of the steps around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.keyframes.chunked import Stretches
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.known_person import solve_known_person
+from solver_backend.fitters.recipes.noise_aware import pose_prior, solve_noise_aware
+from solver_backend.fitters.recipes.single_frames import solve_single_frames
+from solver_backend.fitters.recipes.sliding_windows import solve_sliding_windows
+from solver_backend.fitters.recipes.views import solve_views
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solution import MethodResult
+from solver_backend.priors.base import AutoencodingPrior
+
+
+class Recipe(Protocol):
+    """Finds the poses of a take."""
+
+    def __call__(
+        self, problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches, /
+    ) -> MethodResult:
+        """Return the poses, and how the search for them ended.
+
+        Args:
+            problem: the measurements made ready.
+            subject: the person.
+            settings: scales, iterations and the rest.
+            progress: called as stages advance.
+            each: solves the stretches of a long take, where the recipe cuts it into some.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to solve a take, as the settings name it."""
+
+    name: str
+    """As in ``SolveSettings.method``."""
+    recipe: Recipe
+    """Finds the poses."""
+    finds_shape: bool = False
+    """The recipe finds the shape itself; otherwise it is learned before."""
+    per_frame: bool = False
+    """Every frame is solved on its own, so that a take may be as short as one."""
+    prior: Callable[[], AutoencodingPrior] | None = None
+    """Loads the decoder that the recipe brings along; None: it is the problem's."""
+
+    def prior_of(self, problem: Problem) -> AutoencodingPrior:
+        """Return the decoder that makes the poses."""
+        return problem.prior if self.prior is None else self.prior()
+
+
+def _solve_take(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Solve all keys of a take at once, by whether the person is known before."""
+    recipe = solve_views if problem.measurements.subject is None else solve_known_person
+    return recipe(problem, subject, settings, progress, each)
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method("global", _solve_take),
+        Method("sliding", solve_sliding_windows),
+        Method("frame", solve_single_frames, per_frame=True),
+        Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, prior=pose_prior),
+    )
+}
+"""By name."""

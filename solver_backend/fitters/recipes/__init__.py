@@ -1,0 +1,1 @@
+"""How each method finds the poses of a take, one file a recipe; ``fitters/methods.py`` lists them."""

@@ -1,0 +1,148 @@
+"""A take as its recipe works on it: keys, the person, what the keys are judged by, and what was learned so far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
+from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, BundleObjective, bundle_objective
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
+from solver_backend.fitters.keyframes.restart import Start
+from solver_backend.fitters.model.codes import state_layout
+from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, points_of
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.subject_calibration.foot_contacts import Contacts
+from solver_backend.geometry.arrays import Array
+from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.point_term import DataTerm
+
+ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
+"""Free blocks of poses that the prior decodes."""
+OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)
+"""Every joint may leave the prior's manifold by a small rotation."""
+FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
+"""Joints leave the manifold from where it was reached. What exact markers of a known person say of a pose, they say of
+its joints: a code that is free beside the residual rotations is determined twice, and Gauss-Newton's steps overshoot
+along what nothing determines. The decoder leaves the loop."""
+
+
+class Solve(Protocol):
+    """Minimises a model over keys."""
+
+    def __call__(
+        self, model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, *,
+        alive: Callable[[], None],
+    ) -> KeySolution:  # fmt: skip
+        """Return the solution; ``alive`` is called before each linearisation."""
+        ...
+
+
+@dataclass(frozen=True)
+class PosedKeys:
+    """Keys of a person, and the poses and landmarks that they make, formed when first asked for."""
+
+    subject: Subject
+    """The person."""
+    prior: PosePrior
+    """Decoder of the codes."""
+    layout: KeyframeLayout
+    """Windows of the keys."""
+    keys: Keyframes
+    """2N + 1 keys."""
+    residuals: bool
+    """The residual rotations act."""
+    frames: np.ndarray | None
+    """Numbers of the frames that are looked at; None for all."""
+
+    @cached_property
+    def poses(self) -> PosedFrames:
+        """Poses of the frames that are looked at."""
+        return key_poses(self.prior, self.keys, self.layout, self.frames, residuals=self.residuals)
+
+    @cached_property
+    def points(self) -> Array:
+        """(F, L, 3) landmarks in these poses, metres."""
+        return points_of(self.subject, self.poses)
+
+    def of_subject(self, subject: Subject) -> PosedKeys:
+        """Return the same poses of another person."""
+        posed = replace(self, subject=subject)
+        vars(posed)["poses"] = self.poses  # the cache that cached_property reads: poses do not depend on the person
+        return posed
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Keys of a take and what they are judged by."""
+
+    problem: Problem
+    """The measurements made ready."""
+    settings: SolveSettings
+    """Scales, iterations and the rest."""
+    posed: PosedKeys
+    """The keys."""
+    window: int
+    """Frames of a window."""
+    schedule: Schedule
+    """Of the pass that the keys are from, or of the one to come."""
+    solve: Solve
+    """Minimises over the keys."""
+    restart: Start
+    """Makes the keys of windows from single frames."""
+    data: DataTerm
+    """The measurements, with the variances that were learned."""
+    free: StateLayout
+    """The unknowns of the pass that the keys are from."""
+    objective: BundleObjective
+    """What that pass minimised."""
+    contacts: Contacts | None = None
+    """Feet that stand, where they were looked for."""
+    solution: KeySolution | None = None
+    """How that pass ended; None before the first."""
+
+    @classmethod
+    def start(
+        cls, problem: Problem, subject: Subject, settings: SolveSettings, layout: KeyframeLayout, window: int,
+        keys: Keyframes, schedule: Schedule, solve: Solve, restart: Start, frames: np.ndarray | None = None,
+    ) -> Bundle:  # fmt: skip
+        """Return a bundle before its first pass, which judges keys on the manifold by the data."""
+        free, data = state_layout(problem.prior).only(ON_THE_MANIFOLD), problem.measurements.term
+        posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
+        objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
+        return cls(problem, settings, posed, window, schedule, solve, restart, data, free, objective)
+
+    @property
+    def model(self) -> BundleModel:
+        """What the keys are judged by."""
+        return BundleModel(self.posed.subject, self.problem.prior, self.objective, self.free)
+
+    def move(self, keys: Keyframes) -> Bundle:
+        """Return the bundle with other keys."""
+        return replace(self, posed=replace(self.posed, keys=keys))
+
+    def judge(self, free: Collection[str], looseness: float = OFF_MANIFOLD, *, contacts: bool = True) -> Bundle:
+        """Return the bundle judged by what was learned so far.
+
+        Args:
+            free: names of the blocks that are unknowns.
+            looseness: see ``bundle_objective``.
+            contacts: hold the feet that stand.
+        """
+        held = self.contacts if contacts else None
+        term = () if held is None else (held.term(self.posed.keys.z, self.settings.foot_lock),)
+        objective = bundle_objective(
+            self.problem, self.posed.layout, self.window, (self.data, *term), residuals=RESIDUAL in free,
+            smoothing=self.settings.smoothing, looseness=looseness,
+        )  # fmt: skip
+        layout = state_layout(self.problem.prior).only(free)
+        return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=bool(layout.turned)))

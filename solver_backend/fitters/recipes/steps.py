@@ -1,0 +1,96 @@
+"""What recipes learn between passes: key spacing, lost limbs, shape, noise, standing feet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.body.state_layout import CODE
+from solver_backend.fitters.keyframes import outlier_markers, restart
+from solver_backend.fitters.keyframes.initial_keys import keys_of_frames
+from solver_backend.fitters.keyframes.key_density import dense_layout
+from solver_backend.fitters.keyframes.optimise import Schedule
+from solver_backend.fitters.model.codes import state_layout
+from solver_backend.fitters.model.keyframe_curve import keys_at
+from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
+from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
+from solver_backend.fitters.subject_calibration.keypoint_variance import with_learned_noise
+from solver_backend.fitters.subject_calibration.landmark_variance import with_window_variances
+from solver_backend.fitters.subject_calibration.shape import ShapePrior
+from solver_backend.fitters.subject_calibration.shape import refit_shape as refit
+from solver_backend.geometry.arrays import index, to_numpy
+
+
+def space_keys(bundle: Bundle) -> Bundle:
+    """Set keys closer where the take moves fast."""
+    posed, problem = bundle.posed, bundle.problem
+    dense = dense_layout(bundle.model, posed.layout, posed.keys, bundle.window, problem.fps)
+    if dense is posed.layout:
+        return bundle
+    keys = keys_at(posed.keys, posed.layout, dense.key_times)
+    closer = replace(
+        bundle, posed=replace(posed, keys=keys, layout=dense), window=round(problem.num_frames / dense.num_windows),
+        restart=keys_of_frames(problem, posed.subject, dense),
+    )  # fmt: skip
+    return closer.judge([block.name for block in bundle.free.blocks])
+
+
+def resolve_lost_limbs(bundle: Bundle) -> Bundle:
+    """Solve keys again around limbs that the body lost; noise that is learned later must not hold them for noisy."""
+    posed = bundle.posed
+    # A limb that stands elsewhere has another code, so codes are free here whatever the pass freed.
+    free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
+    keys = restart.resolve_lost_limbs(
+        bundle.problem.measurements, replace(bundle.model, free=free), posed.layout, posed.keys, posed.points,
+        bundle.restart, bundle.schedule, posed.frames,
+    )  # fmt: skip
+    return bundle if keys is posed.keys else bundle.move(keys)
+
+
+def resolve_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
+    """Solve keys again around markers that the body left far behind, from scales at which they draw."""
+    posed = bundle.posed
+    frames = posed.layout.frames if posed.frames is None else posed.frames
+    measured = bundle.problem.measurements
+    keys = outlier_markers.resolve_outlier_markers(measured, bundle.model, posed.layout, posed.keys, schedule, frames)
+    return bundle.move(keys)
+
+
+def refit_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
+    """Estimate the shape, and if asked each landmark's offset, from a sample of the poses."""
+    problem, posed = bundle.problem, bundle.posed
+    sample = posed.poses.select(index(problem.sample, posed.keys.z))
+    known = ShapePrior(free_betas=bundle.settings.betas is None, free_offsets=offsets)
+    objective = bundle.objective.frames.select(problem.sample)
+    subject = refit(posed.subject, sample, objective, bundle.settings.robust_scale, known)
+    return replace(bundle, posed=posed.of_subject(subject))
+
+
+def learn_view_noise(bundle: Bundle) -> Bundle:
+    """Learn how reliable each keypoint is in each view; landmarks that are measured once stay as they are."""
+    problem, posed = bundle.problem, bundle.posed
+    sample = posed.poses.select(index(problem.sample, posed.keys.z))
+    return replace(bundle, data=with_learned_noise(problem, posed.subject, sample, bundle.settings))
+
+
+def learn_window_noise(bundle: Bundle) -> Bundle:
+    """Learn how reliable each landmark is in each stretch of the take."""
+    problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
+    if not settings.learn_noise:
+        return bundle
+    # Codes that stay were found from the same landmarks, and count.
+    names = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    dof = state_layout(problem.prior).only(names).dof * posed.layout.num_keys / problem.num_frames
+    seen = None if posed.frames is None else np.isin(np.arange(problem.num_frames), posed.frames)
+    scale, term = settings.robust_scale, problem.measurements.term
+    return replace(bundle, data=with_window_variances(term, posed.points, problem.fps, scale, dof, seen))
+
+
+def find_standing_feet(bundle: Bundle) -> Bundle:
+    """Find where feet stand, to hold them there."""
+    if not bundle.settings.contacts:
+        return bundle
+    posed = bundle.posed
+    contacts = find_contacts(to_numpy(posed.points), posed.subject.landmarks.names, bundle.problem.fps)
+    return replace(bundle, contacts=contacts)

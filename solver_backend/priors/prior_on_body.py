@@ -1,0 +1,142 @@
+"""A prior on a body that has joints which it does not model, or lacks some that it does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.errors import PoseInvalid, PriorInvalid
+from solver_backend.geometry.arrays import Array, constant, index, zeros
+from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Energies, Poses
+
+UNCOVERED_SIGMA_RAD = 0.5
+"""Standard deviation of joints that no prior covers from where it has them, which is at rest; not tuned."""
+
+
+def prior_on_body(prior: AutoencodingPrior, layout: BodyLayout) -> AutoencodingPrior:
+    """Return the prior as one of all joints that a solve turns: itself where it models just these.
+
+    Raises:
+        PriorInvalid: its numbers do not fit its own joints or codes, or the body has none of its joints.
+    """
+    _check(prior, layout)
+    return prior if prior.joints == layout.solved else PriorOnBody(prior, layout.solved)
+
+
+class PriorOnBody(AutoencodingPrior):
+    """The prior's poses on the joints that the body has of them; all others rest, and rest is what it knows of them."""
+
+    def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
+        self._prior, self._joints = prior, joints
+        shared = [name for name in joints if name in prior.joints]
+        self._own = np.array([joints.index(name) for name in shared])
+        """Columns of the body's poses that the prior models."""
+        self._theirs = np.array([prior.joints.index(name) for name in shared])
+        """The same columns of the prior's poses."""
+        self.residual_sigma = np.full((len(joints), 3), UNCOVERED_SIGMA_RAD)
+        self.residual_sigma[self._own] = prior.residual_sigma[self._theirs]
+        self.metadata = prior.metadata
+
+    @property
+    def name(self) -> str:
+        """The prior's."""
+        return self._prior.name
+
+    @property
+    def latent_dim(self) -> int:
+        """The prior's."""
+        return self._prior.latent_dim
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All joints that a solve turns."""
+        return self._joints
+
+    @property
+    def uncovered(self) -> tuple[int, ...]:
+        """Columns of the body's poses that the prior does not model."""
+        return tuple(column for column in range(len(self._joints)) if column not in self._own)
+
+    def encode(self, rotations: Poses) -> Codes:
+        """Return the prior's codes of poses; joints that the body lacks are at rest."""
+        return self._prior.encode(self._as_prior(rotations))
+
+    def decode(self, z: Codes) -> Poses:
+        """Return the prior's poses on the body."""
+        return self._on_body(self._prior.decode(z))
+
+    def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
+        """Return ``decode(z)`` and its Jacobian, zero at joints that the prior does not model."""
+        rotations, by_code = self._prior.decode_with_jacobian(z)
+        jacobian = zeros((z.shape[0], len(self._joints), *by_code.shape[2:]), by_code)
+        jacobian[:, index(self._own, z)] = by_code[:, index(self._theirs, z)]
+        return self._on_body(rotations), jacobian
+
+    def decode_with_vjp(self, z: Codes) -> tuple[Poses, Callable[[Array], Array]]:
+        """Return ``decode(z)`` and its vector-Jacobian product."""
+        rotations, prior_vjp = self._prior.decode_with_vjp(z)
+
+        def vjp(cotangent: Array) -> Array:
+            by_joints = zeros((z.shape[0], len(self._prior.joints), 3), cotangent)
+            by_joints[:, index(self._theirs, z)] = cotangent[:, index(self._own, z)]
+            return prior_vjp(by_joints)
+
+        return self._on_body(rotations), vjp
+
+    def energy(self, rotations: Poses) -> Energies:
+        """Return the prior's energy of the joints that it models."""
+        return self._prior.energy(self._as_prior(rotations))
+
+    def sample(self, count: int, seed: int) -> Poses:
+        """Return samples of the prior on the body."""
+        return self._on_body(self._prior.sample(count, seed))
+
+    def _on_body(self, rotations: Array) -> Array:
+        return _placed(rotations, self._theirs, len(self._joints), self._own)
+
+    def _as_prior(self, rotations: Array) -> Array:
+        return _placed(rotations, self._own, len(self._prior.joints), self._theirs)
+
+
+def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) -> Array:
+    """Return (N, count, 3, 3): the columns ``taken`` of rotations in the columns ``put``, the others at rest."""
+    xp = array_namespace(rotations)
+    rest = constant(np.eye(3), rotations) + zeros((rotations.shape[0], count, 3, 3), rotations)
+    rest[:, index(put, rotations)] = xp.asarray(rotations)[:, index(taken, rotations)]
+    return rest
+
+
+def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
+    if not set(prior.joints) & set(layout.solved):
+        raise PriorInvalid(
+            f"The prior {prior.name} models none of the joints of {layout.name}.", where=prior.name,
+            hint="Give a prior whose joints have the body's names.",
+        )  # fmt: skip
+    count, width = len(prior.joints), prior.latent_dim
+
+    def require(name: str, found: Any, shape: tuple[int, ...]) -> Any:
+        if np.shape(found) == shape:
+            return found
+        raise PriorInvalid(
+            f"{name} of the prior {prior.name} has shape {np.shape(found)}; {shape} is expected of {count} joints and "
+            f"codes of {width} numbers.", where=prior.name,
+        )  # fmt: skip
+
+    require("residual_sigma", prior.residual_sigma, (count, 3))
+    try:
+        code = require("encode", prior.encode(np.tile(np.eye(3), (1, count, 1, 1))), (1, width))
+        require("decode", prior.decode(code), (1, count, 3, 3))
+    except (PoseInvalid, ValueError) as error:
+        raise PriorInvalid(
+            f"The prior {prior.name} cannot encode and decode rest: {error}", where=prior.name
+        ) from error
+    mean, length = float(code.mean()), float((code * code).sum())
+    if abs(mean) > 1e-3 or abs(length - 1.0) > 1e-3:
+        raise PriorInvalid(
+            f"Codes of the prior {prior.name} are no unit vectors of zero mean.", where=prior.name,
+            hint="Key poses move on that sphere (thesis 6.2.2).",
+        )  # fmt: skip

@@ -1,0 +1,29 @@
+"""Pages of docs/reference that are made from the program's own tables: ``python3 dev.py docs`` writes them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from solver_backend.exchange.outputs import write_text
+from supply.diagnostics_page import diagnostics_page
+from supply.settings_page import settings_page
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
+PAGES: dict[str, Callable[[], str]] = {
+    "diagnostics.md": diagnostics_page,
+    "settings.md": settings_page,
+}
+"""What makes each page, by the page's name."""
+
+
+def main() -> int:
+    """Write the pages and return the exit code."""
+    for name, make in PAGES.items():
+        sys.stdout.write(f"{write_text(FOLDER / name, make(), overwrite=True)}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,35 @@
+"""The page of docs/reference that lists every setting of a solve, made from the rows that declare them."""
+
+from __future__ import annotations
+
+from itertools import groupby
+
+from solver_backend.cli.setting_options import ROWS, describe_default, describe_range, option
+from solver_backend.exchange.setting import Setting
+
+SOURCE = "solver_backend/exchange/solve_settings.py"
+_HEAD = """# Settings of a solve
+
+Each can be given in three places: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
+[job file](../headless.md#batches), and in the panel *Solve*. `--no-contacts` turns `--contacts` off, and so on."""
+_ELSEWHERE = {"leave_out": "*Cameras*", "betas": "*Keep Shape* and the body's sliders", "layout": "*Markers*"}
+"""Where the panel has something of its own for a setting."""
+
+
+def settings_page() -> str:
+    """Return the page."""
+    parts = [f"<!-- Made by python3 dev.py docs from {SOURCE}; edit that. -->", "", _HEAD]
+    for title, rows in groupby(ROWS.items(), key=lambda item: item[1].group):
+        parts += ["", f"## {title}", "", "| key | option | panel | values | default | what it does |"]
+        parts += ["|---|---|---|---|---|---|", *(_row(name, row) for name, row in rows)]
+        choices = [(row, choice) for row in ROWS.values() if row.group == title for choice in row.choices]
+        if choices:
+            parts += ["", *(f"- {row.label} `{c.value}` (*{c.label}*): {c.description}." for row, c in choices)]
+    return "\n".join([*parts, ""])
+
+
+def _row(name: str, row: Setting) -> str:
+    panel = f"*{row.label}*" if row.in_panel else _ELSEWHERE[name]
+    values = describe_range(row) or row.metavar or "on, off"
+    cells = (f"`{name}`", f"`{option(name)}`", panel, values, describe_default(name) or "–", f"{row.description}.")
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

@@ -1,0 +1,144 @@
+"""Diagnostics: data in files, words at the edge, and nothing refused that is merely unknown."""
+
+from __future__ import annotations
+
+import json
+import re
+import string
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from solver_backend.exchange.diagnostics import (
+    TABLE,
+    Diagnostic,
+    Remedy,
+    Severity,
+    Where,
+    diagnostic,
+    frames_text,
+    merge,
+    read_diagnostics,
+    sentence,
+    summarise,
+    word,
+)  # fmt: skip
+
+LEGS = diagnostic("limbs_exchanged", cameras=["b"], frames=[(30, 59)], remedy=Remedy.REPAIRED, part="legs", size=8.0)
+FAR = diagnostic("frames_unsure", frames=[(3, 9), (12, 12)], percent=4.0)
+TALL = diagnostic("stature_odd", size=5.78, least=1.2, most=2.2)
+
+
+def filled(code: str) -> Diagnostic:
+    """Return a diagnostic of a code with every value that its sentences name."""
+    entry = TABLE[code]
+    parts = [part for text in (entry.what, entry.advice) for part in string.Formatter().parse(text) if part[1]]
+    names = {"cameras": ["cam_b", "cam_c"], "markers": ["LKNE", "RKNE"], "joints": ["nose"]}
+    places = {"file", "person", *names, "camera", "marker", "joint", "other_camera", "other_marker"}
+    given = {str(name): 5.0 if spec and spec[-1] in "fg" else "a part" for _, name, spec, _ in parts}
+    values = {name: value for name, value in given.items() if name not in places}
+    return diagnostic(code, frames=[(3, 9)], file="f", person="Ann", **names, **values)
+
+
+@pytest.mark.parametrize("code", TABLE)
+def test_every_code_has_words_and_survives_a_file(code):
+    found = filled(code)
+    words = word(found, 10.0)
+    assert code not in words.what and "{" not in words.what + words.advice
+    assert words.what.endswith((".", "?")) and "frames 3-9 (0.70 s)" in words.what
+    assert TABLE[code].cause and (words.advice or found.severity is Severity.NOTE or code.startswith("earlier"))
+    assert read_diagnostics(json.loads(json.dumps([found.as_dict()]))) == (found,)
+
+
+def test_stretches_of_one_thing_are_one_sentence():
+    later = replace(LEGS, where=replace(LEGS.where, frames=((100, 100),)), values={"part": "legs", "size": 1.0})
+    arms = replace(LEGS, values={"part": "arms", "size": 8.0})
+    assert [word(item, 60.0).what for item in merge([LEGS, arms, later])] == [
+        "Camera b: left and right legs are exchanged in frames 30-59 (0.50 s), frame 100: corrected.",
+        "Camera b: left and right arms are exchanged in frames 30-59 (0.50 s): corrected.",
+    ]
+
+
+def test_many_stretches_are_counted():
+    runs = [(10 * n, 10 * n + n) for n in range(10)]
+    text = frames_text(runs, 10.0)
+    assert text.startswith("frames 40-44 (0.50 s), frames 50-55")
+    assert text.endswith("frames 90-99 (1.00 s) and 4 shorter ones")
+    assert frames_text([(3, 3)], 10.0) == "frame 3"
+
+
+def test_a_code_of_another_version_is_shown_by_name():
+    told = {
+        "code": "lens_fogged",
+        "severity": "note",
+        "where": {"cameras": ["b"], "frames": [[1, 2]]},
+        "values": {"share": 3},
+    }
+    (found,) = read_diagnostics([told])
+    assert sentence(found) == "lens_fogged (b, share 3) in frames 1-2." and found.severity is Severity.NOTE
+
+
+@pytest.mark.parametrize("values", [{}, {"size": "much"}, {"size": [1, 2], "least": None}])
+def test_a_code_with_other_values_is_shown_by_name(values):
+    (found,) = read_diagnostics([{"code": "stature_odd", "severity": "warning", "values": values}])
+    assert sentence(found).startswith("stature_odd")
+
+
+@pytest.mark.parametrize("nonsense", [None, 3, {"code": "a"}, [None, 3, [], {}, {"code": 4}, {"kind": 3}]])
+def test_what_is_no_list_of_diagnostics_holds_none(nonsense):
+    assert read_diagnostics(nonsense) == ()
+
+
+def test_nonsense_in_a_diagnostic_is_left_out():
+    where = {"cameras": "b", "frames": [[3, 1], [1], "x", [True, 2]]}
+    wrong = {
+        "code": "a\x1b[31m",
+        "severity": "grave",
+        "where": where,
+        "values": {"x": float("nan"), "y": {}},
+        "remedy": 4,
+    }
+    (found,) = read_diagnostics([wrong])
+    assert (found.severity, found.where, found.remedy) == (Severity.WARNING, Where(), Remedy.REPORTED)
+    assert "\x1b" not in sentence(found)
+
+
+def test_files_of_earlier_versions_are_read():
+    usual = {"camera": "", "first": 0, "last": 9, "figure": 0.0, "remedy": "repaired", "detail": ""}
+    faults = [
+        {"kind": "limbs_exchanged", "camera": "b", "first": 30, "last": 59, "figure": 8.0, "remedy": "repaired",
+         "detail": "legs"},
+        {**usual, "kind": "markers_exchanged", "detail": "LWRA and LWRB"},
+        {**usual, "kind": "names_exchanged", "camera": "a", "detail": "c"},
+        "The views disagree.",
+    ]  # fmt: skip
+    legs, wrists, names, text = read_diagnostics(faults)
+    assert legs == LEGS
+    assert wrists.where.markers == ("LWRA", "LWRB") and "LWRA and LWRB have" in sentence(wrists)
+    assert sentence(names).startswith("Camera a and camera c are exchanged in frames 0-9: corrected.")
+    assert sentence(text) == "The views disagree." and text.severity is Severity.WARNING
+
+
+def test_a_summary_ends_with_ok_or_with_where_to_look():
+    assert summarise([LEGS]) == ["OK"]
+    lines = summarise([LEGS, FAR, TALL, diagnostic("camera_disagrees", cameras=["b"], size=9.0, usual=2.0)], 10.0)
+    assert [line.split(":")[0] for line in lines[:-1]] == ["warning"] * 3
+    assert "frames 3-9 (0.70 s), frame 12" in lines[0] and "5.78 m tall" in lines[1]
+    assert lines[-1] == "Look at camera b; frames 3-9, frame 12; the warning above without a place."
+
+
+def test_a_code_that_the_table_lacks_is_a_defect():
+    with pytest.raises(KeyError):
+        diagnostic("no_such_code")
+
+
+def test_every_code_is_used_and_every_use_has_its_row():
+    root = Path(__file__).resolve().parents[2] / "solver_backend"
+    files = [path for path in sorted(root.rglob("*.py")) if path.parent.name != "diagnostics"]
+    text = "".join(path.read_text(encoding="utf-8") for path in files)
+    direct = set(re.findall(r'\bdiagnostic\(\s*"(\w+)"', text))
+    assert direct <= set(TABLE), "codes without a row"
+    # Some codes are chosen by what was found: their names stand in the source all the same, or begin there.
+    unused = set(TABLE) - set(re.findall(r'"(\w+)"', text))
+    assert all(code.startswith(("earlier_", "frames_uns", "few_frames_unsure")) for code in unused), unused

@@ -1,0 +1,51 @@
+"""A setting is declared once: its row checks values, and every place that takes settings takes all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import pytest
+
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.setting import Setting, check_settings, defaults_of_class, setting, settings_of_class
+from solver_backend.exchange.solve_settings import SolveSettings
+
+ROWS = settings_of_class(SolveSettings)
+
+
+def test_every_field_is_a_setting_with_words_and_a_valid_default():
+    assert list(ROWS) == list(SolveSettings.__dataclass_fields__)
+    for name, row in ROWS.items():
+        assert row.label and row.group and row.description[0].isupper() and not row.description.endswith("."), name
+        assert row.accepts(defaults_of_class(SolveSettings)[name]), name
+
+
+@pytest.mark.parametrize(("name", "row"), ROWS.items())
+def test_the_ends_of_a_range_are_valid_and_what_lies_beyond_is_refused_by_name(name: str, row: Setting):
+    bad: list[object] = [object(), float("nan")]
+    if row.low is not None and row.high is not None:
+        for end in (row.low, row.high):
+            assert getattr(SolveSettings(**{name: type(defaults_of_class(SolveSettings)[name])(end)}), name) == end
+        bad += [row.low - 1, row.high + 1, True, str(row.low), None]
+    for choice in row.choices:
+        assert getattr(SolveSettings(**{name: choice.value}), name) == choice.value
+    for value in bad:
+        with pytest.raises(JobInvalid, match=f"The setting {name} = ") as caught:
+            replace(SolveSettings(), **{name: value})
+        assert row.expected in caught.value.message and caught.value.where == name
+
+
+@pytest.mark.parametrize("betas", [(0.0,) * 9, ("a",) * 10, (float("inf"),) * 10, "0123456789"])
+def test_a_shape_is_ten_finite_numbers(betas):
+    with pytest.raises(JobInvalid, match="10 numbers or null"):
+        SolveSettings(betas=betas)
+
+
+def test_a_dataclass_of_ones_own_is_checked_alike():
+    @dataclass(frozen=True)
+    class Toy:
+        speed: float = setting("number", 1.0, "Speed", "How fast", group="Toy", low=0.5, high=2.0)
+
+    check_settings(Toy(2))
+    with pytest.raises(JobInvalid, match=r"The setting speed = 3 is not valid; a number from 0\.5 to 2 is expected"):
+        check_settings(Toy(3))

@@ -1,0 +1,99 @@
+"""Each fault is found and named once; a clean solve has none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.body_layout import SMPL
+from solver_backend.exchange.diagnostics import Severity, word
+from solver_backend.report.diagnose import diagnose
+from solver_backend.types import FLAG_UNSURE
+from tests.support.solved import GAP, OFF, solved
+
+
+def sentences(capture, motion) -> list[str]:
+    found = (item for item in diagnose(capture, motion) if item.code != "earlier_note")
+    return [word(item, motion.fps).what for item in found]
+
+
+def test_a_clean_solve_has_nothing_to_look_at():
+    assert sentences(*solved(faults=False)) == []
+
+
+def test_every_fault_is_named():
+    capture, motion = solved()
+    found = sentences(replace(capture, problems=("A camera was trimmed.",)), motion)
+    assert found[0] == "A camera was trimmed."
+    assert any(f"frames {GAP[0]}-{GAP[1]} (0.50 s)" in line and "interpolated" in line for line in found)
+    assert any(f"frames {OFF[0]}-{OFF[1]} (0.20 s)" in line and "far from the detections" in line for line in found)
+    assert "Camera cam_c disagrees with the others: 9.0 px against 2.0 px." in found
+    assert "Often an outlier: left shoulder in cam_a (33 %)." in found
+    assert "Seldom detected by two cameras: nose (0 %)." in found
+    assert len(found) == 6
+
+
+def test_a_camera_that_sees_little_is_named():
+    capture, motion = solved(faults=False)
+    confidence = capture.keypoints.confidence.copy()
+    confidence[1, ::2] = 0.0
+    confidence[1, :9] = 0.0
+    capture = replace(capture, keypoints=replace(capture.keypoints, confidence=confidence))
+    assert sentences(capture, motion) == ["Camera cam_b detects only 46 % of the keypoints."]
+
+
+def test_feet_below_the_floor_and_sliding_feet_are_named():
+    capture, motion = solved(faults=False)
+    sunk = sentences(capture, replace(motion, joints=motion.joints - [0.0, 0.0, 0.2]))
+    assert "A foot goes 17 cm below the floor in most frames." in sunk
+    joints = motion.joints.copy()
+    joints[:, 10:12, 1] += 0.03 * np.arange(len(joints))[:, None]
+    joints[:, 10:12, 2] = 0.0
+    assert any("The feet slide by" in line for line in sentences(capture, replace(motion, joints=joints)))
+
+
+def test_a_motion_that_holds_what_was_found_holds_it_once():
+    capture, motion = solved()
+    found = diagnose(capture, motion)
+    record = json.loads(json.dumps({"diagnostics": [item.as_dict() for item in found]}))
+    assert diagnose(capture, replace(motion, provenance=record)) == found
+
+
+@pytest.mark.parametrize(("scale", "odd"), [(0.5, True), (1.0, False), (1.5, True)])
+def test_a_body_of_no_persons_size_is_named(scale, odd):
+    capture, motion = solved(faults=False)
+    found = {item.code: item for item in diagnose(capture, replace(motion, joints=scale * motion.joints))}
+    assert ("stature_odd" in found) == odd
+    if odd:
+        assert found["stature_odd"].values["size"] == pytest.approx(scale * 1.756, rel=0.001)
+
+
+def test_views_that_do_not_agree_are_named():
+    capture, motion = solved(faults=False)
+    error = np.where(np.arange(motion.num_frames)[None, :, None] % 2, 300.0, motion.reprojection_px)
+    found = {item.code: item for item in diagnose(capture, replace(motion, reprojection_px=error))}
+    assert found["views_disagree_with_result"].values["percent"] == pytest.approx(50.0)
+    assert found["residual_large"].values["size"] > 40.0
+
+
+def test_frames_that_are_hardly_known_are_a_warning_where_they_are_many():
+    capture, motion = solved(faults=False)
+    flags = np.zeros(motion.num_frames, np.uint8)
+    flags[3] = FLAG_UNSURE
+    (few,) = (item for item in diagnose(capture, replace(motion, flags=flags)) if "unsure" in item.code)
+    flags[3:9] = FLAG_UNSURE
+    (many,) = (item for item in diagnose(capture, replace(motion, flags=flags)) if "unsure" in item.code)
+    assert (few.severity, many.severity) == (Severity.NOTE, Severity.WARNING)
+    assert many.where.frames == ((3, 8),)
+
+
+def test_a_body_without_a_left_leg_has_neither_stature_nor_feet_to_check():
+    capture, motion = solved(faults=False)
+    layout = SMPL.without(("left_hip", "left_knee", "left_ankle", "left_foot"), "one leg")
+    kept = [SMPL.joints.index(name) for name in layout.joints]
+    pose = np.zeros((motion.num_frames, 3 * (layout.num_joints - 1)))
+    sunk = replace(motion, joints=3 * motion.joints[:, kept] - 1.0, body_pose=pose, body_layout=layout)
+    assert not {"stature_odd", "floor_too_high"} & {item.code for item in diagnose(capture, sunk)}
