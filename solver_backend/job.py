@@ -17,7 +17,7 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-READING = ("fps", "trim", "joint_set", "unit", "up_axis", "subject_prefix", "person")
+READING = ("fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person")
 """Fields that say how a capture is read."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
@@ -85,6 +85,7 @@ class Job(JobFile):
             strict=bool(_typed(values, "strict", bool)),
             fps=None if fps is None else positive_fps(fps),
             trim=bool(_typed(values, "trim", bool)),
+            as_calibrated=bool(_typed(values, "as_calibrated", bool)),
             joint_set=None if name is None else joint_set_named(name),
             unit=_typed(values, "unit", str),
             up_axis=_typed(values, "up_axis", str),

@@ -79,6 +79,8 @@ class JobFile:
     """Frame rate, where the capture does not say it."""
     trim: bool = False
     """Cut all cameras to the shortest."""
+    as_calibrated: bool = False
+    """Read the calibration as it is written, whatever the views say."""
     joint_set: str | None = None
     """Names of the keypoints, where their number fits several sets."""
     unit: str | None = None
@@ -118,7 +120,8 @@ class JobFile:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values in the file's schema; what is left at its default is left out."""
-        names = ("overwrite", "strict", "fps", "trim", "unit", "up_axis", "subject_prefix", "person", "settings")
+        switches = ("overwrite", "strict", "trim", "as_calibrated")
+        names = (*switches, "fps", "unit", "up_axis", "subject_prefix", "person", "settings")
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)

@@ -69,6 +69,11 @@ class MocapReading(bpy.types.PropertyGroup):
     trim: bpy.props.BoolProperty(
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
     )
+    as_calibrated: bpy.props.BoolProperty(
+        name="Calibration as Written",
+        description="Read the calibration as it is written, even where the views agree far better when it is read "
+        "otherwise",
+    )
     footage_anywhere: bpy.props.BoolProperty(
         name="Footage Anywhere",
         description="Look for footage wherever the capture says it is, on other machines too; without, only in the "
@@ -87,7 +92,8 @@ class MocapReading(bpy.types.PropertyGroup):
                 options.append(f"--{name.replace('_', '-')}={value}")  # one word, as -y is no option
         if self.subject_prefix:
             options.append(f"--subject-prefix={self.subject_prefix}")
-        return [*options, "--trim"] if self.trim else options
+        switches = {"--trim": self.trim, "--as-calibrated": self.as_calibrated}
+        return [*options, *(flag for flag, chosen in switches.items() if chosen)]
 
 
 class MocapSolve(SettingProperties, bpy.types.PropertyGroup):

@@ -92,6 +92,10 @@ def _reading() -> _Parser:
     options = _Parser(add_help=False)
     options.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
     options.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
+    options.add_argument(
+        "--as-calibrated", action="store_true", default=None,
+        help="read the calibration as it is written, whatever the views say",
+    )  # fmt: skip
     options.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
     options.add_argument("--unit", help="length unit of the recording, such as m or mm, where it is told wrongly")
     options.add_argument("--up-axis", metavar="AXIS", help="axis of the recording's world that points up, if not z")

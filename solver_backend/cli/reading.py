@@ -19,6 +19,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "fps": None if args.fps is None else positive_fps(args.fps),
         "trim": bool(args.trim),
+        "as_calibrated": bool(args.as_calibrated),
         "joint_set": None if args.joint_set is None else joint_set_named(args.joint_set),
         "unit": args.unit,
         "up_axis": args.up_axis,

@@ -18,10 +18,13 @@ from solver_backend.people.detections import Detections
 from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS, compared_keypoints
 from solver_backend.types import Cameras
 
-AGREES = 0.6
-"""A calibration under which this share of keypoints agrees is left as it is: wrong ones reach 0.1 to 0.5."""
-SURE, MARGIN = 0.75, 0.25
+AGREES = 0.85
+"""A calibration under which this share of keypoints agrees is left as it is: the demo's reaches 0.95, wrong readings of
+it 0.75 at most."""
+SURE, MARGIN = 0.8, 0.2
 """What a reading must reach, and by how much it must surpass the calibration as written."""
+EVERY_CAMERA = 0.6
+"""What each camera must reach with the others."""
 RIVAL = 0.1
 """Readings of another turn or pose that come so near leave the meaning open."""
 OFF_LINE = 0.05
@@ -88,7 +91,7 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     distinct = [scores.of(r) for r in rivals if _differs(r, best)]
     if agreement < SURE or agreement - written < MARGIN or any(agreement - rival < RIVAL for rival in distinct):
         return kept
-    if min(scores.of_camera(c, best) for c in range(len(cameras))) < AGREES:
+    if min(scores.of_camera(c, best) for c in range(len(cameras))) < EVERY_CAMERA:
         return kept
     meant = corrected(scores.cameras, best)
     return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
@@ -102,7 +105,7 @@ def _best_reading(scores: _Scores, count: int) -> tuple[list[CameraCorrection], 
         sizes = [[CameraCorrection(factor, turn, pose, graphics)] * count for factor in FACTORS]
         ways.append(max(sizes, key=scores.penalised))
     alike = max(ways, key=scores.penalised)
-    if scores.of(alike) >= SURE and min(scores.of_camera(c, alike) for c in range(count)) >= AGREES:
+    if scores.of(alike) >= SURE and min(scores.of_camera(c, alike) for c in range(count)) >= EVERY_CAMERA:
         return alike, ways
     starts = [*sorted(ways, key=scores.penalised, reverse=True)[:2], [CameraCorrection()] * count]
     found = [_improved(scores, start, pictures) for start in starts]

@@ -16,7 +16,7 @@ from ..export import ExportRequest, run_export
 from ..solver import run_solver
 from .limits import TakeLimits, TakeWatch
 from .record import fingerprint, read_record, step_key
-from .request import READING, BatchRequest
+from .request import READING, SWITCHES, BatchRequest
 from .work import Place, Step
 
 
@@ -88,7 +88,7 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
     given = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
     reading = [text for option in given.items() for text in option]
-    reading += ["--trim"] if shared.get("trim") else []
+    reading += [flag for key, flag in SWITCHES.items() if shared.get(key)]
     watch = TakeWatch(request.limits)
     solver = partial(
         run_solver,

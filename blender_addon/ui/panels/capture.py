@@ -67,6 +67,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "unit",
             "up_axis",
             "trim",
+            "as_calibrated",
             "footage_anywhere",
             "subject_prefix",
         ):

@@ -1,0 +1,127 @@
+"""A calibration is read as it is meant: every spoiled one comes back exactly, and no good one is touched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
+from solver_backend.cameras.projection import project
+from solver_backend.people.calibration_fit import fit_calibration
+from solver_backend.people.detections import Detections
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Cameras
+
+DEMO = demo_capture()
+assert DEMO.cameras is not None and DEMO.keypoints is not None
+CAMERAS, KEYPOINTS = DEMO.cameras, DEMO.keypoints
+FRAMES = slice(40, 160)
+
+
+def detections(xy: np.ndarray) -> Detections:
+    return Detections(CAMERAS.names, xy[:, :, None], KEYPOINTS.confidence[:, FRAMES][:, :, None], KEYPOINTS.joint_set)
+
+
+def filmed() -> np.ndarray:
+    return KEYPOINTS.xy[:, FRAMES].copy()
+
+
+def half(xy: np.ndarray, chosen: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray:
+    for c in chosen:
+        xy[c] = (xy[c] + 0.5) / 2 - 0.5
+    return xy
+
+
+def turned(xy: np.ndarray, chosen: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray:
+    for c in chosen:
+        xy[c] = np.stack([CAMERAS.image_size[c, 1] - 1 - xy[c, ..., 1], xy[c, ..., 0]], axis=-1)
+    return xy
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (half, [CameraCorrection(factor=0.5)] * 4),
+        (lambda xy: half(xy, (1,)), [CameraCorrection(factor=0.5 if c == 1 else 1.0) for c in range(4)]),
+        (turned, [CameraCorrection(turn=1)] * 4),
+        (lambda xy: turned(xy, (0, 2)), [CameraCorrection(turn=(c + 1) % 2) for c in range(4)]),
+        (lambda xy: half(turned(xy)), [CameraCorrection(factor=0.5, turn=1)] * 4),
+    ],
+    ids=["half", "one camera half", "turned", "two turned", "turned and half"],
+)
+def test_pictures_of_another_size_or_turned(
+    spoil: Callable[[np.ndarray], np.ndarray], expected: list[CameraCorrection]
+) -> None:
+    fit = fit_calibration(CAMERAS, detections(spoil(filmed())))
+    assert list(fit.corrections) == expected
+    assert fit.agreement > 0.9 and "The calibration is corrected" in fit.sentence()
+    again = corrected(CAMERAS, expected)
+    np.testing.assert_allclose(fit.cameras.K, again.K)
+    np.testing.assert_allclose(fit.cameras.R, again.R)
+
+
+AXES = np.diag([1.0, -1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2)),
+        replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2), t=CAMERAS.centres),
+        replace(CAMERAS, t=CAMERAS.centres),
+        replace(CAMERAS, R=AXES @ CAMERAS.R, t=CAMERAS.t @ AXES),
+        replace(CAMERAS, R=(AXES @ CAMERAS.R).swapaxes(1, 2), t=CAMERAS.centres),
+    ],
+    ids=["transposed", "camera to world", "positions", "OpenGL", "camera to world in OpenGL's axes"],
+)
+def test_rotations_and_places_written_the_other_way(written: Cameras) -> None:
+    fit = fit_calibration(written, detections(filmed()))
+    np.testing.assert_allclose(fit.cameras.R, CAMERAS.R, atol=1e-9)
+    np.testing.assert_allclose(fit.cameras.t, CAMERAS.t, atol=1e-9)
+
+
+def test_an_up_axis_that_was_stated_stays() -> None:
+    to_z_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    in_file = CAMERAS.R @ to_z_up
+    written = replace(CAMERAS, R=in_file.swapaxes(1, 2) @ to_z_up.T)
+    fit = fit_calibration(written, detections(filmed()), to_z_up)
+    np.testing.assert_allclose(fit.cameras.R, CAMERAS.R, atol=1e-9)
+
+
+def late(xy: np.ndarray) -> np.ndarray:
+    xy[1] = np.roll(xy[1], 60, axis=0)
+    return xy
+
+
+@pytest.mark.parametrize(
+    ("cameras", "spoil"),
+    [
+        (CAMERAS, lambda xy: xy),
+        (replace(CAMERAS, t=100 * CAMERAS.t), lambda xy: xy),
+        (CAMERAS, late),
+        (CAMERAS, lambda xy: xy[[1, 0, 2, 3]]),
+        (CAMERAS, lambda xy: xy[[1, 2, 3, 0]]),
+        (CAMERAS, lambda xy: np.stack([xy[0], [1919, 0] + xy[1] * [-1, 1], xy[2], xy[3]])),
+        (CAMERAS, lambda xy: np.random.default_rng(1).uniform(0, 1000, xy.shape)),
+        (CAMERAS, lambda xy: xy + np.random.default_rng(2).normal(0, 20, xy.shape)),
+    ],
+    ids=["as it should be", "cm", "late", "exchanged", "all exchanged", "mirrored", "nonsense", "noise"],
+)
+def test_nothing_changes_without_evidence(cameras: Cameras, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+    fit = fit_calibration(cameras, detections(spoil(filmed())))
+    assert not fit.changed
+    assert fit.cameras is cameras
+
+
+def test_corrections_move_pictures_and_nothing_else() -> None:
+    lens = np.tile([-0.05, 0.1, 0.002, -0.003, 0.0, 0.0, 0.0, 0.0], (4, 1))
+    cameras, points = replace(CAMERAS, distortion=lens), np.random.default_rng(0).uniform(-1, 2, (50, 3))
+    plain = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)
+    seen = corrected(cameras, [CameraCorrection(factor=0.5, turn=1)] * 4)
+    found = project(seen.K, seen.distortion, seen.R, seen.t, points)
+    small = (plain + 0.5) / 2 - 0.5
+    height = np.round(cameras.image_size[:, 1, None] / 2)
+    np.testing.assert_allclose(found, np.stack([height - 1 - small[..., 1], small[..., 0]], axis=-1), atol=1e-9)
