@@ -11,13 +11,13 @@ from pathlib import Path
 from solver_backend.priors.weights import ASSETS
 
 ROOT = Path(__file__).resolve().parents[3]
-PACKAGE = "solver_backend"
+PACKAGES = ("solver_backend", "research")
 WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz")
 
 
 @cache
 def code_version(module: str) -> str:
-    """Return the hash of a module, of all of the package it imports, and of the weights."""
+    """Return the hash of a module, of all of the packages it imports, and of the weights."""
     digest = hashlib.sha256()
     for path in sorted(closure(module)):
         digest.update(path.read_bytes())
@@ -28,7 +28,7 @@ def code_version(module: str) -> str:
 
 
 def closure(module: str) -> set[Path]:
-    """Return the files of a module and of what it imports from the package, and so on, wherever the import stands.
+    """Return the files of a module and of what it imports from the packages, and so on, wherever the import stands.
 
     A package around a module counts only where something is taken out of it: what it offers to others changes nothing.
     """
@@ -39,7 +39,7 @@ def closure(module: str) -> set[Path]:
         path = _file(name)
         if path is not None and path not in seen:
             seen.add(path)
-            waiting += [found for found in _imports(path, name) if found.startswith(PACKAGE)]
+            waiting += [found for found in _imports(path, name) if found.startswith(PACKAGES)]
     return seen
 
 
