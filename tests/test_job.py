@@ -47,7 +47,10 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"methd": "frame"}, r"Unknown key methd\..*Known keys: capture, fps, joint_set, out, overwrite"),
+        (
+            {"methd": "frame"},
+            r"Unknown key methd\..*Known keys: as_calibrated, capture, fps, joint_set, out, overwrite",
+        ),
         ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, window, refine_window"),
         ({"settings": {"window": 3}}, r"window = 3 is not valid; a whole number from 4 to 240"),
         (

@@ -77,6 +77,7 @@ def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     )
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
+    reading["as_calibrated"] = False
     reading |= {"subject_prefix": "Anna", "person": None}
     assert calls["load"] | {"path": None, "progress": None} == {"path": None, "progress": None, **reading}
     assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch", body="anny")

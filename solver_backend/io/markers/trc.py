@@ -8,6 +8,7 @@ A marker that is not seen is blank, NaN or 0. Counts in the header are often wro
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,9 @@ from solver_backend.io.markers.text_table import (
     rate_of,
     triples,
 )
+
+_HEADER_LINES, _ROWS_LOOKED_AT = 20, 100
+"""Lines in which the labels must come, and rows that tell how all are written."""
 
 
 def read_trc(
@@ -44,13 +48,17 @@ def read_trc(
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = Path(path)
-    lines = read_text(path).splitlines()
+    lines = _between_tabs(read_text(path).splitlines())
     at = _line_of("frame#", lines, path)
     header = _header(lines[:at])
     labels = _labels(lines[at])
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
-    values = number_table(_without_doubled_tabs(rows, len(labels)), first + 1, path)
+    rows = _without_doubled_tabs(rows, len(labels))
+    sample = "".join(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
+    # Half of the world writes decimals with a comma; where points stand as well, a comma is damage.
+    comma = "," in sample and "." not in sample
+    values = number_table(rows, first + 1, path, comma=comma)
     columns = max(values.shape[1] - 2, 0)
     count = max(len(labels), -(-columns // 3))
     stated = number_in(header.get("nummarkers"))
@@ -72,8 +80,20 @@ def read_trc(
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
+def _between_tabs(lines: list[str]) -> list[str]:
+    """Return the lines with tabs between cells, where a spreadsheet saved them with semicolons or commas and quotes."""
+    heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
+    separator = next((mark for mark in ("\t", ";", ",") if heading.count(mark) > 1), "\t")
+    if separator == "\t":
+        return lines
+    try:
+        return ["\t".join(cells) for cells in csv.reader(lines, delimiter=separator)]
+    except csv.Error:
+        return lines
+
+
 def _line_of(start: str, lines: list[str], path: Path) -> int:
-    found = (i for i, line in enumerate(lines[:20]) if line.strip().lower().startswith(start))
+    found = (i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower().startswith(start))
     at = next(found, None)
     if at is None:
         raise FileDamaged(
@@ -109,7 +129,7 @@ def _cells(line: str) -> list[str]:
 
 def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]]:
     """Return the rows without their odd cells where a second tab follows every number."""
-    sample = rows[:100]
+    sample = rows[:_ROWS_LOOKED_AT]
     too_long = markers and any(len(row) > 3 + 3 * markers for row in sample)
     if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
         return [row[::2] for row in rows]

@@ -87,10 +87,7 @@ def _camera_part(name: str) -> tuple[str, ...]:
     return name_key(found[-1]) if found else name_key(name)
 
 
-_WAYS = (
-    (_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys),
-    (_distinct_parts, _distinct_parts),
-)  # fmt: skip
+_WAYS = ((_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys))
 """How recorded and calibrated names are read to be compared, the strictest first."""
 
 
