@@ -52,7 +52,7 @@ def test_a_solve_ends_with_every_warning_and_where_to_look(stand_ins, tmp_path, 
     warnings = [line for line in warnings if line.startswith("warning: ")]
     assert warnings[:2] == ["warning: One camera is dark.", "warning: Ünicode."]
     assert any("The body moves at up to " in line and "in frames 0-6" in line for line in warnings)
-    assert last.startswith("Look at ") and "frames 0-6" in last and last.endswith("warnings above without a place.")
+    assert last.startswith("Look at ") and "frames 0-6" in last and last.endswith("warnings above).")
 
 
 @pytest.mark.parametrize("by_job", [True, False])

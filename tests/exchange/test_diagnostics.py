@@ -125,7 +125,7 @@ def test_a_summary_ends_with_ok_or_with_where_to_look():
     lines = summarise([LEGS, FAR, TALL, diagnostic("camera_disagrees", cameras=["b"], size=9.0, usual=2.0)], 10.0)
     assert [line.split(":")[0] for line in lines[:-1]] == ["warning"] * 3
     assert "frames 3-9 (0.70 s), frame 12" in lines[0] and "5.78 m tall" in lines[1]
-    assert lines[-1] == "Look at camera b; frames 3-9, frame 12; the warning above without a place."
+    assert lines[-1] == "Look at camera b; frames 3-9, frame 12; the whole take (1 warning above)."
 
 
 def test_a_code_that_the_table_lacks_is_a_defect():

@@ -30,8 +30,8 @@ def _places(warnings: Sequence[Diagnostic]) -> str:
     runs = _united(run for item in warnings if not item.where.cameras for run in item.where.frames)
     parts += [frames_text(runs)] if runs else []
     general = sum(not (w.where.cameras or w.where.markers or w.where.joints or w.where.frames) for w in warnings)
-    above = "warning above" if general == 1 else f"{general} warnings above"
-    return "; ".join([*parts, *([f"the {above} without a place"] if general else [])])
+    count = "1 warning" if general == 1 else f"{general} warnings"
+    return "; ".join([*parts, *([f"the whole take ({count} above)"] if general else [])])
 
 
 def _united(runs: object) -> list[tuple[int, int]]:
