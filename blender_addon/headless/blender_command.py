@@ -2,7 +2,7 @@
 
 import bpy
 
-from .child_verb import COMMAND
+from .command_name import COMMAND
 
 
 def run(arguments: list[str]) -> int:

@@ -12,10 +12,9 @@ from .._exchange.errors import MocapError
 from .._exchange.progress import Progress
 from ..solving.child import SolverProcess
 from ..solving.run import Run
+from .command_name import COMMAND
 from .run_to_its_end import run_to_its_end
 
-COMMAND = "manifold_mocap"
-"""What the command line is called inside Blender: ``blender --command manifold_mocap``."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
