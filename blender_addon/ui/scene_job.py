@@ -74,8 +74,8 @@ def prepare_job(
     request = SolveRequest(scene, capture, capture.person_index if person is None else person, frames)
     files = check_files(request)
     take = name_take(request, files.capture)
-    layout, told = write_inputs(capture, take)
-    return build_job(request, files, take, layout, told), take.job
+    layout, labels = write_inputs(capture, take)
+    return build_job(request, files, take, layout, labels), take.job
 
 
 def check_files(request: SolveRequest) -> CheckedFiles:
@@ -116,11 +116,11 @@ def write_inputs(capture: bpy.types.PropertyGroup, take: TakeFiles) -> tuple[Pat
         OutputNotWritable: see ``write_text``.
     """
     beside = (take.motion.with_suffix(f".{what}.json") for what in ("layout", "told"))
-    return written_layout(capture, next(beside)), written_told(capture, next(beside))
+    return write_layout(capture, next(beside)), write_labels(capture, next(beside))
 
 
 def build_job(
-    request: SolveRequest, files: CheckedFiles, take: TakeFiles, layout: Path | None, told: Path | None
+    request: SolveRequest, files: CheckedFiles, take: TakeFiles, layout: Path | None, labels: Path | None
 ) -> JobFile:
     """Return the job of a request, from its scene's settings.
 
@@ -129,7 +129,7 @@ def build_job(
         files: what it reads.
         take: what it writes.
         layout: the marker layout set by hand, None for none.
-        told: the names of points set by hand, None for none.
+        labels: the names of points set by hand, None for none.
     """
     capture, solve = request.capture, request.scene.mocap.solve
     armature = capture.review_of(request.person).armature
@@ -144,7 +144,7 @@ def build_job(
     values = {name: value for name, value in solve.values().items() if name not in more}
     return JobFile(
         capture=files.capture, out=take.motion, report=take.report if solve.report and capture.file else None,
-        person=capture.people[request.person].key if capture.people else None, subject=files.subject, told=told,
+        person=capture.people[request.person].key if capture.people else None, subject=files.subject, told=labels,
         settings=values | {name: value for name, value in more.items() if value}, resolve=files.resolve,
     )  # fmt: skip
 
@@ -171,7 +171,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
     return path
 
 
-def written_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
+def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     """Write what markers are attached to by hand, and return the file, None where nothing is.
 
     Raises:
@@ -184,7 +184,7 @@ def written_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     return write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
 
-def written_told(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
+def write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     """Write the names that were given to points, and return the file, None where there are none.
 
     Raises:

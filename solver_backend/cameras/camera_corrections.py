@@ -71,10 +71,29 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
         if correction.pose != POSES[0] or correction.graphics:
             cameras = _reposed(cameras, c, correction)
         if correction.factor != 1.0:
-            cameras = _scaled(cameras, c, correction.factor)
+            width, height = np.maximum(1, np.round(cameras.image_size[c] * correction.factor)).astype(int).tolist()
+            cameras = resized(cameras, c, (width, height))
         for _ in range(correction.turn):
             cameras = _turned_once(cameras, c)
     return cameras
+
+
+def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
+    """Return the cameras with one of them for images of another size of the same shape.
+
+    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as OpenCV's ``resize`` maps them).
+
+    Args:
+        cameras: the cameras.
+        index: which of them.
+        size: width and height of the images in pixels.
+    """
+    K, sizes = cameras.K.copy(), cameras.image_size.copy()
+    scale = np.array(size, dtype=np.float64) / sizes[index]
+    K[index, :2] *= scale[:, None]
+    K[index, :2, 2] += (scale - 1) / 2
+    sizes[index] = size
+    return replace(cameras, K=K, image_size=sizes)
 
 
 def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
@@ -84,15 +103,6 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
     R[c] = axes @ (R[c] if world_to_camera else R[c].T)
     t[c] = axes @ t[c] if correction.pose in ("world to camera", "transposed") else -R[c] @ t[c]
     return replace(cameras, R=R, t=t)
-
-
-def _scaled(cameras: Cameras, c: int, factor: float) -> Cameras:
-    """Scale pictures about the corner of the top-left pixel: ``u' + 0.5 = s (u + 0.5)`` px."""
-    K, sizes = cameras.K.copy(), cameras.image_size.copy()
-    K[c, :2] *= factor
-    K[c, :2, 2] += (factor - 1) / 2
-    sizes[c] = np.maximum(1, np.round(sizes[c] * factor))
-    return replace(cameras, K=K, image_size=sizes)
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:

@@ -34,6 +34,9 @@ CHANGE_COST = 0.01
 _FRAMES, _SEARCH_FRAMES = 40, 8
 """Frames that readings are found on and decided by: those in which most views see somebody, spread over the take."""
 _SWEEPS = 4
+_EACH = 8
+"""Cameras up to which every pair counts and each may be read by itself. Of more, all are read alike, and each is
+compared with so many around: the search must not grow with the square of an array of hundreds."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,10 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     kept = CalibrationFit(cameras, tuple(unchanged), written, written)
     if len(frames) == 0 or len(cameras) < 2 or written >= AGREES:
         return kept
-    best, rivals = _best_reading(scores.on(_SEARCH_FRAMES), len(cameras))
+    searched = np.unique(np.linspace(0, len(cameras) - 1, _EACH).astype(int)).tolist()
+    best, rivals = _best_reading(scores.on(_SEARCH_FRAMES, searched), len(searched))
+    if len(searched) < len(cameras):
+        best, rivals = best[:1] * len(cameras), [rival[:1] * len(cameras) for rival in rivals]
     agreement = scores.of(best)
     distinct = [scores.of(r) for r in rivals if _differs(r, best)]
     if agreement < SURE or agreement - written < MARGIN or any(agreement - rival < RIVAL for rival in distinct):
@@ -140,19 +146,22 @@ class _Scores:
         self.cameras, self._xy, self._seen = cameras, xy, confidence >= MIN_CONFIDENCE
         self._rays: dict[tuple[int, CameraCorrection], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._normalised: dict[tuple[int, CameraCorrection], np.ndarray] = {}
+        count = len(cameras)
+        others = range(1, count if count <= _EACH else _EACH)
+        self._compared = sorted(
+            {(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c}
+        )
         self._pairs: dict[tuple[int, CameraCorrection, int, CameraCorrection], float] = {}
 
-    def on(self, count: int) -> _Scores:
-        """Return scores by fewer frames."""
+    def on(self, count: int, cameras: list[int]) -> _Scores:
+        """Return scores by fewer frames, and of these cameras."""
         rows = np.unique(np.linspace(0, self._xy.shape[1] - 1, count).astype(int))
-        return _Scores(self.cameras, self._xy[:, rows], np.where(self._seen[:, rows], 1.0, 0.0))
+        some = np.ix_(cameras, rows)
+        return _Scores(self.cameras.subset(cameras), self._xy[some], np.where(self._seen[some], 1.0, 0.0))
 
     def of(self, reading: list[CameraCorrection]) -> float:
-        """Return the mean share over all pairs of views that see the person together."""
-        count = len(reading)
-        shares = [self._pair(a, b, reading) for a in range(count) for b in range(a + 1, count)]
-        known = [share for share in shares if np.isfinite(share)]
-        return float(np.mean(known)) if known else 0.0
+        """Return the mean share over the pairs of views that see the person together."""
+        return self._mean(self._compared, reading)
 
     def penalised(self, reading: list[CameraCorrection]) -> float:
         """Return the same, less what its changes must be worth."""
@@ -160,8 +169,10 @@ class _Scores:
 
     def of_camera(self, c: int, reading: list[CameraCorrection]) -> float:
         """Return the mean share of the pairs that one camera is part of."""
-        shares = [self._pair(min(c, b), max(c, b), reading) for b in range(len(reading)) if b != c]
-        known = [share for share in shares if np.isfinite(share)]
+        return self._mean([pair for pair in self._compared if c in pair], reading)
+
+    def _mean(self, pairs: list[tuple[int, int]], reading: list[CameraCorrection]) -> float:
+        known = [share for a, b in pairs if np.isfinite(share := self._pair(a, b, reading))]
         return float(np.mean(known)) if known else 0.0
 
     def _pair(self, a: int, b: int, reading: list[CameraCorrection]) -> float:

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
 from solver_backend.io.calibration import Calibration, calibrations_in, read_calibration
-from solver_backend.io.calibration.units import resized, with_up_axis
+from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.io.calibration.yaml_storage import parse_yaml
 from solver_backend.io.recognition.up_axis import UP_AXES
 from solver_backend.types import Cameras

@@ -10,6 +10,8 @@ import pytest
 
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import project
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.people import calibration_fit
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -125,3 +127,22 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
     small = (plain + 0.5) / 2 - 0.5
     height = np.round(cameras.image_size[:, 1, None] / 2)
     np.testing.assert_allclose(found, np.stack([height - 1 - small[..., 1], small[..., 0]], axis=-1), atol=1e-9)
+
+
+def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    count, calls, scored = 40, [], calibration_fit._agreement
+    kind = np.arange(count) % len(CAMERAS)
+    turned_about = np.stack([exp_so3(np.array([0.0, 0.0, 0.1 * i])) for i in range(count)])
+    cameras = Cameras(
+        tuple(f"c{i}" for i in range(count)), CAMERAS.K[kind], CAMERAS.distortion[kind],
+        CAMERAS.R[kind] @ turned_about, CAMERAS.t[kind], CAMERAS.image_size[kind],
+    )  # fmt: skip
+    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, DEMO.truth["keypoints3d"][FRAMES])
+    seen = Detections(
+        cameras.names, half(xy, tuple(range(count)))[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])),
+        KEYPOINTS.joint_set,
+    )  # fmt: skip
+    monkeypatch.setattr(calibration_fit, "_agreement", lambda *views: calls.append(1) or scored(*views))
+    fit = fit_calibration(cameras, seen)
+    assert set(fit.corrections) == {CameraCorrection(factor=0.5)}
+    assert len(calls) < 30_000

@@ -32,12 +32,12 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start."""
         from ...solving.take_paths import next_subject
-        from ..scene_job import capture_file, folder_of_takes, written_layout
+        from ..scene_job import capture_file, folder_of_takes, write_layout
 
         settings = context.scene.mocap
         capture = capture_file(settings.capture)
         out = next_subject(folder_of_takes(context.scene, capture.parent))
-        layout = written_layout(settings.capture, out.with_suffix(".layout.json"))
+        layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
         by_hand = [] if layout is None else ["--layout", str(layout)]
         options = ["--out", str(out), *(["--body", settings.solve.body] if settings.solve.body else [])]
         return self.launch(context, "calibrate", [str(capture), *options, *by_hand], out.parent)

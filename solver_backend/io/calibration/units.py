@@ -53,21 +53,3 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
         JobInvalid: the axis is unknown.
     """
     return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)
-
-
-def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Return the cameras with one of them for images of another size of the same shape.
-
-    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as OpenCV's ``resize`` maps them).
-
-    Args:
-        cameras: the cameras.
-        index: which of them.
-        size: width and height of the images in pixels.
-    """
-    K, sizes = cameras.K.copy(), cameras.image_size.copy()
-    scale = np.array(size, dtype=np.float64) / sizes[index]
-    K[index, :2] *= scale[:, None]
-    K[index, :2, 2] += (scale - 1) / 2
-    sizes[index] = size
-    return replace(cameras, K=K, image_size=sizes)

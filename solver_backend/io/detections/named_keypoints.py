@@ -51,7 +51,9 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
         KeypointCountMismatch: fewer than ``LEAST_KNOWN`` names are known.
     """
     plain = [plain_name(name) for name in names]
-    sets = (given,) if given is not None else tuple(s for s in JointSet if s is not JointSet.SMPL_24)
+    # Of sets with the same body the one without hands: only a body's points are named here.
+    whole = (s for s in JointSet if s is not JointSet.SMPL_24 and s.num_keypoints in s.num_written)
+    sets = (given,) if given is not None else tuple(whole)
     known = {s: len(set(s.keypoints) & set(plain)) for s in sets}
     best = max(sets, key=lambda s: (known[s], -s.num_keypoints))
     if known[best] < LEAST_KNOWN:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, People
-from solver_backend.io.detections.named_keypoints import match_keypoints
+from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_keypoints
 from solver_backend.io.detections.search import CameraSource
+from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import shared_range
 from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
@@ -62,7 +63,11 @@ def read_detections(
     listed = {name: source.frames() for name, source in sources.items()}
     first, last = shared_range({n: (int(f.numbers[0]), int(f.numbers[-1])) for n, f in listed.items()}, trim=trim)
     where = str(next(iter(sources.values())).path.parent)
-    pictures, named = _named(_pictures(list(listed.values()), first, last, progress), list(listed.values()), joint_set)
+    pictures = _pictures(list(listed.values()), first, last, progress)
+    named = _match_names(list(listed.values()), joint_set)
+    if named is not None:
+        pictures = [replace(p, people=[named.ordered(person) for person in p.people]) for p in pictures]
+        joint_set = named.joint_set
     count = _keypoint_count(pictures)
     if count == 0:
         raise NoDetections(
@@ -71,7 +76,11 @@ def read_detections(
     require_known_count(count, joint_set, where=where)
     _require_finite(pictures)
     xy, confidence, notes, problems = _arrays(len(sources), pictures, (last - first + 1, count))
-    chosen, found, doubts = choose_joint_set(xy, confidence, named or joint_set, configured, where=where)
+    chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
+    if named is not None:
+        found = (f"Joint set {chosen.value}, by the names of the keypoints.",)
+        if named.unknown:
+            found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(named.unknown)}.",)
     columns = slice(0, chosen.num_keypoints)
     missing = (last - first + 1) * len(sources) - len(pictures)
     if missing:
@@ -103,24 +112,23 @@ def _pictures(cameras: list[CameraFrames], first: int, last: int, progress: Prog
     return pictures
 
 
-def _named(
-    pictures: list[_Picture], cameras: list[CameraFrames], given: JointSet | None
-) -> tuple[list[_Picture], JointSet | None]:
-    """Return pictures with keypoints in the order of the joint set that their files' names say, and that set."""
+def _match_names(cameras: list[CameraFrames], given: JointSet | None) -> NamedKeypoints | None:
+    """Return how the keypoints that files name map to a joint set, None where they name none.
+
+    Raises:
+        KeypointCountMismatch: the cameras' files name different ones, or few of a body.
+    """
     names = {frames.keypoints for frames in cameras}
     if names == {()}:
-        return pictures, None
+        return None
     if len(names) > 1:
-        first, other = sorted(names, key=len)[-1], sorted(names, key=len)[0]
-        differing = sorted(set(first) ^ set(other)) or ["their order"]
+        shortest, *_, longest = sorted(names, key=len)
+        differing = sorted(set(longest) ^ set(shortest)) or ["their order"]
         raise KeypointCountMismatch(
-            f"The cameras' files name different keypoints; they differ in {', '.join(differing[:6])}.",
+            f"The cameras' files name different keypoints; they differ in {listing(differing[:6])}.",
             where=cameras[0].where(0), hint="Use one detector with one model for all cameras.",
         )  # fmt: skip
-    found = match_keypoints(names.pop(), given, where=cameras[0].where(0))
-    return [
-        _Picture(p.camera, p.frame, p.where, [found.ordered(person) for person in p.people]) for p in pictures
-    ], found.joint_set
+    return match_keypoints(names.pop(), given, where=cameras[0].where(0))
 
 
 def _require_finite(pictures: list[_Picture]) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.cameras.camera_corrections import resized
 from solver_backend.io.calibration import Calibration
-from solver_backend.io.calibration.units import resized
 from solver_backend.io.footage.mp4 import VideoHeader, read_video_header
 from solver_backend.io.recognition.camera_names import name_key, natural_key
 from solver_backend.people.detections import Detections

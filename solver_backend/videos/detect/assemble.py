@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.calibration import Calibration
-from solver_backend.io.calibration.units import resized
 from solver_backend.io.recognition.world_check import placed
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_person
