@@ -156,8 +156,8 @@ class _Scores:
     def on(self, count: int, cameras: list[int]) -> _Scores:
         """Return scores by fewer frames, and of these cameras."""
         rows = np.unique(np.linspace(0, self._xy.shape[1] - 1, count).astype(int))
-        some = np.ix_(cameras, rows)
-        return _Scores(self.cameras.subset(cameras), self._xy[some], np.where(self._seen[some], 1.0, 0.0))
+        xy, seen = self._xy[cameras][:, rows], self._seen[cameras][:, rows]
+        return _Scores(self.cameras.subset(cameras), xy, np.where(seen, 1.0, 0.0))
 
     def of(self, reading: list[CameraCorrection]) -> float:
         """Return the mean share over the pairs of views that see the person together."""
