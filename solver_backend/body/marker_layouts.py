@@ -20,7 +20,7 @@ _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """What a file of marker layouts says (see ``docs/formats.md``)."""
+    """What a file of marker layouts says (see ``docs/reference/file-formats.md``)."""
 
     kinds: dict[str, tuple[float, float]]
     """How far markers of each kind of place stray from their rules: off the skin and along it, metres."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| ((?:Pose-NDF eq\. |[A-Z][^|\d]+ )?\d[^|]*) \| [^|]+ \| `([^`]+)` \|$", PAGE, flags=re.MULTILINE)
 
 

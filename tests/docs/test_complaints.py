@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "complaints.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "explanation" / "complaints.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| (\d+) \|.*\| ([^|]+) \|$", PAGE, flags=re.MULTILINE)
 
 

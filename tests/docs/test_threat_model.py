@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "threat_model.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "explanation" / "threat-model.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| ([^|]+) \| (`tests/[^|]+) \|$", PAGE.split("## What was found")[1], flags=re.MULTILINE)
 
 

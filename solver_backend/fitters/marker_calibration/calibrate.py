@@ -34,7 +34,7 @@ POSE_FRAMES = 24.0
 """What is known of poses counts, for all frames together, as much as for so many at most: what the prior finds unlikely
 in one pose of a person, by posture or by how their bones differ, it finds in others. Of 64 frames counted one by one it
 moves markers that sit on their places by a centimetre; counted for one alone, real people's hidden markers are told
-worse (docs/sensors.md)."""
+worse (docs/research-log/sensors.md)."""
 SIGMA_RANGE_M = (0.003, 0.03)
 """Least and largest standard deviation of a marker."""
 SCORING_STEPS = 4
