@@ -11,7 +11,8 @@ SOURCE = "solver_backend/exchange/solve_settings.py"
 _HEAD = """# Settings of a solve
 
 Each can be given in three places: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
-[job file](../how-to/batch-and-cluster.md#batches), and in the panel *Solve*. `--no-contacts` turns `--contacts` off, and so on."""
+[job file](../how-to/batch-and-cluster.md#batches), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
+and so on."""
 _ELSEWHERE = {"leave_out": "*Cameras*", "betas": "*Keep Shape* and the body's sliders", "layout": "*Markers*"}
 """Where the panel has something of its own for a setting."""
 

@@ -6,8 +6,8 @@ NumPy and of the live loop.
 
 Takes: CMU 02_01 and 135_02 (its first 20 s, every second frame), clips of UI-PRMD's held-out subjects 7 and 8, the
 nimble takes' markers that the superset has, and what is named of the unlabelled prone and kneeling take. Constants of
-the labelling were chosen on other takes, see docs/research-log/landmarks.md. The squat take's own MT1 and MT5 are exchanged (MT5
-lies inside the foot), which is put right first. One process, one thread.
+the labelling were chosen on other takes, see docs/research-log/landmarks.md. The squat take's own MT1 and MT5 are
+exchanged (MT5 lies inside the foot), which is corrected first. One process, one thread.
 """
 
 from __future__ import annotations

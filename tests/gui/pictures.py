@@ -1,4 +1,4 @@
-"""The pictures of ``docs/tutorials/first-animation.md``, taken with the demo capture: ``python -m tests.gui --script pictures.py``."""
+"""The pictures of ``docs/tutorials``, taken with the demo capture: ``python -m tests.gui --script pictures.py``."""
 
 from __future__ import annotations
 
