@@ -7,11 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from solver_backend.exchange.outputs import write_text
+from supply.command_line_page import command_line_page
 from supply.diagnostics_page import diagnostics_page
 from supply.settings_page import settings_page
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
 PAGES: dict[str, Callable[[], str]] = {
+    "command-line.md": command_line_page,
     "diagnostics.md": diagnostics_page,
     "settings.md": settings_page,
 }

@@ -33,17 +33,19 @@ def parser(program: str) -> argparse.ArgumentParser:
         return verbs.add_parser(name, parents=[shared[option] for option in options.split()], help=text)
 
     verb("solve", "python common", "solve a capture; takes the solver's options, such as --job JOB.json")
-    verb("calibrate", "python common", "learn who wears the markers; takes the solver's options")
+    verb("calibrate", "python common", "learn a person's shape and marker positions; takes the solver's options")
     verb("export-markers", "python common", "write a motion's markers; takes the solver's options")
     taking = "motion body out writing common"
     _add_bake_options(verb("bake", taking, "write an animated body, its preview video and a contact sheet"))
-    verb("render", taking, "write a preview video and a contact sheet alone")
+    verb("render", taking, "write a preview video and a contact sheet")
     _add_export_options(verb("export", "body out writing common", "write a take in the formats of other programs"))
-    retargeted = verb("retarget", "body writing common", "lay a solved motion on another character's rig")
+    retargeted = verb("retarget", "body writing common", "retarget a solved motion to another character's rig")
     _add_retarget_options(retargeted)
-    _add_body_options(verb("body", "body common", "write the posable body alone, as an asset"))
-    _add_batch_options(verb("batch", "body out python common", "do all that for every capture of a folder, and resume"))
-    _add_studio_options(verb("studio", "python common", "film captures with known truth"))
+    _add_body_options(verb("body", "body common", "write the posable body as an asset"))
+    _add_batch_options(
+        verb("batch", "body out python common", "solve, bake and export every capture of a folder; resumes")
+    )
+    _add_studio_options(verb("studio", "python common", "render synthetic captures with ground truth"))
     return whole
 
 
@@ -110,8 +112,8 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     add("--save-map", type=Path, metavar="MAP.json", help="write the map that was used, with its map pose")
     add("--limbs", choices=("fk", "ik"), default="fk", help="what the rig's switches are set to; both are keyed")
     way = retarget.add_mutually_exclusive_group()
-    way.add_argument("--in-place", action="store_true", help="leave out the way over the ground")
-    way.add_argument("--root-motion", action="store_true", help="let the root bone carry the way over the ground")
+    way.add_argument("--in-place", action="store_true", help="remove the travel over the ground")
+    way.add_argument("--root-motion", action="store_true", help="put the travel over the ground on the root bone")
     add("--frame-start", type=int, default=1, metavar="N", help="scene frame of the first frame; 1")
 
 
@@ -161,7 +163,7 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add = studio.add_argument
     add("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run that was ended resumes")
-    add("--plan", action="store_true", help="only check, and say what would be made and what room it needs")
+    add("--plan", action="store_true", help="check the description; report what would be made and its size")
     add("--judge", nargs="+", default=[], metavar="METHOD", help="also solve by these methods and compare")
     add("--places", action="store_true", help="also map the rigs' errors over the floor")
     add("--settings", type=Path, metavar="SETTINGS.json", help="of these solves, as a job file's 'settings' are")

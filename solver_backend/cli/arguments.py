@@ -15,6 +15,7 @@ from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
 from solver_backend.cli.setting_options import add_settings
 from solver_backend.cli.studio_verbs import add_studio_verbs
+from solver_backend.cli.verb_guide import show_guide
 from solver_backend.cli.video_arguments import add_video_verbs
 from solver_backend.cli.wand_verbs import add_wand_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -38,7 +39,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
     Raises:
         CommandLineInvalid: it makes no sense; the hint is the usage.
     """
-    return _parser().parse_args(_with_signed_axis(argv))
+    return build_parser().parse_args(_with_signed_axis(argv))
 
 
 def _with_signed_axis(argv: list[str]) -> list[str]:
@@ -52,7 +53,8 @@ def _with_signed_axis(argv: list[str]) -> list[str]:
     return joined
 
 
-def _parser() -> argparse.ArgumentParser:
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
     parser = _Parser(
         prog="python -m solver_backend",
         description="Turns multi-view keypoints or optical markers into the motion of an SMPL-type body.",
@@ -65,7 +67,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_solve(verbs, [reading, writing, common])
     _add_captures(verbs, common, reading, writing)
     _add_train(verbs, common)
-    evaluate = verbs.add_parser("evaluate", parents=[common], help="compare a motion with the truth its capture holds")
+    evaluate = verbs.add_parser(
+        "evaluate", parents=[common], help="compare a motion with the ground truth in its capture"
+    )
     evaluate.add_argument("capture", type=Path, metavar="CAPTURE")
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
@@ -77,30 +81,33 @@ def _parser() -> argparse.ArgumentParser:
     add_sensor_verbs(verbs, writing, common)
     add_rig_live(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)
+    show_guide(parser, verbs)
     return parser
 
 
 def _common() -> _Parser:
     options = _Parser(add_help=False)
     options.add_argument("--json", action="store_true", help="progress and result as JSON lines on standard output")
-    options.add_argument("--parent-pipe", action="store_true", help="cancel as soon as standard input ends")
+    options.add_argument("--parent-pipe", action="store_true", help=argparse.SUPPRESS)
     options.add_argument("-v", "--verbose", action="store_true", help="log details to standard error")
     return options
 
 
 def _reading() -> _Parser:
     options = _Parser(add_help=False)
-    options.add_argument("--fps", type=float, help="frame rate, where the capture does not say it")
-    options.add_argument("--trim", action="store_true", default=None, help="cut all cameras to the shortest")
+    options.add_argument("--fps", type=float, help="frame rate, if the capture has none")
+    options.add_argument("--trim", action="store_true", default=None, help="trim all cameras to the shortest")
     options.add_argument(
         "--as-calibrated", action="store_true", default=None,
-        help="read the calibration as it is written, whatever the views say",
+        help="use the calibration exactly as written, without corrections",
     )  # fmt: skip
-    options.add_argument("--joint-set", metavar="NAME", help="names of the keypoints, where their number fits several")
-    options.add_argument("--unit", help="length unit of the recording, such as m or mm, where it is told wrongly")
-    options.add_argument("--up-axis", metavar="AXIS", help="axis of the recording's world that points up, if not z")
-    options.add_argument("--person", metavar="NAME", help="whose keypoints, where the views show several, see people")
-    options.add_argument("--subject-prefix", metavar="NAME", help="whose markers, where a file holds several people")
+    options.add_argument("--joint-set", metavar="NAME", help="keypoint set, when the number of keypoints fits several")
+    options.add_argument("--unit", help="length unit of the recording, such as m or mm, to override the file's")
+    options.add_argument("--up-axis", metavar="AXIS", help="axis that points up in the recording, if not z")
+    options.add_argument("--person", metavar="NAME", help="which person to solve, when there are several (see people)")
+    options.add_argument(
+        "--subject-prefix", metavar="NAME", help="label prefix of the person, when a file holds several"
+    )
     return options
 
 
@@ -112,37 +119,45 @@ def _writing() -> _Parser:
 
 def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve = verbs.add_parser(
-        "solve", parents=parents, help="solve a capture and write the motion; --person all: of everybody"
+        "solve", parents=parents, help="solve a capture and write the motion (--person all: everybody)"
     )
     solve.add_argument("capture", nargs="?", type=Path, metavar="CAPTURE", help="capture, or session of trials")
     solve.add_argument("--out", type=Path, metavar="MOTION.npz", help="motion file to write; a session's folder")
     solve.add_argument(
-        "--strict", action="store_true", default=None, help="refuse a result with warnings, write nothing"
+        "--strict", action="store_true", default=None, help="treat warnings as errors: exit code 3, nothing is written"
     )
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
-    solve.add_argument("--told", type=Path, metavar="TOLD.json", help="names of points from a person, which bind")
-    solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a stretch of an earlier motion again")
-    solve.add_argument("--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="the stretch, from 0")
-    solve.add_argument("--scheduler", metavar="ADDRESS", help="let a Dask scheduler's workers solve stretches of it")
+    solve.add_argument(
+        "--told", type=Path, metavar="TOLD.json", help="user-assigned labels; the solver never overrides them"
+    )
+    solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a range of an earlier motion again")
+    solve.add_argument(
+        "--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="first and last frame of the range, from 0"
+    )
+    solve.add_argument(
+        "--scheduler", metavar="ADDRESS", help="spread a long solve over the workers of a Dask scheduler"
+    )
     solve.add_argument(
         "--job", type=Path, action="append", metavar="JOB.json",
-        help="read all of this from a job file; several are solved one after another",
+        help="read the arguments from a job file; may be repeated",
     )  # fmt: skip
     add_settings(solve)
 
 
 def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:
     info = verbs.add_parser(
-        "info", parents=[reading, common], help="say what a capture holds and what is wrong with it"
+        "info", parents=[reading, common], help="report what a capture holds and what is wrong with it"
     )
     info.add_argument("capture", type=Path, metavar="CAPTURE")
 
-    people = verbs.add_parser("people", parents=[reading, common], help="list everybody whom two or more views see")
+    people = verbs.add_parser("people", parents=[reading, common], help="list the people that two or more views see")
     people.add_argument("capture", type=Path, metavar="CAPTURE")
 
     calibrate = verbs.add_parser(
-        "calibrate", parents=[reading, writing, common], help="learn shape and places of the markers from marker takes"
+        "calibrate",
+        parents=[reading, writing, common],
+        help="learn a person's shape and marker positions from marker takes",
     )
     calibrate.add_argument("captures", nargs="+", type=Path, metavar="TAKE", help="one or several takes of one person")
     calibrate.add_argument("--out", type=Path, required=True, metavar="SUBJECT.npz")
@@ -151,7 +166,7 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
     layout = verbs.add_parser(
         "layout",
         parents=[reading, writing, common],
-        help="write which place each marker's label is taken for, to be edited",
+        help="write how each marker label is read, as a file to edit",
     )
     layout.add_argument("capture", type=Path, metavar="TAKE")
     layout.add_argument("--out", type=Path, required=True, metavar="LAYOUT.json")
@@ -161,7 +176,9 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
     convert.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="file; a session's folder")
 
     refine = verbs.add_parser(
-        "refine-cameras", parents=[reading, writing, common], help="correct a calibration by the people it films"
+        "refine-cameras",
+        parents=[reading, writing, common],
+        help="correct a calibration from the people in the capture",
     )
     refine.add_argument("capture", type=Path, metavar="CAPTURE")
     refine.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="capture with corrected cameras")
@@ -174,7 +191,9 @@ def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parse
 
 
 def _add_train(verbs: Any, common: _Parser) -> None:
-    train = verbs.add_parser("train", parents=[common], help="train a pose prior, or go on from its last checkpoint")
+    train = verbs.add_parser(
+        "train", parents=[common], help="train a pose prior or network, or resume from a checkpoint"
+    )
     train.add_argument("prior", metavar="PRIOR", help="sposer, rvposer, vposer, svae, lie_vae, gmm, ..., landmarks")
     train.add_argument("--row", default="ours", help="of the landmark networks: ours, base, ortho, bmse, democap, ...")
     train.add_argument("--width", type=int, default=0, help="of a landmark network's layers; its own if left out")
@@ -186,7 +205,7 @@ def _add_train(verbs: Any, common: _Parser) -> None:
         help="what tells a landmark network's rare poses, where DIR is a folder of recordings",
     )  # fmt: skip
     train.add_argument("--seconds", type=float, help="of a landmark network's training, instead of steps")
-    train.add_argument("--processor", action="store_true", help="seconds are the processor's, not the clock's")
+    train.add_argument("--processor", action="store_true", help="count CPU time instead of wall-clock time")
     train.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder that holds motion_cmu")
     train.add_argument("--out", type=Path, default=Path("trained"), metavar="DIR", help="weights and model card")
     train.add_argument("--work", type=Path, metavar="DIR", help="checkpoint and log; OUT/PRIOR_run if left out")

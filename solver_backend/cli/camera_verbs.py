@@ -32,10 +32,10 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     board.add_argument("--paper", default="fit", help="A4, A3, A2, A1, A0, letter, tabloid or fit (default)")
 
     rig = verbs.add_parser(
-        "calibrate-cameras", parents=[reading, writing, common], help="find the cameras of a rig and write them"
+        "calibrate-cameras", parents=[reading, writing, common], help="calibrate cameras and write the calibration"
     )
     rig.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION")
-    rig.add_argument("--from", dest="method", choices=METHODS, default="board", help="what tells where they stand")
+    rig.add_argument("--from", dest="method", choices=METHODS, default="board", help="how to find the camera positions")
     rig.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
     rig.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
     rig.add_argument("--board", metavar="BOARD", help=_BOARD)
@@ -45,16 +45,16 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     rig.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
     rig.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
     rig.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
-    rig.add_argument("--stature", type=float, metavar="METRES", help="of the person, which tells the scale")
+    rig.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
     rig.add_argument("--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance")
     together = rig.add_argument_group("--from together", "a CALIBRATION is the start; all told here adjusts it")
     together.add_argument("--footage", type=Path, metavar="FOLDER", help="of --board, seen by several cameras at once")
-    together.add_argument("--take", type=Path, metavar="CAPTURE", help="of a person, synchronous")
+    together.add_argument("--take", type=Path, metavar="CAPTURE", help="synchronised take of a person")
     together.add_argument("--clicks", type=Path, metavar="CLICKS.csv", help="points in pictures, some of known places")
     together.add_argument("--hold", type=float, metavar="MM", help="the calibration counts too, as good as so many mm")
 
     check = verbs.add_parser(
-        "check-cameras", parents=[reading, common], help="say whether a capture's calibration fits what was seen"
+        "check-cameras", parents=[reading, common], help="check that a capture's calibration fits its detections"
     )
     check.add_argument("capture", type=Path, metavar="CAPTURE")
 

@@ -23,7 +23,7 @@ def add_live(
 ) -> None:
     """Add live to the parser's verbs."""
     live = verbs.add_parser(
-        "live", parents=[reading, writing, common], help="poses from points while they come, one line a frame"
+        "live", parents=[reading, writing, common], help="stream poses from marker points, one line a frame"
     )
     live.add_argument("source", metavar="SOURCE", help="take to replay at its own rate, or - for lines on stdin")
     live.add_argument("--fast", action="store_true", help="replay as fast as it goes")

@@ -36,12 +36,14 @@ def add_marker_verbs(
         common: options of all verbs.
     """
     label = verbs.add_parser(
-        "label", parents=[reading, writing, common], help="name the points of a take that nobody named"
+        "label", parents=[reading, writing, common], help="label the unlabelled points of a marker take"
     )
     label.add_argument("capture", type=Path, metavar="TAKE")
     label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
     label.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
-    label.add_argument("--told", type=Path, metavar="TOLD.json", help="names from a person, which bind; see formats")
+    label.add_argument(
+        "--told", type=Path, metavar="TOLD.json", help="user-assigned labels; the solver never overrides them"
+    )
     add_live(verbs, reading, writing, common)
     export = verbs.add_parser(
         "export-markers", parents=[writing, common], help="write a motion's markers as C3D or TRC"
@@ -53,7 +55,7 @@ def add_marker_verbs(
         help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
     )  # fmt: skip
     places = verbs.add_parser(
-        "marker-places", parents=[writing, common], help="draw where a layout's markers sit, front and back"
+        "marker-places", parents=[writing, common], help="draw where a layout's markers sit on the body"
     )
     places.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
     places.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")

@@ -33,7 +33,7 @@ def add_oak_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse
     sensors.add_argument("--calibration", type=Path, metavar="FILE", help="else the lenses the devices have themselves")
     add_oak_options(sensors)
     record = verbs.add_parser(
-        "record-colour", parents=[common], help="record colour video of OAK cameras in step, for the road from videos"
+        "record-colour", parents=[common], help="record synchronised colour video of OAK cameras, for from-videos"
     )
     for verb in (sensors, record):
         verb.add_argument("folder", type=Path, metavar="FOLDER", help="that is written")
@@ -52,7 +52,9 @@ def add_oak_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse
 def add_oak_options(verb: argparse.ArgumentParser) -> None:
     """Add how infrared and depth are taken."""
     verb.add_argument("--fps", type=float, default=60.0)
-    verb.add_argument("--sync", choices=("none", "wire", "ptp"), default="none", help="what keeps cameras in step")
+    verb.add_argument(
+        "--sync", choices=("none", "wire", "ptp"), default="none", help="how the cameras are synchronised"
+    )
     verb.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS")
     verb.add_argument("--flood", type=float, default=1.0, metavar="SHARE", help="of the infrared light, 0 to 1")
 

@@ -21,26 +21,26 @@ def add_pose_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpars
     using.add_argument("--prior", type=Path, metavar="WEIGHTS.npz", help="Pose-NDF's weights, if not those that ship")
     parents = [using, writing, common]
 
-    denoise = verbs.add_parser("denoise", parents=parents, help="make a motion smooth and its poses plausible")
+    denoise = verbs.add_parser("denoise", parents=parents, help="denoise a motion with Pose-NDF")
     _motion_in_and_out(denoise)
     denoise.add_argument("--smoothness", type=float, metavar="λ", help="weight of smoothness against the data's 1")
     denoise.add_argument("--manifold", type=float, metavar="λ", help="weight of plausibility against the data's 1")
     denoise.add_argument("--keep-root", action="store_true", help="leave where the body stands and faces as it is")
 
-    complete = verbs.add_parser("complete", parents=parents, help="find the rotations of joints that are not known")
+    complete = verbs.add_parser("complete", parents=parents, help="fill in unknown joint rotations with Pose-NDF")
     _motion_in_and_out(complete)
     complete.add_argument(
         "--missing", nargs="+", required=True, metavar="JOINT", help="joints, or limbs such as left_arm, right_leg"
     )
     complete.add_argument("--seed", type=int, default=0, help="of the start poses")
 
-    sample = verbs.add_parser("sample", parents=parents, help="write plausible poses drawn at random, one a frame")
+    sample = verbs.add_parser("sample", parents=parents, help="draw random plausible poses with Pose-NDF")
     sample.add_argument("out", type=Path, metavar="OUT.npz", help="motion file to write")
     sample.add_argument("--count", type=int, default=20, metavar="N", help="how many (default 20)")
     sample.add_argument("--seed", type=int, default=0, help="the same seed gives the same poses")
 
     between = verbs.add_parser(
-        "interpolate", parents=parents, help="fill the way between two frames with plausible poses"
+        "interpolate", parents=parents, help="generate the transition between two frames with Pose-NDF"
     )
     _motion_in_and_out(between)
     between.add_argument("--frames", type=int, nargs=2, required=True, metavar=("A", "B"), help="frames, from 0")

@@ -31,18 +31,18 @@ TOLD_S = 0.5
 def add_rig_live(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
     """Add rig-live to the parser's verbs."""
     live = verbs.add_parser(
-        "rig-live", parents=[writing, common], help="points, or poses, from sensors while it happens, one line a frame"
+        "rig-live", parents=[writing, common], help="stream points or poses from sensors, one line a frame"
     )
     live.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
     live.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
     add_oak_options(live)
     live.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
-    live.add_argument("--wand", action="store_true", help="tell where a waved wand was, and where to wave it next")
+    live.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
     live.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
     live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
     live.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
     live.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
-    live.add_argument("--solve", type=Path, metavar="MOTION.npz", help="and solve what was recorded, by the bundle")
+    live.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
     live.add_argument("--repeat", action="store_true", help="replay a folder again and again")
     live.add_argument("--seconds", type=float, help="end after so many")
     add_chain_options(live)

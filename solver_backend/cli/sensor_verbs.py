@@ -22,10 +22,10 @@ SENSOR_VERBS = ("markers-from-sensors", "rig-record")
 def add_sensor_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
     """Add markers-from-sensors and rig-record to the parser's verbs."""
     cloud = verbs.add_parser(
-        "markers-from-sensors", parents=[writing, common], help="infrared and depth of several sensors to a point cloud"
+        "markers-from-sensors", parents=[writing, common], help="find markers in infrared and depth recordings"
     )
     cloud.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
-    record = verbs.add_parser("rig-record", parents=[writing, common], help="record sensors to a folder")
+    record = verbs.add_parser("rig-record", parents=[writing, common], help="copy a sensor recording to a folder")
     record.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     for verb in (cloud, record):
         verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")

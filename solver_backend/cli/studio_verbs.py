@@ -24,18 +24,20 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
         writing: options of verbs that write.
         common: options of all verbs.
     """
-    make = verbs.add_parser("studio", parents=[common], help="make captures with known truth from a description")
+    make = verbs.add_parser("studio", parents=[common], help="render synthetic captures with ground truth")
     make.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
     make.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
     begin = make.add_mutually_exclusive_group()
-    begin.add_argument("--plan", action="store_true", help="only say what would be made, and check it")
+    begin.add_argument("--plan", action="store_true", help="check the description and report what would be made")
     begin.add_argument("--claim", action="store_true", help="the same, and keep the folder for it: see --shot")
     make.add_argument(
         "--shot", nargs="+", default=[], metavar="NAME",
         help="make these alone, of a folder that --claim keeps; several processes may do so",
     )  # fmt: skip
 
-    judge = verbs.add_parser("studio-judge", parents=[common], help="solve a data set and compare with its truth")
+    judge = verbs.add_parser(
+        "studio-judge", parents=[common], help="solve a data set and compare with its ground truth"
+    )
     judge.add_argument("data_set", type=Path, metavar="DIR", help="folder that studio made")
     judge.add_argument("--methods", nargs="+", default=["global"], metavar="METHOD", help="of solve, or triangulation")
     judge.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="what is solved")
@@ -47,7 +49,9 @@ def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
         "--settings", type=Path, metavar="SETTINGS.json", help="of the solves, as a job file's 'settings' are"
     )
 
-    rigs = verbs.add_parser("studio-rigs", parents=[writing, common], help="map the errors of rigs over the floor")
+    rigs = verbs.add_parser(
+        "studio-rigs", parents=[writing, common], help="map the expected error of camera layouts over the floor"
+    )
     rigs.add_argument("description", type=Path, metavar="SPEC.json", help="its rigs and its perturb are taken")
     rigs.add_argument(
         "--faults", nargs="+", default=[], metavar="PRESET", help="compare these, each rig with each, not its perturb"

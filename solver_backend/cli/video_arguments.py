@@ -30,12 +30,14 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     detect.add_argument("--preview", type=Path, metavar="DIR", help="also draw what was found over the videos")
 
     road = verbs.add_parser(
-        "from-videos", parents=[detector, writing, common], help="from a folder of videos to a solved motion"
+        "from-videos",
+        parents=[detector, writing, common],
+        help="solve a folder of videos: detect, synchronise, calibrate, solve",
     )
     road.add_argument("folder", type=Path, metavar="FOLDER", help="takes in 'videos', boards in 'calibration'")
     road.add_argument("--out", type=Path, metavar="DIR", help="results; FOLDER/mocap if left out")
     road.add_argument("--take", metavar="NAME", help="only this take")
-    road.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
+    road.add_argument("--dry-run", action="store_true", help="report what would be done, and do nothing")
     road.add_argument(
         "--until", choices=("detect", "sync", "calibrate", "capture", "solve"), default="solve", help="last step"
     )
@@ -45,15 +47,15 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     )  # fmt: skip
     road.add_argument(
         "--cameras", choices=("auto", "board", "person"), default="auto",
-        help="what tells the cameras: whatever is there (default), or the board or the person even so",
+        help="calibrate from the board or the person even if a calibration exists",
     )  # fmt: skip
     road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
     road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
-    road.add_argument("--stature", type=float, metavar="METRES", help="of the person, who tells the scale")
+    road.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
     add_settings(road, [name for name in ROWS if name != "layout"])
 
     noise = verbs.add_parser(
-        "detector-noise", parents=[writing, common], help="measure what a detector's confidence means"
+        "detector-noise", parents=[writing, common], help="measure a detector's noise at each confidence"
     )
     noise.add_argument("captures", nargs="+", type=Path, metavar="CAPTURE", help="captures of known cameras")
     noise.add_argument("--detector-name", metavar="NAME", help="what it is for; read from the captures if left out")
@@ -72,6 +74,6 @@ def _detector() -> argparse.ArgumentParser:
     options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
     options.add_argument(
         "--sync", choices=("auto", "keypoints", "clap", "sound", "flash", "none"), default="auto",
-        help="how the cameras' clocks are told (default: by whatever tells them)",
+        help="how to synchronise the cameras (default: whatever the footage allows)",
     )  # fmt: skip
     return options

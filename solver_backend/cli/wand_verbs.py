@@ -23,7 +23,7 @@ def add_wand_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpars
         common: options of all verbs.
     """
     wand = verbs.add_parser(
-        "calibrate-wand", parents=[writing, common], help="find where sensors stand by a wand waved before them"
+        "calibrate-wand", parents=[writing, common], help="calibrate sensors from a recording of a waved wand"
     )
     wand.add_argument("folder", type=Path, metavar="FOLDER", help="a table a sensor, or a recording of sensors")
     wand.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
