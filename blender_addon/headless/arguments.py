@@ -111,6 +111,7 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     chosen.add_argument("--map", type=Path, metavar="MAP.json", help="map of the rig's bones, instead of a preset")
     add("--save-map", type=Path, metavar="MAP.json", help="write the map that was used, with its map pose")
     add("--limbs", choices=("fk", "ik"), default="fk", help="what the rig's switches are set to; both are keyed")
+    add("--scale", type=_positive, default=0.0, metavar="S", help="size of the way by the actor's; the legs' ratio")
     way = retarget.add_mutually_exclusive_group()
     way.add_argument("--in-place", action="store_true", help="remove the travel over the ground")
     way.add_argument("--root-motion", action="store_true", help="put the travel over the ground on the root bone")

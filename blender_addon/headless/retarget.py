@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,8 @@ class RetargetRequest:
     """Let the root bone carry the way over the ground."""
     body: Path | None = None
     """Body file for a motion; None for the one the motion was solved for."""
+    scale: float = 0.0
+    """Size of the way by the actor's; 0 for the ratio of the legs."""
     frame_start: int = 1
     """Scene frame of the first frame."""
     overwrite: bool = False
@@ -79,7 +82,9 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]
         raise OutputExists("The target's own file would be replaced.", where=str(request.out), hint="Name another.")
     progress("reading the actor", 0, 1)
     actor = _actor(request)
-    settings = RetargetSettings(request.limbs, TransferSettings(request.in_place, request.root_motion))
+    settings = RetargetSettings(
+        request.limbs, TransferSettings(request.in_place, request.root_motion, scale=request.scale)
+    )
     with atomic_outputs(request.out.parent, (request.out.name,), overwrite=request.overwrite) as temporary:
         scene, rig = _open_target(request)
         rig_map = _map(request, rig)
@@ -100,6 +105,8 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]
         "fps": actor.fps,
         "map": done.rig_map.label,
         "scale": round(done.scale, 5),
+        "lengths_by_the_actor": {k: round(v, 4) for k, v in asdict(done.proportions).items() if isfinite(v)},
+        "soles_from": done.soles,
         "hands_and_feet_deviation_mm": round(done.deviation_mm, 3),
         "seconds": round(time.monotonic() - start, 3),
     }

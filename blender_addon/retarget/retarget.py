@@ -6,21 +6,21 @@ import json
 from dataclasses import dataclass, field
 
 import bpy
-import numpy as np
 
-from ..conventions.timing import TakeTiming, go_to_frame
-from ..scene.alone import alone
+from ..conventions.timing import TakeTiming
+from ..errors import TargetUnsuitable
 from .baking import bake_channels
 from .channels import channels_of
+from .check import deviation_m
 from .maps.rig_map import RigMap, map_values
-from .maps.roles import LIMBS
-from .motion.figures import Actor, Target
+from .motion.figures import Actor
 from .motion.map_pose import map_pose, map_pose_values
-from .motion.transfer import Transferred, TransferSettings, transfer
-from .target_rig import TargetRig, read_target
+from .motion.proportions import Proportions, measure_proportions
+from .motion.transfer import TransferSettings, transfer
+from .target_rig import read_target
 
-_CHECKED_FRAMES = 6
-_TOLERATED_MM = 10.0
+_TOLERATED_MM, _REFUSED_MM = 10.0, 100.0
+"""Deviations of hands and feet, at the actor's size, from which the result carries a note, and is refused."""
 MAP = "retarget_map"
 """Custom property of a retargeted action: the map that was used, as text."""
 
@@ -42,7 +42,11 @@ class Retargeted:
     rig_map: RigMap
     """The map that was used, its map pose filled in."""
     scale: float
-    """Length of the rig's legs by the actor's."""
+    """Size of the rig's way by the actor's: the ratio of the legs between their joints, unless it was given."""
+    proportions: Proportions
+    """What the scale was told from."""
+    soles: str
+    """What shows the height of the rig's soles: ``mesh`` or ``joints``."""
     deviation_mm: float
     """Largest distance of a hand or foot in Blender from where it belongs, on a few frames."""
     notes: tuple[str, ...]
@@ -67,7 +71,8 @@ def retarget(
         settings: how.
 
     Raises:
-        TargetUnsuitable, MapInvalid: see ``read_target``; then nothing is changed.
+        TargetUnsuitable: see ``read_target`` and ``scale_of``, or hands and feet do not come near where they belong.
+        MapInvalid: see ``read_target``. Nothing is changed then.
     """
     rig = read_target(armature, scene, rig_map, settings.limbs)
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)
@@ -76,44 +81,20 @@ def retarget(
     modes = {name: armature.pose.bones[name].rotation_mode for name in rig.target.names}
     channels = channels_of(done, rig.target, modes)
     switches = {(s.bone, s.key): getattr(s, settings.limbs) for s in rig.switches}
-    action = bake_channels(f"{actor.name} on {armature.name}", armature, channels, switches, timing, actor.fps)
+    scale, name = done.scale, f"{actor.name} on {armature.name}"
+    deviation_mm = 1000.0 * deviation_m(rig, scene, done, channels, switches)
+    if deviation_mm > _REFUSED_MM * scale:
+        raise TargetUnsuitable(
+            f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong.", where=armature.name,
+            hint="Mute constraints and drivers that move the limbs, or correct the map of the bones.",
+        )  # fmt: skip
+    action = bake_channels(name, armature, channels, switches, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
-    times = timing.scene_frames(actor.num_frames, actor.fps)
-    deviation_mm = _deviation_mm(rig, scene, done, times)
     notes = list(rig.notes)
-    if deviation_mm > _TOLERATED_MM:
+    if deviation_mm > _TOLERATED_MM * max(scale, 1.0):
         notes.append(
             f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong: "
             "constraints, drivers or limits of the rig move them."
         )
-    return Retargeted(action, used, done.scale, deviation_mm, tuple(notes))
-
-
-def _deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, times: np.ndarray) -> float:
-    ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
-    names = [_shown_bone(rig, end) for end in ends.values()]
-    frames = np.unique(np.linspace(0, len(times) - 1, _CHECKED_FRAMES).round().astype(int))
-    worst = 0.0
-    with alone(rig.armature, scene) as (stage, depsgraph):
-        for f in frames if names else ():
-            go_to_frame(stage, float(times[f]))
-            bones = rig.armature.evaluated_get(depsgraph).pose.bones
-            heads = on_stage(rig.target, np.array([bones[name].head for name in names], np.float64))
-            wanted = np.array([done.goals[role][f] for role in ends])
-            worst = max(worst, float(np.linalg.norm(heads - wanted, axis=1).max()))
-    return 1000.0 * worst
-
-
-def _shown_bone(rig: TargetRig, control: int) -> str:
-    """Return the bone that carries the skin where a control stands at rest, else the control itself."""
-    name, bones = rig.target.names[control], rig.armature.data.bones
-    if bones[name].use_deform:
-        return name
-    place, near = bones[name].head_local, 0.05 * bones[name].length
-    there = (bone for bone in bones if bone.use_deform and (bone.head_local - place).length < near)
-    return next((bone.name for bone in there), name)
-
-
-def on_stage(target: Target, points: np.ndarray) -> np.ndarray:
-    """Return points (..., 3) of the armature's space on the target's stage."""
-    return target.unit_m * points @ target.R_stage_armature.T - target.ground
+    proportions = measure_proportions(actor, rig.target)
+    return Retargeted(action, used, scale, proportions, rig.soles, deviation_mm, tuple(notes))

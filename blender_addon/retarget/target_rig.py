@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -11,15 +11,12 @@ from ..errors import MapInvalid, TargetUnsuitable
 from .cycles import constraint_ring, object_ring
 from .hanging import Hanging, hanging_of
 from .maps.rig_map import RigMap, Switch
-from .maps.roles import HELPER_OF, JOINT_OF, LIMBS, SIDES
+from .maps.roles import HELPER_OF, JOINT_OF, LIMBS, is_of_a_finger
 from .motion.figures import Target
+from .rest_stage import stand_on_stage
 
 _EVEN = 1e-3
 """Relative difference of scales that is none."""
-_SNAP = np.cos(np.radians(12.0))
-"""A figure that faces an axis of its armature so nearly faces it."""
-_NEAR_FLOOR = 0.035
-"""Share of the figure's height within which the armature's origin is its floor."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +26,8 @@ class TargetRig:
     armature: bpy.types.Object
     target: Target
     switches: tuple[Switch, ...]
+    soles: str
+    """What shows the height of its soles: ``mesh`` or ``joints``."""
     notes: tuple[str, ...]
     """What of the map cannot be played, one sentence each."""
 
@@ -43,7 +42,7 @@ def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: Rig
         limbs: ``fk`` or ``ik``, what its switches are set to.
 
     Raises:
-        TargetUnsuitable: it is no armature, is stretched, goes in a ring, or a control that matters is locked.
+        TargetUnsuitable: it is no armature, is stretched or flat, goes in a ring, or a control that matters is locked.
         MapInvalid: the map lacks the pelvis or every limb, or names bones that are not there.
     """
     _check_object(armature)
@@ -51,12 +50,14 @@ def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: Rig
     bones = _usable_bones(armature, rig_map, notes)
     switches = tuple(s for s in rig_map.switches if s.key in armature.pose.bones[s.bone])
     values = {(s.bone, s.key): getattr(s, limbs) for s in switches}
-    hanging = hanging_of(armature, scene, list(bones.values()), values)
+    posed = [bone for role, bone in bones.items() if not is_of_a_finger(role)]
+    hanging = hanging_of(armature, scene, posed, values)
     role_of = {bone: role for role, bone in bones.items()}
     roles = tuple(role_of[name] for name in hanging.names)
     _check_controls(armature, hanging, role_of, notes)
-    target = _on_stage(armature, hanging, roles, _scale(armature) * scene.unit_settings.scale_length)
-    return TargetRig(armature, target, switches, tuple(notes))
+    unit_m = _scale(armature) * scene.unit_settings.scale_length
+    target, soles = stand_on_stage(armature, hanging, roles, bones, unit_m)
+    return TargetRig(armature, target, switches, soles, tuple(notes))
 
 
 def _check_object(armature: bpy.types.Object) -> None:
@@ -79,9 +80,9 @@ def _scale(armature: bpy.types.Object) -> float:
     matrix = np.array(armature.matrix_world)[:3, :3]
     lengths = np.linalg.norm(matrix, axis=0)
     scale = float(lengths.mean())
-    if scale < 1e-9 or np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() > _EVEN or np.linalg.det(matrix) < 0:
-        hint = "Give it and its parents the same scale in all directions; turned, moved and evenly scaled it may be."
-        raise TargetUnsuitable("The armature is stretched, mirrored or flat.", where=armature.name, hint=hint)
+    if scale < 1e-9 or np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() > _EVEN:
+        hint = "Give it and its parents the same scale in all directions; moved, turned and mirrored it may be."
+        raise TargetUnsuitable("The armature is stretched or flat.", where=armature.name, hint=hint)
     return scale
 
 
@@ -137,45 +138,3 @@ def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[
     body = [name for name in hanging.partial if role_of[name].partition("_")[2] not in HELPER_OF]
     if body:
         notes.append(f"Other controls move {', '.join(body)} in part: look at how they stand.")
-
-
-def _on_stage(armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], unit_m: float) -> Target:
-    """Return the rig with its soles at z = 0, facing -Y."""
-    bones = [armature.data.bones[name] for name in hanging.names]
-    lengths = np.array([bone.length for bone in bones])
-    axes = hanging.matrices[:, :3, :3] / np.linalg.norm(hanging.matrices[:, :3, :3], axis=-2, keepdims=True)
-    heads = hanging.matrices[:, :3, 3]
-    tails = heads + lengths[:, None] * hanging.matrices[:, :3, 1]
-    R = _stage_axes(heads, roles)
-    own = np.array([bone.use_local_location for bone in bones])[:, None, None]
-    target = Target(
-        hanging.names, roles, unit_m * heads @ R.T, unit_m * tails @ R.T, R @ axes,
-        np.where(own, R @ axes, R), hanging.turns_with, hanging.moves_with, R, unit_m, np.zeros(3),
-    )  # fmt: skip
-    feet = [c for c, role in enumerate(roles) if role.endswith(("_foot", "_toe"))]
-    top = max(target.heads[:, 2].max(), target.tails[:, 2].max())
-    low = min(target.heads[feet, 2].min(), target.tails[feet, 2].min()) if feet else 0.0
-    floor = 0.0 if abs(low) < _NEAR_FLOOR * (top - low) else low
-    ground = np.array([0.0, 0.0, floor])
-    return replace(target, heads=target.heads - ground, tails=target.tails - ground, ground=ground)
-
-
-def _stage_axes(heads: np.ndarray, roles: tuple[str, ...]) -> np.ndarray:
-    """Return the (3, 3) rotation from the armature's axes: the figure's left to X, its upright axis to Z."""
-    index = {role: c for c, role in enumerate(roles)}
-    above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *roles) if role in index)
-    feet = [index[f"{side}_foot"] for side in SIDES if f"{side}_foot" in index]
-    base = heads[feet].mean(0) if feet else heads[index["pelvis"]]
-    rise = heads[index[above]] - base
-    up = np.eye(3)[np.abs(rise).argmax()] * np.sign(rise[np.abs(rise).argmax()])
-    pairs = [part for part in ("thigh", "upper_arm", "shin", "clavicle") if all(f"{s}_{part}" in index for s in SIDES)]
-    if not pairs:
-        hint = "Map both thighs or both upper arms, so that left and right are known."
-        raise MapInvalid("The map does not tell the rig's left from its right.", hint=hint)
-    left = sum(heads[index[f"left_{part}"]] - heads[index[f"right_{part}"]] for part in pairs)
-    left = left - (left @ up) * up
-    left = left / np.linalg.norm(left)
-    nearest = np.abs(left).argmax()
-    if abs(left[nearest]) > _SNAP:
-        left = np.eye(3)[nearest] * np.sign(left[nearest])
-    return np.stack([left, np.cross(up, left), up])

@@ -45,6 +45,9 @@ class MocapRetarget(bpy.types.PropertyGroup):
             ("place", "In Place", "It is left out"),
         ),
     )  # fmt: skip
+    scale: bpy.props.FloatProperty(
+        name="Scale", description="Size of the way by the body's; 0 for the ratio of the legs", min=0.0, soft_max=10.0,
+    )  # fmt: skip
 
 
 CLASSES = (MocapRole, MocapRetarget)

@@ -53,6 +53,8 @@ class Score:
     skating: float
     """Way of standing toes in cm a frame, at the actor's size."""
     skating_actor: float
+    path_ratio: float
+    """Way of the hips over the ground by the actor's, over the ratio of the legs."""
 
 
 def shown(rig: bpy.types.Object, names: Sequence[str], times: np.ndarray) -> Shown:
@@ -87,6 +89,8 @@ def score(
     scale = np.mean([_leg(np.stack([seen.rest[b] for b in limbs[k].bones[:3]])) for k in BALLS]) / np.mean(
         [_leg(rest[list(JOINTS[k])]) for k in BALLS]
     )
+    hips = np.mean([seen.heads[limbs[key].bones[0]] for key in BALLS], axis=0)
+    ways = [_length(points[:, :2]) for points in (hips, joints[:, [1, 2]].mean(1))]
     hands, feet, twist, toes, own_toes = [], [], [], [], []
     for key, limb in limbs.items():
         j, b = JOINTS[key], limb.bones
@@ -110,7 +114,7 @@ def score(
             hands.append(np.linalg.norm(way, axis=1))
     floor = float(np.percentile(np.stack(toes)[..., 2], 2))
     skating = [foot_skating_cm_per_frame(np.stack(points, axis=1), floor) for points in (own_toes, toes)]
-    return Score(1000 * np.max(hands), 1000 * np.max(feet), float(np.max(twist)), skating[0], skating[1])
+    return Score(1000 * np.max(hands), 1000 * np.max(feet), float(np.max(twist)), *skating, ways[0] / ways[1] / scale)
 
 
 def twist_deg(direction: np.ndarray, hinge: np.ndarray, other: np.ndarray, other_hinge: np.ndarray) -> np.ndarray:
@@ -141,7 +145,7 @@ def _rotation(matrices: np.ndarray) -> np.ndarray:
 
 
 def _leg(points: np.ndarray) -> float:
-    return _length(points) + float(points[2, 2])
+    return _length(points)
 
 
 def _length(points: np.ndarray) -> float:

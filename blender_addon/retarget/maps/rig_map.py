@@ -11,7 +11,7 @@ from typing import Any
 from ..._exchange.json_file import read_json_file
 from ..._exchange.outputs import atomic_output
 from ...errors import MapInvalid
-from .roles import CHAINS, SIDES, is_of_a_side, is_role
+from .roles import CHAINS, FINGERS, SIDES, is_of_a_side, is_role
 
 FORMAT, VERSION = "manifold_mocap_rig_map", 1
 _KEYS = {"format", "version", "label", "bones", "sides", "switches", "map_pose"}
@@ -111,6 +111,10 @@ def _flat(bones: dict[str, Any], sides: list[str]) -> Iterator[tuple[str, str]]:
     for part, name in bones.items():
         if part in CHAINS:
             yield from ((f"{part}_{i + 1}", str(bone)) for i, bone in enumerate(name))
+        elif part in FINGERS:
+            for i, bone in enumerate(name):
+                numbered = (f"{side}_{part}_{i + 1}" for side in SIDES)
+                yield from zip(numbered, _of_both(bone, sides), strict=True)
         elif is_of_a_side(part):
             yield from ((f"{side}_{part}", bone) for side, bone in zip(SIDES, _of_both(name, sides), strict=True))
         else:

@@ -11,6 +11,8 @@ _OF_A_SIDE = {
     "clavicle": (13, 14), "upper_arm": (16, 17), "forearm": (18, 19), "hand": (20, 21),
     "thigh": (1, 2), "shin": (4, 5), "foot": (7, 8), "toe": (10, 11),
 }  # fmt: skip
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+"""Fingers of a hand: ``left_index_1`` is the bone next to the knuckle, bones of the palm have no role."""
 JOINT_OF = {
     "pelvis": 0, "head": 15,
     **{f"{side}_{part}": pair[s] for part, pair in _OF_A_SIDE.items() for s, side in enumerate(SIDES)},
@@ -30,7 +32,7 @@ LIMBS = {
 """Upper bone, lower bone and end of the limbs with one hinge."""
 _KNOWN = re.compile(
     rf"root|carrier|pelvis|head|({'|'.join(CHAINS)})_[1-9]\d?"
-    rf"|({'|'.join(SIDES)})_({'|'.join((*_OF_A_SIDE, *HELPER_OF))})"
+    rf"|({'|'.join(SIDES)})_({'|'.join((*_OF_A_SIDE, *HELPER_OF))}|({'|'.join(FINGERS)})_[1-4])"
 )
 
 
@@ -44,6 +46,11 @@ def is_of_a_side(part: str) -> bool:
     return part in _OF_A_SIDE or part in HELPER_OF
 
 
+def is_of_a_finger(role: str) -> bool:
+    """Return whether a role is a bone of a finger."""
+    return role.rstrip("1234").rstrip("_").rpartition("_")[2] in FINGERS
+
+
 def chain_roles(bones: dict[str, str], chain: str) -> list[str]:
     """Return the roles of a chain that have a bone, from the pelvis up."""
     found = (role for role in bones if role.startswith(f"{chain}_"))
@@ -53,5 +60,5 @@ def chain_roles(bones: dict[str, str], chain: str) -> list[str]:
 def order_of(role: str) -> tuple[int, str]:
     """Return where a role stands in a list that people read: trunk, arms, legs, helpers."""
     part = re.sub(r"^(left|right)_|_\d+$", "", role)
-    parts = ("root", "carrier", "pelvis", "spine", "neck", "head", *_OF_A_SIDE, *HELPER_OF)
+    parts = ("root", "carrier", "pelvis", "spine", "neck", "head", *_OF_A_SIDE, *FINGERS, *HELPER_OF)
     return parts.index(part), role

@@ -44,8 +44,8 @@ class Target:
     roles: tuple[str, ...]
     heads: np.ndarray
     """(N, 3) heads in the rest pose."""
-    tails: np.ndarray
-    """(N, 3) tails in the rest pose."""
+    ends: np.ndarray
+    """(N, 3) where hands and feet go on in the rest pose: knuckles, balls of the feet; NaN where nothing shows it."""
     axes: np.ndarray
     """(N, 3, 3) axes in the rest pose, one a column."""
     place_axes: np.ndarray

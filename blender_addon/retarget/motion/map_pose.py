@@ -17,6 +17,8 @@ _BENT = np.sin(np.radians(8.0))
 """Sine of a hinge's rest angle from which the plane of its bones tells its axis."""
 _LIKELY = 0.5
 """Cosine between that axis and anatomy's from which it is believed."""
+_BALL_BEFORE_ANKLE = 1.5
+"""How far the ball of the foot lies before the ankle, by the ankle's height (our body: 1.5)."""
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[float, ...]]) -> np.ndarray:
@@ -51,9 +53,10 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:
-    """Return the (3,) rest place of the ball of a foot: the toe's head or, without one, the foot's tail."""
-    toe = target.index(target.roles[foot].replace("foot", "toe"))
-    return target.heads[toe] if toe >= 0 else target.tails[foot]
+    """Return the (3,) rest place of the ball of a foot, straight before the ankle where nothing shows it."""
+    if np.isfinite(target.ends[foot]).all():
+        return target.ends[foot]
+    return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * _FORWARD
 
 
 def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int, int], limb: str) -> None:
@@ -69,7 +72,8 @@ def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[in
         )
     if is_arm:
         reach = rest[joints[2] + 2] - own[2]  # SMPL's hand joint lies two after its wrist
-        A[end] = _swing(A[lower] @ (target.tails[end] - target.heads[end]), reach) @ A[lower]
+        hand = target.ends[end] - target.heads[end]
+        A[end] = _swing(A[lower] @ hand, reach) @ A[lower] if np.isfinite(hand).all() else A[lower]
         return
     heading = _flat(foot_ball(target, end) - target.heads[end])
     wanted = _flat(rest[joints[2] + 3] - own[2])  # and the ball of the foot three after its ankle

@@ -12,6 +12,7 @@ from .feet import foot_paths, steadied
 from .figures import Actor, Target, carried_places
 from .limbs import bend_to, within_reach
 from .map_pose import anatomical_axis, limb_frame
+from .proportions import length, measure_proportions, scale_of
 from .root_path import ground_path
 
 _SPINE = (0, 3, 6, 9)
@@ -28,6 +29,8 @@ class TransferSettings:
     """Let the root bone carry the way over the ground and the heading."""
     hold_contacts: bool = True
     """Hold feet where they stand, if the motion says when."""
+    scale: float = 0.0
+    """Size of the way and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Transferred:
     carrier: int
     """The control that carries the body's way."""
     scale: float
-    """Length of the target's legs by the actor's."""
+    """Length of the target's legs, between joints, by the actor's."""
     goals: dict[str, np.ndarray]
     """(F, 3) by the role of a hand or foot: where wrist or ankle should be."""
 
@@ -58,7 +61,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
         A: (N, 3, 3) from ``map_pose``.
         settings: how.
     """
-    scale = leg_scale(actor, target)
+    scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")
     root, path = target.index("root"), ground_path(actor, scale)
     turns = _turns(actor, target, A)
@@ -69,7 +72,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     goals = _foot_goals(actor, target, turns, scale, settings)
     goals = {role: goal + shift for role, goal in goals.items()}
     still = carried_places(target, turns, carrier, np.zeros((actor.num_frames, 3)))
-    way = scale * actor.joints[:, _HIPS].mean(1) + shift - _hips(target, still)
+    way = _hips_path(actor, target, scale) + shift - _hips(target, still)
     way = way + _for_reach(target, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
@@ -79,25 +82,6 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
         places[root] = target.heads[root] + path.way
     _follow_limbs(actor, target, turns, places, A)
     return Transferred(turns, places, carrier, scale, goals)
-
-
-def leg_scale(actor: Actor, target: Target) -> float:
-    """Return the length of the target's legs, soles included, by the actor's; by the hips' height without legs."""
-    own, theirs = [], []
-    for side in SIDES:
-        roles = LIMBS[f"{side}_leg"]
-        bones = [target.index(role) for role in roles]
-        if min(bones) >= 0:
-            own.append(_length(target.heads[bones]) + target.heads[bones[-1], 2])
-            joints = [JOINT_OF[role] for role in roles]
-            theirs.append(_length(actor.rest[joints]) + actor.rest[joints[-1], 2])
-    if own:
-        return float(np.mean(own) / np.mean(theirs))
-    return float(target.heads[target.index("pelvis"), 2] / actor.rest[0, 2])
-
-
-def _length(points: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
@@ -126,7 +110,7 @@ def _along_spine(actor: Actor, target: Target, bone: int) -> np.ndarray:
     thighs = [target.index(f"{side}_thigh") for side in SIDES]
     base = target.heads[thighs].mean(0) if min(thighs) >= 0 else target.heads[target.index("pelvis")]
     top = max(target.index("neck_1"), target.index("head"))
-    end = target.heads[top] if top >= 0 else target.tails[spine[-1]]
+    end = target.heads[top] if top >= 0 else _shoulders(target, spine[-1])
     middle = (target.heads[bone] + target.heads[spine[spine.index(bone) + 1]]) / 2
     share = (middle - base) @ (end - base) / ((end - base) @ (end - base))
     hips = actor.rest[list(_HIPS)].mean(0)
@@ -136,6 +120,12 @@ def _along_spine(actor: Actor, target: Target, bone: int) -> np.ndarray:
     upper = int(np.clip(np.searchsorted(nodes, share), 1, len(nodes) - 1))
     weight = np.clip((share - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0.0, 1.0)
     return _between(actor.turns[:, _SPINE[upper - 1]], actor.turns[:, _SPINE[upper]], float(weight))
+
+
+def _shoulders(target: Target, chest: int) -> np.ndarray:
+    """Return the (3,) middle of the shoulders at rest, of a trunk that has neither neck nor head."""
+    arms = [c for c in (target.index(f"{side}_upper_arm") for side in SIDES) if c >= 0]
+    return target.heads[arms].mean(0) if arms else target.heads[chest] + [0.0, 0.0, 1e-3]
 
 
 def _between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
@@ -154,6 +144,22 @@ def _foot_goals(
         else:
             goals[path.role] = path.ankle
     return goals
+
+
+def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
+    """Return where the target's hips go (F, 3): ``s p``, raised by what its ankles are higher than scaled ones.
+
+    So that straight legs stay straight on other soles. The rise fades as the hips come down to the floor.
+    """
+    hips = scale * actor.joints[:, _HIPS].mean(1)
+    feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
+    if not feet:
+        return hips
+    ankle = actor.rest[[JOINT_OF["left_foot"], JOINT_OF["right_foot"]], 2].mean()
+    rise = target.heads[feet, 2].mean() - scale * ankle
+    standing = scale * actor.rest[list(_HIPS), 2].mean()
+    hips[:, 2] += rise * np.clip(hips[:, 2] / standing, 0.0, 1.0)
+    return hips
 
 
 def _hips(target: Target, places: np.ndarray) -> np.ndarray:
@@ -177,7 +183,7 @@ def _for_reach(target: Target, places: np.ndarray, goals: dict[str, np.ndarray])
     return within_reach(
         np.stack([places[bones[0]] for bones in legs.values()]),
         np.stack([goals[f"{side}_foot"] for side in legs]),
-        np.array([_length(target.heads[bones]) for bones in legs.values()]),
+        np.array([length(target.heads[bones]) for bones in legs.values()]),
     )
 
 
@@ -189,7 +195,7 @@ def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, n
         bones = [target.index(role) for role in roles]
         if min(bones) >= 0:
             joints = [JOINT_OF[role] for role in roles]
-            ratio = _length(target.heads[bones]) / _length(actor.rest[joints])
+            ratio = length(target.heads[bones]) / length(actor.rest[joints])
             goals[roles[-1]] = places[bones[0]] + ratio * (actor.joints[:, joints[-1]] - actor.joints[:, joints[0]])
     return goals
 

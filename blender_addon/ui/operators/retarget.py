@@ -81,13 +81,14 @@ class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
         scene, settings = context.scene, context.scene.mocap.retarget
         rig, rig_map = _target(context), _table_map(context)
         actor, timing = read_actor(scene.mocap.review.armature, scene)
-        way = TransferSettings(in_place=settings.way == "place", root_motion=settings.way == "root")
+        way = TransferSettings(settings.way == "place", settings.way == "root", scale=settings.scale)
         done = retarget(actor, rig, scene, rig_map, timing, RetargetSettings(settings.limbs, way))
         show_frame(scene)
         for note in done.notes:
             self.report({"WARNING"}, note)
         off_mm, name = done.deviation_mm, done.action.name
-        self.report({"INFO"}, f"'{name}': scaled by {done.scale:.2f}, hands and feet right to {off_mm:.1f} mm")
+        measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
+        self.report({"INFO"}, f"'{name}': scaled by {measured}, hands and feet right to {off_mm:.1f} mm")
         return {"FINISHED"}
 
 

@@ -28,6 +28,7 @@ class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
             return
         layout.prop(settings, "limbs", expand=True)
         layout.prop(settings, "way", text="")
+        layout.prop(settings, "scale")
         layout.operator(MOCAP_OT_retarget.bl_idname, icon="ARMATURE_DATA")
 
 
