@@ -37,7 +37,7 @@ VERBS = {
     "build": "the extension's zip",
     "vendor": "the exchange library copied into the add-on",
     "setup": "the environment alone",
-    "docs": "the pages of docs/reference, from the program's own tables",
+    "docs": "the generated pages of docs and the charts of results",
     "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
 }
 READING = {

@@ -1,23 +1,27 @@
-"""Pages of docs/reference that are made from the program's own tables: ``python3 dev.py docs`` writes them."""
+"""Pages that are made from the program's own tables and the baseline: ``python3 dev.py docs`` writes them."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from solver_backend.exchange.outputs import write_text
 from supply.command_line_page import command_line_page
 from supply.diagnostics_page import diagnostics_page
+from supply.results_page import CHARTS, draw_chart, results_page
 from supply.settings_page import settings_page
 
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
+FOLDER = Path(__file__).resolve().parents[1] / "docs"
 PAGES: dict[str, Callable[[], str]] = {
-    "command-line.md": command_line_page,
-    "diagnostics.md": diagnostics_page,
-    "settings.md": settings_page,
+    "reference/command-line.md": command_line_page,
+    "reference/diagnostics.md": diagnostics_page,
+    "reference/settings.md": settings_page,
+    "results.md": results_page,
+    **{f"images/results_{chart.name}.svg": partial(draw_chart, chart) for chart in CHARTS},
 }
-"""What makes each page, by the page's name."""
+"""What makes each page, by its path below docs."""
 
 
 def main() -> int:

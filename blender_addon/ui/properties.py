@@ -23,7 +23,7 @@ _PRESET_ITEMS = (
     ("CUSTOM", "Custom", "The settings below"),
 )
 _UNIT_ITEMS = (
-    (AUTO, "As the File Says", "Told from the calibration"),
+    (AUTO, "As the File Says", "As stated in the calibration"),
     ("m", "Metres", "Lengths of the calibration are metres"),
     ("cm", "Centimetres", "Lengths of the calibration are centimetres"),
     ("mm", "Millimetres", "Lengths of the calibration are millimetres"),
@@ -37,7 +37,7 @@ _UP_ITEMS = (
     ),
 )
 _JOINT_SET_ITEMS = (
-    (AUTO, "As Recognised", "Told from the number of keypoints and from anatomy"),
+    (AUTO, "As Recognised", "Recognised by the number of keypoints and by anatomy"),
     *(
         (name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"Keypoints are {name}'s")
         for name in ("BODY_25", "BODY_25B", "COCO_17", "COCO_WHOLEBODY_133", "HALPE_26", "MEDIAPIPE_33", "H36M_17")

@@ -11,7 +11,7 @@ _KIND_ITEMS = (
     ("OAK", "OAK Cameras", "OAK-D Pro or OAK-4 D Pro cameras, by USB or network"),
 )
 _SYNC_ITEMS = (
-    ("none", "None", "Cameras run freely; the wand tells their clocks"),
+    ("none", "None", "Cameras run freely; the wand synchronises them"),
     ("wire", "Wire", "A sync wire joins them; the first camera gives the pulse"),
     ("ptp", "PTP", "The network keeps their clocks in step (OAK-4)"),
 )

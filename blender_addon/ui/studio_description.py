@@ -59,7 +59,7 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
         hint = "Choose Detector, Good Detector or Jitter under Faults."
         raise CommandLineInvalid("The faults are those of markers, which no cameras of ours measure.", hint=hint)
     if not settings.methods:
-        raise CommandLineInvalid("Nothing is judged.", hint="Choose at least one method.")
+        raise CommandLineInvalid("No method is chosen.", hint="Choose at least one method.")
     own = _rig(context)
     own = {"name": own.get("preset") or "ring", **own} if own.get("layout") not in _FIXED else {**own, **_AS_IT_STANDS}
     rigs = [own]

@@ -146,11 +146,11 @@ class MocapStudio(bpy.types.PropertyGroup):
     planned_file: bpy.props.StringProperty(name="Description", description="File of what was checked")
     planned_out: bpy.props.StringProperty(name="Data Set", description="Folder of what was checked")
     methods: bpy.props.EnumProperty(
-        name="Methods", description="What is judged", items=_METHODS, options={"ENUM_FLAG"},
+        name="Methods", description="Methods to compare", items=_METHODS, options={"ENUM_FLAG"},
         default={"triangulation", "global"},
     )  # fmt: skip
     against: bpy.props.EnumProperty(
-        name="Compare With", description="Other rigs that are judged beside it", items=PRESET_RIGS,
+        name="Compare With", description="Other camera layouts to compare with", items=PRESET_RIGS,
         options={"ENUM_FLAG"}, default=set(),
     )  # fmt: skip
     fewer: bpy.props.BoolProperty(name="One Camera Less", description="Also judge the rig without its last camera")

@@ -14,7 +14,7 @@ STEPS = {
 }
 """Name and description of each step, in their order."""
 _CAMERA_ITEMS = (
-    ("auto", "Whatever Is There", "A calibration beside the videos, else the board that was filmed, else the person"),
+    ("auto", "Automatic", "A calibration beside the videos, else the board that was filmed, else the person"),
     ("board", "Filmed Board", "The board in the folder 'calibration' or 'extrinsics', even if there is a calibration"),
     ("person", "The Person", "The person who walks in the take, even if there is a calibration"),
 )
@@ -23,7 +23,7 @@ _DETECTOR_ITEMS = (
     ("model", "ONNX Model", "RTMPose, RTMO, YOLO-pose or MoveNet, from a file of yours"),
 )
 _SYNC_ITEMS = (
-    ("auto", "Whatever Tells", "By keypoints, else by sound, else as filmed"),
+    ("auto", "Automatic", "By keypoints, else by sound, else as filmed"),
     ("keypoints", "Keypoints", "By how the person moves"),
     ("clap", "Hand Clap", "By a clap of the hands that all cameras saw"),
     ("sound", "Sound", "By a clap, music or speech that all microphones heard"),
@@ -56,9 +56,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         name="Results", subtype="DIR_PATH", options=RELATIVE,
         description="Where detections, clocks, calibration and capture of these videos are kept",
     )  # fmt: skip
-    cameras: bpy.props.EnumProperty(
-        name="Cameras", description="What tells where the cameras stand", items=_CAMERA_ITEMS
-    )
+    cameras: bpy.props.EnumProperty(name="Cameras", description="How the cameras are calibrated", items=_CAMERA_ITEMS)
     board: bpy.props.StringProperty(
         name="Board", description="Which board was filmed, such as charuco:5x7:35mm; empty for the board.toml beside it"
     )
@@ -67,7 +65,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         description="A calibration or a lens library that has the cameras' lenses; empty to find or guess them",
     )  # fmt: skip
     stature: bpy.props.FloatProperty(
-        name="Stature", description="Of the person, who tells the scale where no board does; 0 for people's mean",
+        name="Stature", description="Stature of the person, which sets the scale without a board; 0 for the mean",
         unit="LENGTH", min=0.0, max=2.6, precision=2,
     )  # fmt: skip
     detector: bpy.props.EnumProperty(name="Detector", description="What finds keypoints", items=_DETECTOR_ITEMS)
@@ -75,7 +73,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         name="Model", description="ONNX file of a pose model", subtype="FILE_PATH", options=RELATIVE
     )
     people: bpy.props.IntProperty(name="People", description="People looked for in each view", default=1, min=1, max=8)
-    sync: bpy.props.EnumProperty(name="Clocks By", description="What tells the cameras' clocks", items=_SYNC_ITEMS)
+    sync: bpy.props.EnumProperty(name="Clocks By", description="How the cameras are synchronised", items=_SYNC_ITEMS)
     steps: bpy.props.CollectionProperty(type=MocapVideoStep)
 
     def arguments(self) -> list[str]:

@@ -129,7 +129,12 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     solve.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
     solve.add_argument(
-        "--told", type=Path, metavar="TOLD.json", help="user-assigned labels; the solver never overrides them"
+        "--labels",
+        "--told",
+        dest="told",
+        type=Path,
+        metavar="LABELS.json",
+        help="user-assigned labels; the solver never overrides them",
     )
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a range of an earlier motion again")
     solve.add_argument(
@@ -202,7 +207,7 @@ def _add_train(verbs: Any, common: _Parser) -> None:
     )
     train.add_argument(
         "--balanced-by", choices=("rvposer", "vposer"), default="rvposer",
-        help="what tells a landmark network's rare poses, where DIR is a folder of recordings",
+        help="prior that finds a landmark network's rare poses, where DIR is a folder of recordings",
     )  # fmt: skip
     train.add_argument("--seconds", type=float, help="of a landmark network's training, instead of steps")
     train.add_argument("--processor", action="store_true", help="count CPU time instead of wall-clock time")

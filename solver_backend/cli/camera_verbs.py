@@ -47,7 +47,9 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     rig.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
     rig.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
     rig.add_argument("--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance")
-    together = rig.add_argument_group("--from together", "a CALIBRATION is the start; all told here adjusts it")
+    together = rig.add_argument_group(
+        "--from together", "a CALIBRATION is the start; every source given here adjusts it"
+    )
     together.add_argument("--footage", type=Path, metavar="FOLDER", help="of --board, seen by several cameras at once")
     together.add_argument("--take", type=Path, metavar="CAPTURE", help="synchronised take of a person")
     together.add_argument("--clicks", type=Path, metavar="CLICKS.csv", help="points in pictures, some of known places")

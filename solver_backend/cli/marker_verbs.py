@@ -42,7 +42,12 @@ def add_marker_verbs(
     label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
     label.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
     label.add_argument(
-        "--told", type=Path, metavar="TOLD.json", help="user-assigned labels; the solver never overrides them"
+        "--labels",
+        "--told",
+        dest="told",
+        type=Path,
+        metavar="LABELS.json",
+        help="user-assigned labels; the solver never overrides them",
     )
     add_live(verbs, reading, writing, common)
     export = verbs.add_parser(

@@ -102,7 +102,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.subject is not None and not args.poses:
         raise CommandLineInvalid("--subject says whose poses are fitted: it goes with --poses.")
     if args.wand and args.poses:
-        raise CommandLineInvalid("--wand tells of a wand and --poses of a person: one at a time.")
+        raise CommandLineInvalid("--wand follows a wand and --poses a person: choose one.")
     if args.solve is not None and args.record is None:
         raise CommandLineInvalid("--solve solves what was recorded: it goes with --record.")
     for path in (args.lines, args.solve):

@@ -69,7 +69,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.report is not None:
         check_output(args.report, overwrite=overwrite)
     if args.interleave and not args.trigger:
-        raise CommandLineInvalid("An interleave is told of sensors on one trigger.", hint="Add --trigger.")
+        raise CommandLineInvalid("--interleave needs sensors on one trigger.", hint="Add --trigger.")
     wand = None if args.wand is None else Wand(args.wand[0], args.wand[1])
     long_m, short_m = args.gamma_lengths
     gamma = Gamma(long_m, short_m, args.gamma_height)

@@ -105,7 +105,7 @@ def test_a_lens_of_another_zoom_is_named() -> None:
     assert zoom_doubts(rig_from_board(cameras.names, lenses, BOARD, seen)) == ()
     [said] = zoom_doubts(rig_from_board(cameras.names, wrong, BOARD, seen))
     assert said.startswith("cam2 has a focal length of 11")
-    assert "1288 px as told" in said
+    assert "1288 px as stated" in said
 
 
 def test_too_few_pictures_are_named() -> None:

@@ -14,5 +14,5 @@ def test_the_page_is_up_to_date(name: str) -> None:
 
 
 def test_every_code_is_on_the_page() -> None:
-    rows = [line for line in PAGES["diagnostics.md"]().splitlines() if line.startswith("| `")]
+    rows = [line for line in PAGES["reference/diagnostics.md"]().splitlines() if line.startswith("| `")]
     assert sorted(row.split("`")[1] for row in rows) == sorted(TABLE)

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from solver_backend.exchange.solve_settings import SolveSettings
-from supply.pages import FOLDER
 from supply.settings_page import settings_page
-
-
-def test_the_committed_page_is_up_to_date() -> None:
-    assert (FOLDER / "settings.md").read_text(encoding="utf-8") == settings_page(), "run python3 dev.py docs"
 
 
 def test_the_page_lists_every_setting() -> None:

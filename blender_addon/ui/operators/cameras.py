@@ -76,7 +76,7 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
         words = [
             f"{verdict[:1].upper()}{verdict[1:]}",
             f"By its scale the person is {result['stature_m']:.2f} m tall.",
-            f"Up is {result['tilt_deg']:.1f}° from the person's, who tells it to {result['tilt_sigma_deg']:.1f}°.",
+            f"Up is {result['tilt_deg']:.1f}° from the person's upright direction (± {result['tilt_sigma_deg']:.1f}°).",
         ]
         capture.checked = "\n".join(plain(word) for word in words)
         capture.doubts = "\n".join(plain(word) for word in result["findings"])

@@ -17,7 +17,7 @@ _FORMATS = (
     ("trc", "TRC", "Labels and positions as a text, millimetres, Y up: for OpenSim"),
 )
 _CONTENTS = (
-    ("cleaned", "Cleaned", "As recorded, with gaps filled and exchanged labels put right"),
+    ("cleaned", "Cleaned", "As recorded, with gaps filled and exchanged labels corrected"),
     ("solved", "Solved", "Where the solved body has them"),
 )
 

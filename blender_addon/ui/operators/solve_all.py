@@ -22,7 +22,7 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
     scope: bpy.props.EnumProperty(
         name="Scope",
         items=(
-            ("CAPTURE", "This Capture", "Everybody whom this capture shows"),
+            ("CAPTURE", "This Capture", "Everybody in this capture"),
             ("SCENE", "All Captures", "Everybody in every capture of the scene"),
         ),
     )

@@ -107,7 +107,7 @@ class MOCAP_OT_untell_point(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.untell_point"
     bl_label = "Forget Name"
-    bl_description = "Take back what this point was said to be"
+    bl_description = "Clear the assigned label"
 
     index: bpy.props.IntProperty(options={"SKIP_SAVE"})
 

@@ -96,8 +96,8 @@ class MOCAP_OT_capture_from_videos(VideosOperator, bpy.types.Operator, ImportHel
     bl_idname = "mocap.capture_from_videos"
     bl_label = "Capture from Videos"
     bl_description = (
-        "Choose the folder of a take, one video a camera: the person is found in every picture, clocks and cameras are "
-        "found where nobody tells them, and the capture is set up, ready to solve. What was done before is kept"
+        "Choose the folder of a take, one video a camera. Keypoints are detected, cameras synchronised and, if needed, "
+        "calibrated; the capture is then ready to solve. Finished steps are kept"
     )
 
     filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})

@@ -187,8 +187,8 @@ def _camera_words(
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))
         if np.isfinite(inner) and rim > 3.0 * inner and rim > 2.0 * everything:
             words.append(
-                f"{name} errs by {rim:.1f} px at the picture's rim and {inner:.1f} px in its middle: its lens is of "
-                "another zoom or mode. Calibrate its intrinsics in the mode of the takes."
+                f"{name} is off by {rim:.1f} px at the picture's rim and {inner:.1f} px in its middle: its lens "
+                "is of another zoom or mode. Calibrate its intrinsics in the mode of the takes."
             )
     return words
 
@@ -217,8 +217,8 @@ def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -
     words = []
     if abs(np.log(scale)) > SCALE_DOUBT:
         words.append(
-            f"The person would be {stature:.2f} m tall: the board's squares have another size than was told. "
-            "Measure one, or tell the stature."
+            f"The person would be {stature:.2f} m tall: the board's squares do not have the stated size. "
+            "Measure one, or give the stature."
         )
     if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
         words.append(

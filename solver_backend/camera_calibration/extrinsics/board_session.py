@@ -200,8 +200,8 @@ def _doubts(names: Sequence[str], found: RigCalibration, rig: BoardRig) -> tuple
     for c, name in enumerate(names):
         if found.camera_rmse_px[c] > GOOD_RMSE_PX:
             words.append(
-                f"{name} errs by {found.camera_rmse_px[c]:.1f} px: its lens was filmed in another zoom or mode, it was "
-                "moved, or the board was not held still."
+                f"{name} is off by {found.camera_rmse_px[c]:.1f} px: its lens was filmed in another zoom or mode, "
+                "it was moved, or the board was not held still."
             )
         if abs(found.delays_s[c]) > 0.005:
             words.append(

@@ -121,7 +121,7 @@ def zoom_doubts(rig: BoardRig) -> tuple[str, ...]:
     far = (np.abs(change) > 0.03) & (np.abs(change) > 5.0 * sigma)
     worst = np.abs(change) > 0.5 * np.abs(change).max()
     return tuple(
-        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as told: its lens was "
+        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as stated: its lens was "
         "filmed in another zoom or mode. Film the board again in the mode of the takes."
         for c in np.flatnonzero(far & worst)
     )

@@ -63,7 +63,7 @@ def calibrate_by_person(
         scale, share = scale_from_stature(rig.points, joints, options.stature_m)
         who = f"a stature of {options.stature_m:g} m" if options.stature_m else "people's mean stature"
         note = f"The scale is by {who}, {share:.1%} sure."
-        doubt = () if options.stature_m else (f"The stature is not told: lengths may be wrong by {2 * share:.0%}.",)
+        doubt = () if options.stature_m else (f"The stature is unknown: lengths may be wrong by {2 * share:.0%}.",)
     upright = upright_from_person(scale * rig.points, joints)
     found = _result("person", rig)
     calibration = moved_world(found, upright.R, upright.t, scale)

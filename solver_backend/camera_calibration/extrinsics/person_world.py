@@ -70,7 +70,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     tall = middle["shoulder"] - middle["ankle"]
     length = np.linalg.norm(tall, axis=-1)
     if not np.isfinite(length).any():
-        raise NoDetections("Shoulders and ankles are never seen together, so nobody tells which way is up.")
+        raise NoDetections("Shoulders and ankles are never seen together, so the up direction is unknown.")
     standing = length > 0.9 * np.nanquantile(length, 0.9)
     trunk = _median_direction(tall[standing] / length[standing, None])
     kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]

@@ -106,11 +106,14 @@ def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = 
         ((bone_score(s, xy, confidence), s) for s in fitting), key=lambda scored: scored[0]
     )
     if not np.isfinite(shortest):
-        return fitting[0], f"Joint set {fitting[0].value} is assumed: nobody is seen well enough to tell it.", False
+        return (
+            fitting[0],
+            f"Joint set {fitting[0].value} is assumed: nobody is seen well enough to recognise it.",
+            False,
+        )
     ratio = longer / max(shortest, 1e-9)
-    sentence = (
-        f"Joint set {best.value}, told by anatomy: read as {second.value} the bones would be {ratio:.1f} times as long."
-    )
+    why = f"as {second.value} the bones would be {ratio:.1f} times as long"
+    sentence = f"Joint set {best.value}, recognised by anatomy: {why}."
     return best, sentence, ratio > CLEAR_RATIO
 
 

@@ -114,7 +114,7 @@ class Oak(OpenedDevice):
         if not done:
             raise SensorFailed(
                 f"The device cannot be {self.settings.sync} of the sync wire: {why}.", where=f"sensor {self.name}",
-                hint="Models with an M8 plug or FSIN pins can; else use sync none, and the wand tells the clocks.",
+                hint="Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks.",
             )  # fmt: skip
 
     def _cameras(self, dai: Any, pipeline: Any) -> tuple[Any, Any]:

@@ -111,7 +111,9 @@ def ground_from_gamma(
     words: tuple[str, ...] = ()
     if above < 0.5:
         up = -up
-        words = ("The Γ lies mirrored, its short edge to the left: up was told by where the sensors stand.",)
+        words = (
+            "The Γ lies mirrored, its short edge to the left: the up direction comes from the sensors' positions.",
+        )
     x = v - (v @ up) * up
     x = x / np.linalg.norm(x)
     R = np.stack([x, np.cross(up, x), up])

@@ -89,7 +89,7 @@ def findings_of(
     for c, name in enumerate(rig.cameras.names):
         if rig.camera_rmse_px[c] > GOOD_PX:
             words.append(
-                f"{name} errs by {rig.camera_rmse_px[c]:.1f} px: its lens was calibrated in another mode, it was "
+                f"{name} is off by {rig.camera_rmse_px[c]:.1f} px: its lens was calibrated in another mode, it was "
                 "moved, or its exposures are long for how fast the wand was waved."
             )
         ahead = clocks.offset_s[c]
@@ -109,5 +109,5 @@ def notes_of(moments: Moments, together: np.ndarray, names: tuple[str, ...], opt
     )  # fmt: skip
     return (
         f"By {what} at {moments.px.shape[1]} moments; {names[i]} and {names[j]} saw least together, {together[i, j]}.",
-        f"The world is {names[0]}'s own axes, Z along its sight, until a Γ tells up.",
+        f"The world is {names[0]}'s own axes, Z along its sight, until a Γ shows the up direction.",
     )

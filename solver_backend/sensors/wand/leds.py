@@ -32,7 +32,7 @@ class Wand:
         if not (np.isfinite(lengths).all() and (lengths > SHORTEST_M).all() and (lengths < LONGEST_M).all()):
             raise WandInvalid(
                 f"The wand's lights are {self.first_m} and {self.second_m} m apart; "
-                f"{SHORTEST_M} to {LONGEST_M} m are possible.", hint="Lengths are told in metres: --wand 0.13 0.26",
+                f"{SHORTEST_M} to {LONGEST_M} m are possible.", hint="Lengths are in metres: --wand 0.13 0.26",
             )  # fmt: skip
         if self.short_share > SURE_SHARE - 0.03:
             raise WandInvalid(

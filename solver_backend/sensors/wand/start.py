@@ -121,8 +121,8 @@ def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
         raise WandInvalid(
-            f"The lights are seen in a proportion of {share:.3f}; the lengths told give {wand.short_share:.3f}.",
-            hint="Measure the wand from light to light, and tell both lengths in metres: --wand 0.13 0.26",
+            f"The lights are seen in a proportion of {share:.3f}; the stated lengths give {wand.short_share:.3f}.",
+            hint="Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26",
         )
 
 

@@ -25,7 +25,7 @@ SPoser's code, the root's rotation and place, and the shape. Trained on syntheti
 corpus's poses, with a detector's bias, located with 3 to 30 mm of noise per axis, up to half of the points missing.""",
     """On the distinct poses of unseen subjects, people and noise drawn as in training. `points_mm`: mean distance
 of joints 1 to 23 on a skeleton of 1.70 m, pelvis fixed. `betas_explained`: share of the first two shape parameters'
-variance that a single frame tells.
+variance that a single frame explains.
 """,
 )
 

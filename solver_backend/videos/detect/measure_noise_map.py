@@ -37,7 +37,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     used = [c for c in captures if c.keypoints is not None and c.keypoints.num_views >= LEAST_VIEWS]
     if not used:
         raise TooFewViews(
-            f"The spread of a detector is told from captures of {LEAST_VIEWS} views or more.",
+            f"A detector's spread can be measured on captures of {LEAST_VIEWS} views or more.",
             where=", ".join(c.name for c in captures), hint="Film with more cameras, once.",
         )  # fmt: skip
     parts = [_errors(capture) for capture in used]

@@ -76,7 +76,7 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
     joined = {c for pair in pairs for c in pair}
     alone = [names[c] for c in range(len(names)) if c not in joined] or list(names)
     raise SyncUnknown(
-        f"By {method} the clocks of the cameras cannot be told: nothing in {', '.join(alone)} agrees with another.",
+        f"By {method} the cameras cannot be synchronised: nothing in {', '.join(alone)} agrees with another.",
         where=", ".join(names),
         hint="Clap in sight of all cameras and film again; or try another way: --sync keypoints, clap, sound, flash.",
     )

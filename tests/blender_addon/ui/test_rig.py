@@ -132,5 +132,5 @@ def test_cameras_without_a_name_or_a_kind_are_refused(rig):
 @pytest.mark.parametrize("kind", ["FOLDER", "OAK"])
 def test_nothing_is_cut_off_in_a_narrow_sidebar(rig, kind):
     rig.kind, rig.gamma = kind, "//gamma_01"
-    rig.said = "left errs by 1.4 px: its lens was calibrated in another mode than that of the recording."
+    rig.said = "left is off by 1.4 px: its lens was calibrated in another mode than that of the recording."
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut

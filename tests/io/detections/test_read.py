@@ -206,7 +206,7 @@ def test_sets_with_equal_numbers_are_told_by_anatomy(written: JointSet) -> None:
     assert min(scores, key=lambda s: scores[s]) is written
     chosen, notes, problems = choose_joint_set(xy, confidence, None, None)
     assert (chosen, problems) == (written, ())
-    assert "told by anatomy" in notes[0]
+    assert "recognised by anatomy" in notes[0]
     other = next(s for s in scores if s is not written)
     assert choose_joint_set(xy, confidence, other, None)[0] is other
     chosen, _, problems = choose_joint_set(xy, confidence, None, other)

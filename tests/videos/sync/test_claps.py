@@ -94,7 +94,7 @@ def test_the_views_decide_together_and_what_fits_twice_is_named() -> None:
 
 def test_where_nobody_claps_or_no_hands_are_seen_is_named() -> None:
     still = np.broadcast_to(np.linspace(100.0, 800.0, 50).reshape(1, 25, 2), (120, 25, 2))
-    with pytest.raises(SyncUnknown, match="cannot be told"):
+    with pytest.raises(SyncUnknown, match="cannot be synchronised"):
         synchronise(detections([still, still]), None, "clap")
     with pytest.raises(SyncUnknown, match="single picture"):
         synchronise(detections([still, still[:1]]), None, "clap")

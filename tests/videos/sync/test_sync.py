@@ -89,7 +89,7 @@ def test_nobody_moves() -> None:
     still = [np.broadcast_to(track[:1], track.shape) for track in take.tracks]
     with pytest.raises(SyncUnknown, match="moves too little"):
         clocks_by_geometry(replace(take, tracks=still), None, 3.0)
-    with pytest.raises(SyncUnknown, match="cannot be told"):
+    with pytest.raises(SyncUnknown, match="cannot be synchronised"):
         clocks_by_speeds(NAMES, still, take.times_s, take.joint_set, 3.0)
 
 

@@ -1,0 +1,131 @@
+"""docs/results.md and its charts, made from the committed baseline of the benchmarks: no figure is typed by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from decimal import ROUND_HALF_UP, Decimal
+from functools import cache
+from pathlib import Path
+
+from supply.bar_chart import BarGroup, draw_bars
+
+BASELINE = Path(__file__).resolve().parents[1] / "tests" / "benchmarks" / "baseline.json"
+METHODS = ("ours", "MoSh++", "Barron", "noise-aware")
+PRIORS = ("pose_ndf", "vposer", "rvposer", "rest")
+
+
+@dataclass(frozen=True)
+class ChartOfBars:
+    """A chart of the page: what it shows, and which figures of which benchmark."""
+
+    name: str
+    title: str
+    bench: str
+    unit: str
+    series: tuple[str, ...]
+    groups: tuple[tuple[str, tuple[str, ...]], ...]
+    """Label, then the key of a figure for each series."""
+
+
+CHARTS = (
+    ChartOfBars(
+        "presets", "Mean joint error of the three presets", "presets", "mm", ("exercises", "fast dance"),
+        tuple((p.title(), (f"exercises_{p}_mpjpe_mm", f"dance_{p}_mpjpe_mm")) for p in ("fast", "balanced", "best")),
+    ),
+    ChartOfBars(
+        "noise_aware", "Error of markers under three kinds of noise (RMSE)", "noise_aware", "mm", METHODS,
+        tuple((f"{n} noise", tuple(f"{n}_m_{m}_rmse_mm" for m in METHODS)) for n in ("data", "inference", "both")),
+    ),
+    ChartOfBars(
+        "completion", "Error of joints filled in by a pose prior, 60 frames", "pose_ndf", "cm",
+        ("Pose-NDF", "VPoser", "RVPoser", "rest pose"),
+        tuple(
+            (limb.replace("_", " "), tuple(f"complete_60_{limb}_{prior}_cm" for prior in PRIORS))
+            for limb in ("arm", "shoulder_upper_arm", "leg")
+        ),
+    ),
+    ChartOfBars(
+        "cameras", "A real recording, each camera left out in turn: distance to its detections", "calibration", "px",
+        ("median distance",),
+        (
+            ("its own calibration", ("real_own_held_out_px",)),
+            ("refined by the person", ("real_refined_held_out_px",)),
+            ("found by the person alone", ("real_person_held_out_px",)),
+        ),
+    ),
+)  # fmt: skip
+
+TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
+    "From several views": (
+        ("Joints, unseen people, noise as measured on a real detector, four views", "bundle", "mpjpe_mm", "mm"),
+        ("The same against BundleMoCap++ as published", "bundle", "mpjpe_ratio", "times its error"),
+        ("Solve time against BundleMoCap++ as published", "bundle", "seconds_ratio", "times its time"),
+        ("Points, exact detections", "floor", "exact_points_mm", "mm"),
+        ("Points, measured noise", "floor", "noisy_points_mm", "mm"),
+        ("Limbs lost in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
+        ("Two people together, against each alone", "people", "against_alone", "times the error"),
+        ("Delays between cameras, median error", "sync", "median_error", "frames"),
+    ),
+    "From optical markers": (
+        ("Hidden markers (CMU), error against rigid filling", "markers", "cmu_41_mean_share", "times its error"),
+        ("The same, Plug-in Gait", "markers", "plug-in_gait_39_mean_share", "times its error"),
+        ("True joints inside the 50 % ellipsoids", "markers", "held50", "%"),
+        ("True joints inside the 95 % ellipsoids", "markers", "held95", "%"),
+        ("Known person, 42 markers", "markers", "known_person", "frames per second"),
+        ("UI-PRMD, 474 takes: failed", "markers_ui_prmd", "failed_takes", "takes"),
+    ),
+    "In Blender": (
+        ("Bake 10,000 frames of 24 bones, CPU time", "bake", "bake_cpu_s_10000_frames", "s"),
+        ("Joints in Blender against the solver's, largest distance", "body", "joints_deviation_mm", "mm"),
+        ("Register the extension, CPU time", "register", "register_cpu_ms", "ms"),
+        ("Retarget 1,000 frames, CPU time", "retarget", "cpu_s_1000_frames", "s"),
+        ("Solve inside Blender, CPU time added", "solve_in_blender", "added_cpu_s", "s"),
+    ),
+}
+"""Section, then rows: what, benchmark, figure, unit."""
+
+_HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json (dev.py bench --update records it). -->
+
+# Results
+
+Every figure is made by the command beside it and kept in `tests/benchmarks/baseline.json`; `python3 dev.py bench NAME`
+measures it again and compares. {machine}.
+[What accuracy means](explanation/accuracy.md) explains the measures and what limits them; the
+[research log](research-log/README.md) has all tables."""
+
+
+def results_page() -> str:
+    """Return docs/results.md."""
+    parts = [_HEAD.format(machine=f"Machine of the solver's figures: {_baseline()['bundle']['machine']}")]
+    for title, rows in TABLES.items():
+        parts += ["", f"## {title}", "", "| what | result | command |", "|---|---|---|"]
+        parts += [
+            f"| {what} | {_show(bench, key)} {unit} | `dev.py bench {bench}` |" for what, bench, key, unit in rows
+        ]
+    parts += ["", "## Charts"]
+    for chart in CHARTS:
+        parts += ["", f"### {chart.title}", "", f"![{chart.title}](images/results_{chart.name}.svg)", ""]
+        parts += [f"`python3 dev.py bench {chart.bench}`"]
+    return "\n".join([*parts, ""])
+
+
+def draw_chart(chart: ChartOfBars) -> str:
+    """Return one chart of the page as SVG."""
+    groups = tuple(BarGroup(label, tuple(_figure(chart.bench, key) for key in keys)) for label, keys in chart.groups)
+    return draw_bars(chart.title, chart.unit, chart.series, groups)
+
+
+@cache
+def _baseline() -> dict:
+    return json.loads(BASELINE.read_text(encoding="utf-8"))
+
+
+def _figure(bench: str, key: str) -> float:
+    return float(_baseline()[bench]["figures"][key]["value"])
+
+
+def _show(bench: str, key: str) -> str:
+    value = Decimal(str(_figure(bench, key)))
+    places = 0 if value >= 100 or value == int(value) else 1 if value >= 10 else 2
+    return f"{value.quantize(Decimal(1).scaleb(-places), ROUND_HALF_UP):,}"

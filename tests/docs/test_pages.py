@@ -1,0 +1,65 @@
+"""The form of the documents: short pages, links whose anchors exist, every page three clicks from the README."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+GENERATED = {path for path in PAGES if path.read_text(encoding="utf-8").startswith("<!-- Made by")}
+KEPT = {path for path in PAGES if path.parent.name in ("research-log", "decisions")}
+"""Dated records: they stay as they were written."""
+FOR_USERS = [README, *(path for path in PAGES if path.parent.name in ("tutorials", "how-to"))]
+NOT_THE_FIELDS_WORDS = (
+    r"\btold\b", r"\btells\b", r"\bjudged\b", r"\bput right\b", r"\bput back\b", r"\berrs\b", r"\bwhom\b",
+    r"\bby the clock\b", r"\bnot kept\b", r"\bwas tried\b", r"\bused to\b",
+)  # fmt: skip
+"""Words that the style of the project replaces, and those that begin history."""
+
+
+def anchors(page: Path) -> set[str]:
+    heads = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def links(page: Path) -> list[tuple[Path, str]]:
+    found = re.findall(r"\]\((?![a-z]+:)([^)#\s]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8"))
+    return [((page.parent / target).resolve() if target else page, anchor) for target, anchor in found]
+
+
+def test_the_readme_is_a_front_door() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 90
+
+
+@pytest.mark.parametrize("page", sorted({*PAGES} - GENERATED - KEPT), ids=lambda page: page.name)
+def test_a_page_is_read_in_one_sitting_and_its_tables_fit(page: Path) -> None:
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 250
+    wide = [line for line in lines if line.startswith("|") and line.replace("\\|", "").count("|") > 8]
+    assert not wide
+
+
+@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.name)
+def test_links_go_to_headings_that_are_there(page: Path) -> None:
+    missing = [(target.name, anchor) for target, anchor in links(page) if anchor and anchor not in anchors(target)]
+    assert not missing
+
+
+def test_every_page_is_within_three_clicks_of_the_readme() -> None:
+    reached, edge = {README}, {README}
+    for _ in range(3):
+        edge = {
+            target for page in edge for target, _ in links(page) if target.suffix == ".md" and target.exists()
+        } - reached
+        reached |= edge
+    assert not [path.name for path in PAGES if path not in reached]
+
+
+@pytest.mark.parametrize("page", FOR_USERS, ids=lambda page: page.name)
+def test_pages_for_users_speak_as_a_colleague_would(page: Path) -> None:
+    prose = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert not [word for word in NOT_THE_FIELDS_WORDS if re.search(word, prose, flags=re.IGNORECASE)]
