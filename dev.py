@@ -37,7 +37,7 @@ VERBS = {
     "build": "the extension's zip",
     "vendor": "the exchange library copied into the add-on",
     "setup": "the environment alone",
-    "docs": "the generated pages of docs and the charts of results",
+    "docs": "the generated pages and charts of docs, and the site in build/site",
     "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
 }
 READING = {
@@ -48,6 +48,7 @@ READING = {
     "subject-prefix": (str, "whose markers, where a file holds several people"),
 }
 """What ``demo`` passes on to the reading of a capture."""
+SITE = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
 
 
@@ -101,9 +102,13 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     if args.verb in ("test", "lint"):
         pytest = [str(PYTHON), "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", *rest]
         return checks([pytest] if args.verb == "test" else [], fix=getattr(args, "fix", False))
-    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"], "docs": ["-m", "supply.pages"]}
+    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"]}
     if args.verb in made:
         return call([str(PYTHON), *made[args.verb]])
+    if args.verb == "docs":
+        return call([str(PYTHON), "-m", "supply.pages"]) or call(
+            [str(PYTHON), "-m", "mkdocs", "build", "--quiet"], env=SITE
+        )
     print(f"The environment is ready: {PYTHON}")
     return 0
 

@@ -31,7 +31,7 @@ def write_lock(path: Path = LOCK) -> Path:
         constraints.write_text("\n".join(pins))
         overrides.write_text(f"{_OF_THE_MACHINE} ; python_version < '3'\n")
         extras = [word for extra in CI_EXTRAS for word in ("--extra", extra)]
-        options = ["--python-version", "3.11", "--generate-hashes", "--no-header", "--no-annotate", "--quiet"]
+        options = ["--python-version", "3.11.5", "--generate-hashes", "--no-header", "--no-annotate", "--quiet"]
         files = ["--constraint", constraints, "--override", overrides, "--output-file", out, ROOT / "pyproject.toml"]
         subprocess.run([sys.executable, "-m", "uv", "pip", "compile", *options, *extras, *map(str, files)], check=True)
         return write_text(path, _HEAD + out.read_text(encoding="utf-8"), overwrite=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from solver_backend.exchange.outputs import write_text
 from supply.command_line_page import command_line_page
 from supply.diagnostics_page import diagnostics_page
+from supply.python_api_page import python_api_page
 from supply.results_page import CHARTS, draw_chart, results_page
 from supply.settings_page import settings_page
 
@@ -17,6 +18,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs"
 PAGES: dict[str, Callable[[], str]] = {
     "reference/command-line.md": command_line_page,
     "reference/diagnostics.md": diagnostics_page,
+    "reference/python-api.md": python_api_page,
     "reference/settings.md": settings_page,
     "results.md": results_page,
     **{f"images/results_{chart.name}.svg": partial(draw_chart, chart) for chart in CHARTS},

@@ -1,0 +1,38 @@
+"""The site of the documents is built strictly: no broken link, no page outside the navigation, no network."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def build(config: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", str(config), "-d", str(out)]
+    nowhere = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+    env = {**os.environ, **nowhere, "NO_MKDOCS_2_WARNING": "1"}
+    return subprocess.run(command, capture_output=True, text=True, env=env, cwd=ROOT)
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    done = build(ROOT / "mkdocs.yml", tmp_path / "site")
+    assert done.returncode == 0, done.stderr
+    assert "solver_backend.fitters.pipeline.solve" in (tmp_path / "site" / "reference" / "python-api.html").read_text(
+        encoding="utf-8"
+    )
+    assert (tmp_path / "site" / "search" / "search_index.js").is_file()
+
+
+def test_a_broken_link_breaks_the_build(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "index.md").write_text("[away](nowhere.md)", encoding="utf-8")
+    config = tmp_path / "mkdocs.yml"
+    config.write_text("site_name: x\nstrict: true\nvalidation: {links: {not_found: warn}}\n", encoding="utf-8")
+    assert build(config, tmp_path / "site").returncode != 0
