@@ -19,6 +19,8 @@ FLAG_UNSEEN = 1
 """The frame has no usable observation: its pose was bridged from its neighbours."""
 FLAG_UNSURE = 2
 """The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here."""
+FLAG_RESTING = 4
+"""Nothing measured informs some part of the body in the frame: it is shown at rest, see ``MotionFile.resting``."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
 """A marker of a frame was recorded; lies in a gap that the solve filled; was recorded under another marker's label,
 which was undone; was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
@@ -32,17 +34,23 @@ _PARENTS = "joint_parents"
 """Parent of each joint, -1 at the root."""
 _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
-    "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "markers", "marker_labels", "marker_residual_mm",
-    "provenance", *_LAYOUT, _PARENTS,
+    "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "resting", "markers", "marker_labels",
+    "marker_residual_mm", "provenance", *_LAYOUT, _PARENTS,
 )  # fmt: skip
 STORED = (
     "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
     "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
-    "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
+    "resting", "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
     "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT, _PARENTS,
 )  # fmt: skip
 """Every array of a motion file that is read back."""
-_DTYPES = {"keyframes": np.bool_, "contacts": np.bool_, "flags": np.uint8, "marker_flags": np.uint8}
+_DTYPES = {
+    "keyframes": np.bool_,
+    "contacts": np.bool_,
+    "resting": np.bool_,
+    "flags": np.uint8,
+    "marker_flags": np.uint8,
+}
 
 
 def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Shape]:
@@ -51,8 +59,9 @@ def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Sha
         "joints": (frames, joints, 3), "keypoints3d": (frames, "keypoints", 3),
         "joint_sigma": (frames, joints), "joint_covariance": (frames, joints, 6),
         "reprojection_px": ("views", frames, "keypoints"), "keyframes": (frames,), "contacts": (frames, 2),
-        "flags": (frames,), "markers": (frames, "markers", 3), "marker_residual_mm": (frames, "markers"),
-        "marker_flags": (frames, "markers"), "marker_sigma": ("markers",), "cleaned_markers": (frames, "markers", 3),
+        "flags": (frames,), "resting": (frames, joints), "markers": (frames, "markers", 3),
+        "marker_residual_mm": (frames, "markers"), "marker_flags": (frames, "markers"), "marker_sigma": ("markers",),
+        "cleaned_markers": (frames, "markers", 3),
         "offsets": ("markers", 3),
     }  # fmt: skip
 
@@ -90,7 +99,9 @@ class MotionFile:
     joint_covariance: np.ndarray | None = None
     """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
     flags: np.ndarray | None = None
-    """(F,) bit mask of ``FLAG_UNSEEN`` and ``FLAG_UNSURE``."""
+    """(F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``."""
+    resting: np.ndarray | None = None
+    """(F, J) bool: nothing measured informs where the joint is; it is shown at rest. None: all are informed."""
     reprojection_px: np.ndarray | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
     markers: np.ndarray | None = None

@@ -23,6 +23,8 @@ def write_confidence(
 ) -> None:
     """Write the lanes of a motion that knows its uncertainty; bones keep theirs in their own channel groups.
 
+    The armature's lane leaves out joints at rest, which nothing measured informs: they are not what deserves a look.
+
     Args:
         target: the take's action.
         armature: its armature.
@@ -33,9 +35,10 @@ def write_confidence(
     if motion.joint_sigma is None:
         return
     confidence = joint_confidence(motion.joint_sigma, motion.flags)[frames]
+    worst = confidence if motion.resting is None else np.where(motion.resting[frames], 1.0, confidence)
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
     _declare(armature, "Confidence of the least certain joint, 0 to 1")
-    write_curves(target, _PATH, _GROUP, times[frames], confidence.min(axis=1, keepdims=True), types)
+    write_curves(target, _PATH, _GROUP, times[frames], worst.min(axis=1, keepdims=True), types)
     for j, joint in enumerate(JOINTS):
         _declare(armature.pose.bones[joint], "Confidence of the joint at this bone's head, 0 to 1")
         write_curves(target, f'pose.bones["{joint}"]{_PATH}', joint, times[frames], confidence[:, j : j + 1], types)

@@ -26,6 +26,7 @@ from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.methods import METHODS
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.build_motion import build_motion
+from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.frame_range import solve_range
 from solver_backend.fitters.settings import SolveSettings
@@ -86,6 +87,7 @@ def solve_problem(
     give_back_freed_memory()
     solved, convergence = method.recipe(problem, subject, settings, progress, each)
     give_back_freed_memory()
+    solved = rest_parts(problem.measurements, solved)
     prior = method.prior_of(problem)
     record = {
         "solver": VERSION,

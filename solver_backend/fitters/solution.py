@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array
@@ -73,6 +74,10 @@ class SolvedFrames:
     """(F, 24, 6) covariance of each joint in square metres (see ``packed``), where the method knows it."""
     contacts: np.ndarray | None = None
     """(F, 2) bool: left and right foot stand, where the method knows it."""
+    resting: np.ndarray | None = None
+    """(F, J) bool: nothing measured informs the joint, which is at rest; None: all are informed."""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    """What the motion is to say of these poses."""
 
 
 MethodResult = tuple[SolvedFrames, Convergence]

@@ -98,6 +98,12 @@ def _joints(motion: Motion, *names: str) -> np.ndarray | None:
     return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
 
 
+def _rests(motion: Motion, *names: str) -> bool:
+    """Return whether one of these joints is at rest in some frame."""
+    columns = [motion.body_layout.joints.index(name) for name in names]
+    return motion.resting is not None and bool(motion.resting[:, columns].any())
+
+
 def _stature(motion: Motion) -> Iterator[Diagnostic]:
     """The stature by the legs, which every body of the family has in the same joints."""
     leg = _joints(motion, "left_hip", "left_knee", "left_ankle")
@@ -149,7 +155,7 @@ def _keypoints(capture: Capture, residuals: Residuals) -> Iterator[Diagnostic]:
 
 def _floor(motion: Motion) -> Iterator[Diagnostic]:
     feet = _joints(motion, "left_foot", "right_foot")
-    if feet is None:
+    if feet is None or _rests(motion, "left_foot", "right_foot"):
         return
     lowest = feet[..., 2].min(axis=1)
     below = -float(lowest.min())

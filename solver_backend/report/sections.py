@@ -195,11 +195,15 @@ def uncertainty_section(motion: Motion) -> str:
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
-    lines = [Line(sigma.max(axis=1), "least sure joint", "quiet"), Line(np.median(sigma, axis=1), "median")]
+    lead = "One standard deviation of the joints, as the solver itself states it."
+    if motion.resting is not None:
+        always = motion.resting.all(axis=0)
+        names = ", ".join(np.array(motion.body_layout.joints)[always]).replace("_", " ")
+        lead += f" Without joints at rest, which nothing measured informs{f': {names}' if names else ''}."
+        sigma = np.where(motion.resting, np.nan, sigma)[:, ~always]
+    lines = [Line(np.nanmax(sigma, axis=1), "least sure joint", "quiet"), Line(np.nanmedian(sigma, axis=1), "median")]
     plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True)
-    return section(
-        "Uncertainty", plot, "One standard deviation of the joints, as the solver itself states it.", "sigma"
-    )
+    return section("Uncertainty", plot, lead, "sigma")
 
 
 def scene_section(capture: Capture, motion: Motion) -> str:

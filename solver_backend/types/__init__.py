@@ -9,6 +9,7 @@ from solver_backend.exchange.joint_sets import (
     JointSet,
 )
 from solver_backend.exchange.motion_file import (
+    FLAG_RESTING,
     FLAG_UNSEEN,
     FLAG_UNSURE,
     MARKER_FILLED,
@@ -23,7 +24,8 @@ from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
 
 __all__ = [
-    "FEET", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS", "MARKER_FILLED", "MARKER_GHOST", "MARKER_SEEN", "MARKER_SWAPPED",
+    "FEET", "FLAG_RESTING", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS", "MARKER_FILLED", "MARKER_GHOST", "MARKER_SEEN",
+    "MARKER_SWAPPED",
     "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
     "Cameras", "Capture", "JointSet", "Keypoints2D", "MarkerCloud", "MarkerSubject",
     "Motion", "PersonInViews",

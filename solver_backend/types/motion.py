@@ -50,6 +50,8 @@ class Motion:
     """(F, 2) bool: left and right foot on the floor."""
     flags: Int[np.ndarray, " frames"] | None = None
     """(F,) uint8 bit mask of FLAG_*."""
+    resting: Bool[np.ndarray, "frames joints"] | None = None
+    """(F, J) bool: nothing measured informs where the joint is; it is shown at rest. None: all are informed."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
     markers: np.ndarray | None = None
@@ -77,7 +79,7 @@ class Motion:
             "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1)),
             "transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints),
             "joint_covariance": (frames, joints, 6), "keyframes": (frames,), "contacts": (frames, 2),
-            "flags": (frames,),
+            "flags": (frames,), "resting": (frames, joints),
         }  # fmt: skip
         for name, shape in shapes.items():
             value = getattr(self, name)

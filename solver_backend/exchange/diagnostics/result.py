@@ -39,6 +39,16 @@ RESULT: dict[str, Entry] = {
         _FAR_MARKERS,
         "Look for markers that are labelled wrongly, exchanged or loose there.",
     ),
+    "parts_at_rest": note(
+        "{part} by two cameras: shown at rest",
+        "Cameras see the body in part, or the recording's keypoints are of a part.",
+        "Their posture is assumed, and its stated deviation is what people do; add cameras if it matters.",
+    ),
+    "parts_at_rest_markers": note(
+        "{part}: shown at rest",
+        "The marker set is of a part of the body, or a limb's markers are missing there.",
+        "Their posture is assumed, and its stated deviation is what people do; add markers if it matters.",
+    ),
     "views_disagree_with_result": warning(
         "Only {percent:.0f} % of the detections agree with the solved body",
         "Cameras are not synchronised, moved, calibrated for another recording, or follow different people.",

@@ -12,6 +12,7 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.build_motion import build_motion
+from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts
@@ -87,6 +88,7 @@ def spliced(
     key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
     contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
     frames = SolvedFrames(subject, whole, key_times, everywhere, contacts)
+    frames = rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
     again = build_motion(problem.measurements, frames, scale=scale, provenance={})
     values: dict[str, Any] = {}
     for field in fields(Motion):

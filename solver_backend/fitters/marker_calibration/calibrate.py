@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.measurements.markers import SIGMA_M
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.partial_body.informed_parts import is_partial
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import fit_frames
@@ -40,6 +42,9 @@ SIGMA_RANGE_M = (0.003, 0.03)
 SCORING_STEPS = 4
 ROBUST_SCALE = 4.0
 """Of a marker's frames when its deviation is learned."""
+SHAPE_LIMIT = 3.5
+"""Deviations that a shape coefficient reaches where parts of the body have no markers: markers
+on the rest do not separate all coefficients, and those that they leave open run away."""
 KNOWN = 1e12
 """Precision of a shape that is given."""
 
@@ -77,7 +82,8 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
-    placement, state = placement_prior(subject, settings), CalibrationState.of(subject, problem.prior, states)
+    limit = SHAPE_LIMIT if is_partial(problem.measurements, subject) else math.inf
+    placement, state = placement_prior(subject, settings, limit), CalibrationState.of(subject, problem.prior, states)
     weight = min(1.0, POSE_FRAMES / len(frames))
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
 
@@ -121,10 +127,10 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
     return np.sqrt(variance)
 
 
-def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
+def placement_prior(subject: Subject, settings: SolveSettings, shape_limit: float = math.inf) -> PlacementPrior:
     """Return what is known of shape and places: people's spread, and how far each kind of marker strays."""
     like = subject.betas
     shape = np.full(10, 1.0 if settings.betas is None else KNOWN)
     mean = np.zeros(10) if settings.betas is None else np.asarray(settings.betas, dtype=np.float64)
     places = placement_precision(subject.body, subject.landmarks.names)
-    return PlacementPrior(constant(shape, like), constant(mean, like), constant(places, like))
+    return PlacementPrior(constant(shape, like), constant(mean, like), shape_limit, constant(places, like))

@@ -60,9 +60,10 @@ def build_motion(
         joint_covariance=covariance,
         keyframes=keyframes,
         contacts=solved.contacts,
-        flags=flagged(deviations, measurements.seen, sigma, lost.any(axis=1)),
+        flags=flagged(deviations, measurements.seen, sigma, lost.any(axis=1), solved.resting),
+        resting=solved.resting,
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
-        provenance={**provenance, "statistics": statistics},
+        provenance={**provenance, **_found(provenance, solved), "statistics": statistics},
     )
 
 
@@ -104,6 +105,13 @@ def _points(measurements: Measurements, points: np.ndarray, subject: Subject, bo
         "offsets": to_numpy(subject.offsets),
         "layout": subject.landmarks.names,
     }
+
+
+def _found(provenance: dict[str, Any], solved: SolvedFrames) -> dict[str, Any]:
+    """Return the diagnostics that a motion records, where these poses add any."""
+    if not solved.diagnostics:
+        return {}
+    return {"diagnostics": [*provenance.get("diagnostics", ()), *(item.as_dict() for item in solved.diagnostics)]}
 
 
 def _rounded(value: float) -> float:

@@ -1,10 +1,10 @@
-"""Which frames deserve a look: nobody saw them, the body or a limb is far off, or a joint is hardly known."""
+"""Which frames deserve a look: nobody saw them, the body or a limb is far off, a joint is hardly known or at rest."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE
+from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE
 
 FAR, FAR_SIGMAS = 3.0, 2.0
 """A frame's median residual is far above the take's from so many times that on, and so many standard deviations."""
@@ -13,7 +13,11 @@ LOOSE, LOOSE_M = 2.0, 0.03
 
 
 def flagged(
-    normalised: np.ndarray, seen: np.ndarray, sigma: np.ndarray | None, lost: np.ndarray | None = None
+    normalised: np.ndarray,
+    seen: np.ndarray,
+    sigma: np.ndarray | None,
+    lost: np.ndarray | None = None,
+    resting: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return (F,) flags of the frames.
 
@@ -22,15 +26,28 @@ def flagged(
         seen: (F,) bool, enough views see the person.
         sigma: (F, 24) standard deviation of each joint in metres, if the method knows it.
         lost: (F,) bool, a limb is far from points that are well located, see ``lost_landmarks``.
+        resting: (F, 24) bool, joints that nothing informs; they are flagged as such and make no frame unsure.
     """
     flags = np.where(seen, 0, FLAG_UNSEEN).astype(np.uint8)
     unsure = _far(normalised)
+    if resting is not None:
+        flags[resting.any(axis=1)] |= FLAG_RESTING
     if sigma is not None:
-        unsure |= (sigma > np.maximum(LOOSE * np.median(sigma, axis=0), LOOSE_M)).any(axis=1)
+        unsure |= _loose(sigma, resting).any(axis=1)
     if lost is not None:
         unsure |= lost
     flags[unsure] |= FLAG_UNSURE
     return flags
+
+
+def _loose(sigma: np.ndarray, resting: np.ndarray | None) -> np.ndarray:
+    """Return (F, J) bool: the joint is hardly known for one that is informed."""
+    if resting is None:
+        return sigma > np.maximum(LOOSE * np.median(sigma, axis=0), LOOSE_M)
+    usual = np.full(sigma.shape[1], np.inf)
+    for j in np.flatnonzero(~resting.all(axis=0)):
+        usual[j] = np.median(sigma[~resting[:, j], j])
+    return ~resting & (sigma > np.maximum(LOOSE * usual, LOOSE_M))
 
 
 def _far(normalised: np.ndarray) -> np.ndarray:

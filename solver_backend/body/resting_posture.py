@@ -1,0 +1,86 @@
+"""The posture of body parts that nothing measures: relaxed, following the trunk and gravity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.geometry.rotations import exp_so3
+
+PARTS: dict[str, tuple[str, ...]] = {
+    "trunk": ("spine1", "spine2", "spine3", "left_collar", "right_collar"),
+    "head": ("neck", "head"),
+    "left_upper_arm": ("left_shoulder",),
+    "right_upper_arm": ("right_shoulder",),
+    "left_forearm": ("left_elbow", "left_wrist"),
+    "right_forearm": ("right_elbow", "right_wrist"),
+    "left_thigh": ("left_hip",),
+    "right_thigh": ("right_hip",),
+    "left_shank": ("left_knee", "left_ankle", "left_foot"),
+    "right_shank": ("right_knee", "right_ankle", "right_foot"),
+}
+"""The joints whose turns pose each part."""
+FLEXION_DEG = {"spine1": 3.0, "spine2": 3.0, "spine3": 4.0, "neck": -4.0, "head": -4.0, "elbow": 25.0, "knee": 6.0}
+"""How far joints at rest bend forwards (knees backwards), degrees: near the medians of CMU's recordings, where the
+chest leans 12 degrees further forward than the pelvis, and the head 7 less than the chest."""
+ASIDE = {"shoulder": 0.2, "hip": 0.03}
+"""How far outwards a hanging limb's direction points, by what it points down: an arm clears the hip."""
+ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}
+"""By how much a limb lies along the trunk where it cannot hang: on the back, upside down."""
+
+
+def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:
+    """Return the local rotations with these parts at rest.
+
+    The trunk is upright on the pelvis, the head on the trunk. An upper arm hangs in the direction
+    ``(o, -(max(-g_y, 0) + k), max(g_z, 0))`` of the chest's frame (left, up, front), with gravity g there and o
+    outwards: straight down while the trunk leans forwards, never through the trunk or behind it; thighs alike in the
+    frame of the pelvis.
+
+    Args:
+        body: whose rest skeleton says where limbs point.
+        root: (F, 3, 3) body to world, Z up.
+        local: (F, n, 3, 3) of the joints after the root.
+        parts: keys of ``PARTS``; of joints that the body lacks nothing is turned.
+    """
+    joints, rest, local = body.layout.joints, body.joints_template, local.copy()
+    turned = {joints.index(name) for part in parts for name in PARTS[part] if name in joints}
+    G = [root]
+    for j in range(1, 1 + local.shape[1]):
+        if j in turned:
+            name = joints[j].removeprefix("left_").removeprefix("right_")
+            if name in ASIDE:
+                frame = joints.index("spine3") if name == "shoulder" else 0
+                end = rest[body.layout.main_child[j]] - rest[j]
+                hanging = G[frame] @ _turn_to(end, _hanging(G[frame], name, np.sign(end[0])))
+                local[:, j - 1] = np.swapaxes(G[body.parents[j]], -1, -2) @ hanging
+            else:
+                local[:, j - 1] = exp_so3(_bend(name, joints[j]))
+        G.append(G[body.parents[j]] @ local[:, j - 1])
+    return local
+
+
+def _bend(name: str, joint: str) -> np.ndarray:
+    """Return the rotation vector of a joint at rest: about the left axis, or the vertical of a T-pose."""
+    angle = np.radians(FLEXION_DEG.get(name, 0.0))
+    if name == "elbow":
+        return np.array([0.0, -angle if joint.startswith("left") else angle, 0.0])
+    return np.array([angle, 0.0, 0.0])
+
+
+def _hanging(frame: np.ndarray, name: str, side: float) -> np.ndarray:
+    """Return (F, 3) unit directions in which a limb hangs, in the (F, 3, 3) frame."""
+    gravity = -frame[:, 2]
+    down = np.maximum(-gravity[:, 1], 0.0) + ALONG_TRUNK[name]
+    outwards = side * (ASIDE[name] * down + np.maximum(side * gravity[:, 0], 0.0))
+    direction = np.stack([outwards, -down, np.maximum(gravity[:, 2], 0.0)], axis=-1)
+    return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def _turn_to(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the (F, 3, 3) smallest rotations that take a direction (3,) to unit directions (F, 3)."""
+    start = start / np.linalg.norm(start)
+    axis = np.cross(start, end)
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, (end @ start)[:, None])
+    return exp_so3(axis * angle / np.maximum(sine, 1e-12))

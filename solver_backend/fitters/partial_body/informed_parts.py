@@ -1,0 +1,81 @@
+"""Which parts of the body the located landmarks inform, frame by frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import subtree_matrix
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.partial_body.resting_spread import ANCHORS
+from solver_backend.geometry.arrays import to_numpy
+
+LEADS: dict[str, tuple[str, float]] = {
+    "trunk": ("spine1", 0.08), "head": ("neck", 0.06), "left_upper_arm": ("left_shoulder", 0.06),
+    "right_upper_arm": ("right_shoulder", 0.06), "left_forearm": ("left_elbow", 0.06),
+    "right_forearm": ("right_elbow", 0.06), "left_thigh": ("left_hip", 0.06), "right_thigh": ("right_hip", 0.06),
+    "left_shank": ("left_knee", 0.06), "right_shank": ("right_knee", 0.06),
+}  # fmt: skip
+"""The joint whose turn poses each part of ``PARTS``, and the least lever in metres of a landmark that informs it. The
+waist's markers have levers of 53 mm about the lowest joint of the spine and T12 131; C7 has 31 about the neck, the
+acromion 34 about the shoulder, the elbow's 31 about the elbow, and the tibia's tuberosity 74 about the knee."""
+HOLD_S, FADE_S = 0.5, 0.5
+"""So long after it was last informed (and before it is again) a part follows the fit; then it comes to rest in the
+time that follows. Gaps of up to a second are bridged as ever."""
+
+
+def resting_shares(
+    body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray, seen: np.ndarray, fps: float
+) -> dict[str, np.ndarray]:
+    """Return how far each part that is not informed throughout is at rest: (F,) from 0, as fitted, to 1.
+
+    A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The share rises as
+    ``3 u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
+
+    Args:
+        body: whose tree and rest skeleton.
+        landmarks: L landmarks.
+        offsets: (L, 3) of the landmarks in the rest frame, metres.
+        located: (F, L) bool.
+        seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
+        fps: frames per second.
+    """
+    frames, shares = np.flatnonzero(seen), {}
+    if not len(frames):
+        return {}
+    lever = levers(body, landmarks, offsets)
+    for part, (joint, least) in LEADS.items():
+        if not {joint, ANCHORS[part]} <= set(body.layout.joints):
+            continue
+        informed = located[np.ix_(frames, lever[:, body.layout.joints.index(joint)] >= least)].any(axis=1)
+        away = _distance(frames, frames[informed]) / fps
+        u = np.clip((away - HOLD_S) / FADE_S, 0.0, 1.0)
+        if u.any():
+            shares[part] = np.interp(np.arange(len(seen)), frames, u * u * (3.0 - 2.0 * u))
+    return shares
+
+
+def is_partial(measurements: Measurements, subject: Subject) -> bool:
+    """Return whether some part of the person is informed in no frame."""
+    offsets = to_numpy(subject.offsets)
+    located, seen = measurements.located.any(axis=0)[None], np.ones(1, dtype=bool)
+    return bool(resting_shares(subject.body, subject.landmarks, offsets, located, seen, measurements.fps))
+
+
+def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
+    """Return (L, J) how far landmarks at rest move by the turn of each joint, metres per radian about a far axis."""
+    below = subtree_matrix(body.parents)
+    share = landmarks.weights @ below.T
+    places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
+    return np.linalg.norm(places - share[..., None] * body.joints_template, axis=-1)
+
+
+def _distance(frames: np.ndarray, informed: np.ndarray) -> np.ndarray:
+    """Return how many frames each is from the nearest informed one; infinite where there is none."""
+    if not len(informed):
+        return np.full(len(frames), np.inf)
+    after = np.searchsorted(informed, frames)
+    left, right = informed[np.maximum(after - 1, 0)], informed[np.minimum(after, len(informed) - 1)]
+    return np.minimum(np.abs(frames - left), np.abs(frames - right)).astype(np.float64)

@@ -1,0 +1,90 @@
+"""A body measured in part: seen joints as without rest, the others hanging, flagged, and honestly unsure."""
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.diagnostics import sentence
+from solver_backend.fitters import SolveSettings, solve
+from solver_backend.fitters.partial_body.rest_parts import listed
+from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.report.diagnose import recorded_diagnostics
+from solver_backend.types import FLAG_RESTING, FLAG_UNSURE, SMPL_JOINTS, Capture, MarkerCloud
+from tests.support.worn_markers import worn_markers
+
+LEGS = (
+    "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE", "RTHI", "RKNE", "RTIB", "RANK",
+    "RHEE", "RTOE",
+)  # fmt: skip
+REST = ("C7", "T10", "CLAV", "STRN", "LSHO", "RSHO", "LFHD", "RFHD", "LBHD", "RBHD")
+ARMS = ("LUPA", "LELB", "LFRM", "LWRA", "LFIN", "RUPA", "RELB", "RFRM", "RWRA", "RFIN")
+SETTINGS = SolveSettings(contacts=False)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    take = worn_markers((*LEGS, *REST, *ARMS), 120, fps=30.0, step=2)
+    return take, solve(Capture("whole", markers=take.cloud), SETTINGS).motion
+
+
+def part_of(take, labels):
+    columns = [take.cloud.labels.index(label) for label in labels]
+    return take.cloud.columns(columns, tuple(labels))
+
+
+def error_mm(motion, truth, names):
+    columns = [SMPL_JOINTS.index(name) for name in names]
+    return 1000 * np.linalg.norm(motion.joints[:, columns] - truth[:, columns], axis=-1).mean()
+
+
+def test_a_whole_body_has_nothing_at_rest(whole):
+    _, motion = whole
+    assert motion.resting is None and not (motion.flags & FLAG_RESTING).any()
+    assert not recorded_diagnostics(motion)
+
+
+def test_legs_alone(whole, tmp_path):
+    take, full = whole
+    motion = solve(Capture("legs", markers=part_of(take, LEGS)), SETTINGS).motion
+    at = SMPL_JOINTS.index
+    for side in ("left", "right"):
+        assert (motion.joints[:, at(f"{side}_wrist"), 2] < motion.joints[:, at(f"{side}_shoulder"), 2] - 0.3).all()
+    unseen = [at(name) for name in ("head", "left_elbow", "right_wrist", "spine3")]
+    seen = [f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle")]
+    assert motion.resting[:, unseen].all() and not motion.resting[:, [at(name) for name in seen]].any()
+    assert (motion.flags & FLAG_RESTING).all() and (motion.flags & FLAG_UNSURE > 0).mean() < 0.1
+    assert (motion.joint_sigma[:, at("left_wrist")] > 0.15).all()
+    assert error_mm(motion, take.joints, seen) < 1.15 * error_mm(full, take.joints, seen) + 1.0
+    (found,) = recorded_diagnostics(motion)
+    assert sentence(found).startswith("Arms, trunk and head have no markers: shown at rest.")
+    assert np.abs(motion.betas).max() < 4
+    again = read_motion(write_motion(tmp_path / "legs.npz", motion))
+    assert np.array_equal(again.resting, motion.resting)
+
+
+def test_arms_that_are_seen_for_a_second_are_informed_there(whole):
+    take, full = whole
+    points = take.cloud.positions.copy()
+    arms = [take.cloud.labels.index(label) for label in ARMS]
+    points[:40, arms] = points[70:, arms] = np.nan
+    motion = solve(Capture("some", markers=MarkerCloud(points, 30.0, take.cloud.labels)), SETTINGS).motion
+    wrist = SMPL_JOINTS.index("left_wrist")
+    assert not motion.resting[40:70, wrist].any() and motion.resting[:10, wrist].all()
+    off = np.linalg.norm(motion.joints - full.joints, axis=-1)[45:65, wrist]
+    assert off.max() < 0.03
+    speed = np.linalg.norm(np.diff(motion.joints[:, wrist], axis=0), axis=-1) * 30
+    assert speed.max() < 6.0
+    assert (motion.flags[45:65] & FLAG_RESTING == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        (["left_upper_arm", "left_forearm", "right_upper_arm", "right_forearm", "head"], "Arms and head"),
+        (["left_upper_arm", "left_forearm"], "Left arm"),
+        (["left_forearm", "right_forearm"], "Forearms"),
+        (["left_thigh", "right_thigh", "left_shank", "right_shank", "right_forearm"], "Right forearm and legs"),
+        (["trunk"], "Trunk"),
+    ],
+)
+def test_parts_in_words(parts, words):
+    assert listed(parts) == words
