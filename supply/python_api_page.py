@@ -8,8 +8,7 @@ _HEAD = """<!-- Made by python3 dev.py docs from solver_backend.__all__; edit th
 
 # Python API
 
-What `import solver_backend` offers. The site shows each docstring; in the sources, follow the name in
-`solver_backend/__init__.py`. Examples: `docs/examples/solve_capture.py` and its neighbours.
+What `import solver_backend` offers. The site shows each docstring. Examples stand in the folder `docs/examples`.
 
 ```python
 from solver_backend import load_capture, solve, write_motion
