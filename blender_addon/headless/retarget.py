@@ -151,8 +151,9 @@ def _open_target(request: RetargetRequest) -> tuple[bpy.types.Scene, bpy.types.O
 
 
 def _map(request: RetargetRequest, rig: bpy.types.Object) -> RigMap:
-    from ..retarget.maps.presets import choose_map, named_preset
+    from ..retarget.maps.presets import named_preset
     from ..retarget.maps.rig_map import read_map
+    from ..retarget.recognition import map_rig
     from ..retarget.user_presets import user_presets_folder
 
     names = rig.data.bones.keys()
@@ -160,8 +161,7 @@ def _map(request: RetargetRequest, rig: bpy.types.Object) -> RigMap:
         return read_map(request.map_file)
     if request.preset:
         return named_preset(request.preset, names, user_presets_folder())
-    parents = {bone.name: bone.parent.name for bone in rig.data.bones if bone.parent is not None}
-    return choose_map(names, parents, user_presets_folder())
+    return map_rig(rig, user_presets_folder())
 
 
 def _opened(path: Path) -> bpy.types.Scene:

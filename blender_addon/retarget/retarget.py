@@ -90,7 +90,7 @@ def retarget(
         )  # fmt: skip
     action = bake_channels(name, armature, channels, switches, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
-    notes = list(rig.notes)
+    notes = [*rig_map.doubts, *rig.notes]
     if deviation_mm > _TOLERATED_MM * max(scale, 1.0):
         notes.append(
             f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong: "

@@ -101,7 +101,9 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
         bones[role] = bone
     if "pelvis" not in bones or not any(set(roles) <= bones.keys() for roles in LIMBS.values()):
         missing = [role for role in JOINT_OF if role not in bones]
-        hint = "The pelvis and one whole limb are the least; choose a preset or fill the table."
+        hint = " ".join(
+            [*rig_map.doubts, "The pelvis and one whole limb are the least; choose a preset or fill the table."]
+        )
         raise MapInvalid(f"The map has no bones for {', '.join(missing)}.", where=armature.name, hint=hint)
     if missing := [role for role in JOINT_OF if role not in bones]:
         notes.append(f"The rig has no bones for {', '.join(missing)}: what they do is left out.")

@@ -18,7 +18,7 @@ class ForeignSkeleton:
     """Bones of a figure of 1.75 m at rest: metres, Z up, it faces -Y."""
 
     heads: dict[str, np.ndarray]
-    """(3,) by bone, parents first."""
+    """(3,) by bone, in any order."""
     parents: dict[str, str]
     roles: dict[str, str]
     """The right bone by role."""
@@ -38,7 +38,11 @@ class ForeignSkeleton:
 
     def with_swapped_names(self, rng: np.random.Generator) -> ForeignSkeleton:
         """Return the same bones under each other's names."""
-        return self.renamed(dict(zip(self.heads, rng.permutation(list(self.heads)), strict=True)))
+        return self.renamed(dict(zip(self.heads, rng.permutation(list(self.heads)).tolist(), strict=True)))
+
+    def shuffled(self, rng: np.random.Generator) -> ForeignSkeleton:
+        """Return the same bones in another order."""
+        return replace(self, heads={b: self.heads[b] for b in rng.permutation(list(self.heads)).tolist()})
 
     def placed(self, place: Callable[[np.ndarray], np.ndarray]) -> ForeignSkeleton:
         """Return the same bones at other places."""

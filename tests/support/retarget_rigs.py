@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from blender_addon.retarget.maps.presets import choose_map
 from blender_addon.retarget.maps.rig_map import RigMap
+from blender_addon.retarget.recognition import map_rig
 from tests.support.mixamo_rig import PREFIX, mixamo_rig
 from tests.support.retarget_measures import Limb, bent_hinge
 from tests.support.rigify_rig import rigify_rig
@@ -41,4 +41,4 @@ def rigify() -> tuple[bpy.types.Object, dict[str, Limb]]:
 
 def map_of_rig(rig: bpy.types.Object) -> RigMap:
     """Return the map that is found for a rig."""
-    return choose_map(rig.data.bones.keys(), {b.name: b.parent.name for b in rig.data.bones if b.parent is not None})
+    return map_rig(rig)

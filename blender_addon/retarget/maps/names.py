@@ -60,6 +60,25 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
     return found
 
 
+def names_part(bone: str, part: str) -> bool:
+    """Return whether a name is one of a part of the body's own, not of several parts'."""
+    words = words_of(bone)
+    if _NOT_BODY & set(words):
+        return False
+    synonyms = {word.replace(" ", "") for word in (*_WORDS.get(part, ()), *_CHAIN_WORDS.get(part, ()))}
+    return "".join(words) in synonyms
+
+
+def side_of_name(bone: str) -> str:
+    """Return ``left``, ``right`` or "" by a name."""
+    return _words(bone)[0]
+
+
+def words_of(bone: str) -> list[str]:
+    """Return the lower-case words of a name without its side and prefixes."""
+    return _words(bone)[1]
+
+
 def _words(bone: str) -> tuple[str, list[str]]:
     """Return side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)

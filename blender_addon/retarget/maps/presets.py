@@ -8,13 +8,17 @@ from pathlib import Path
 from ..._exchange.errors import MocapError
 from ...errors import MapInvalid
 from .names import guess_roles
+from .plausible import is_plausible
 from .rig_map import RigMap, read_map
+from .roles import FINGERS
+from .skeleton import Skeleton
+from .structure import recognise
 
 SHIPPED = Path(__file__).parent / "presets"
-GUESSED = "By Names"
+GUESSED, STRUCTURE = "By Names", "By Structure"
 _FITS = 0.75
 """Share of a preset's bones of trunk and limbs that a rig must have."""
-_OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe")
+_OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe", *(f"_{finger}_" for finger in FINGERS))
 """Roles that many rigs of a kind lack."""
 
 
@@ -24,15 +28,16 @@ def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.json"))}
 
 
-def choose_map(bones: Iterable[str], parents: dict[str, str], user_folder: Path | None = None) -> RigMap:
-    """Return the preset that fits a rig best or, if none does, what its names say.
+def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
+    """Return the preset that fits a rig best or, if none does, what its structure or else its names say.
+
+    A map whose limbs no person can have is passed over, however well its names fit.
 
     Args:
-        bones: names of the rig's bones.
-        parents: name of each bone's parent; roots have none.
+        skeleton: the rig's bones.
         user_folder: where the user's presets are.
     """
-    bones = list(bones)
+    bones = skeleton.names
     fitting = []
     for path in preset_files(user_folder).values():
         try:
@@ -41,11 +46,23 @@ def choose_map(bones: Iterable[str], parents: dict[str, str], user_folder: Path 
             continue  # one spoilt file of the user's does not keep the others from being found
         found = fit(preset, bones)
         needed = _needed(preset)
-        if needed and len(needed & found.bones.keys()) >= _FITS * len(needed):
+        if needed and len(needed & found.bones.keys()) >= _FITS * len(needed) and is_plausible(found.bones, skeleton):
             fitting.append((len(found.bones), found))
     if fitting:
         return max(fitting, key=lambda entry: entry[0])[1]
-    return RigMap(GUESSED, guess_roles(bones, parents))
+    return _recognised(skeleton)
+
+
+def _recognised(skeleton: Skeleton) -> RigMap:
+    """Return what the structure says; where it does not find a person, what names say as far as it can be so."""
+    guess = recognise(skeleton)
+    if guess.roles or guess.doubts:
+        return RigMap(STRUCTURE, guess.roles, doubts=guess.doubts)
+    parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
+    named = guess_roles(skeleton.names, parents)
+    if not is_plausible(named, skeleton):
+        return RigMap(GUESSED, {}, doubts=("Neither names nor structure show a person.",))
+    return RigMap(GUESSED, named)
 
 
 def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = None) -> RigMap:

@@ -39,6 +39,8 @@ class RigMap:
     map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
     """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that our body's rest (arms to
     the sides, legs straight) is matched with; worked out from the limbs' directions for bones that are not there."""
+    doubts: tuple[str, ...] = ()
+    """What recognition was not sure of and left out, one sentence each; not kept in files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
         """Return the map of the roles whose bones have an entry, by their names in a rig."""

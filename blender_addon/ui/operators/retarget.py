@@ -19,17 +19,17 @@ class MOCAP_OT_map_rig(NeedsBody, bpy.types.Operator):
 
     bl_idname = "mocap.map_rig"
     bl_label = "Map Bones"
-    bl_description = "Find which bone of the target plays which role, from the presets or from its names"
+    bl_description = "Find which bone of the target plays which role, from the presets, its structure or its names"
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Fill it."""
-        from ...retarget.maps.presets import choose_map
+        from ...retarget.recognition import map_rig
         from ...retarget.user_presets import user_presets_folder
 
-        rig = _target(context)
-        parents = {bone.name: bone.parent.name for bone in rig.data.bones if bone.parent is not None}
-        found = choose_map(rig.data.bones.keys(), parents, user_presets_folder())
+        found = map_rig(_target(context), user_presets_folder())
         _show_map(context, found)
+        for doubt in found.doubts:
+            self.report({"WARNING"}, doubt)
         self.report(
             {"INFO"}, f"{found.label}: {counted(len(found.bones), 'bone')}; correct the table where it is wrong"
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from blender_addon.retarget.maps.names import guess_roles
 from blender_addon.retarget.maps.presets import GUESSED, choose_map, fit, named_preset, preset_files
 from blender_addon.retarget.maps.rig_map import map_of, map_values, read_map, write_map
 from blender_addon.retarget.maps.roles import JOINT_OF, LIMBS
+from blender_addon.retarget.maps.skeleton import Skeleton
 
 TREE = {
     "": ("Hips", "Spine", "Chest", "Neck", "Head"),
@@ -31,6 +32,11 @@ def tree(named: Callable[[str, str], str]) -> dict[str, str]:
             line = [named(root, ""), *(named(part, side) for part in TREE[root])]
             parents |= {b: a for a, b in pairwise(line)}
     return parents
+
+
+def bare(bones: Iterable[str], parents: dict[str, str] | None = None) -> Skeleton:
+    """Return bones without places: only names tell what they are."""
+    return Skeleton(dict.fromkeys(bones, (0.0, 0.0, 0.0)), parents or {})
 
 
 NAMINGS: dict[str, Callable[[str, str], str]] = {
@@ -71,7 +77,7 @@ def test_each_preset_is_found_on_its_own_rig_under_a_prefix_too(name: str) -> No
     assert len(set(preset.bones.values())) == len(preset.bones)
     switches = [switch.bone for switch in preset.switches]
     for prefix in ("", "Hero:"):
-        chosen = choose_map([prefix + bone for bone in (*preset.bones.values(), *switches)], {})
+        chosen = choose_map(bare([prefix + bone for bone in (*preset.bones.values(), *switches)]))
         assert chosen.label == preset.label
         assert chosen.bones == {role: prefix + bone for role, bone in preset.bones.items()}
         assert len(chosen.switches) == len(preset.switches)
@@ -79,7 +85,7 @@ def test_each_preset_is_found_on_its_own_rig_under_a_prefix_too(name: str) -> No
 
 def test_a_rig_of_no_preset_is_mapped_by_names() -> None:
     parents = tree(NAMINGS["suffix"])
-    assert choose_map(list(dict.fromkeys([*parents.values(), *parents])), parents).label == GUESSED
+    assert choose_map(bare(dict.fromkeys([*parents.values(), *parents]), parents)).label == GUESSED
 
 
 def test_the_users_presets_come_first_and_a_spoilt_one_hurts_nobody(tmp_path: Path) -> None:
@@ -87,7 +93,7 @@ def test_the_users_presets_come_first_and_a_spoilt_one_hurts_nobody(tmp_path: Pa
     mixamo = map_values(read_map(preset_files()["mixamo"])) | {"label": "Mine"}
     (tmp_path / "mixamo.json").write_text(json.dumps(mixamo), encoding="utf-8")
     bones = list(dict(mixamo["bones"]).values())
-    assert choose_map(bones, {}, tmp_path).label == "Mine"
+    assert choose_map(bare(bones), tmp_path).label == "Mine"
     assert named_preset("mixamo", bones, tmp_path).label == "Mine"
     with pytest.raises(MapInvalid, match=r"no preset 'mixano'.*There are: .*mixamo"):
         named_preset("mixano", bones)

@@ -111,3 +111,22 @@ def test_a_character_from_gltf_keeps_its_size(files: Files, shared_data: Path) -
     done = play(rig, files)
     assert_right(rig, limbs_of(done.rig_map.bones), done, files)
     assert np.abs(np.array([done.scale, done.proportions.arms]) - 1).max() < 0.15
+
+
+@pytest.mark.parametrize("version", ["vrm0", "vrm1"])
+def test_the_humanoid_of_a_vrm_is_read_from_its_armature(scene, files: Files, version: str) -> None:
+    skeleton = draw(NAMINGS["vrm_own_names"])
+    rig, limbs = foreign_rig(skeleton, tails=50.0, sole=0.0)
+    words = {"pelvis": "hips", "head": "head", "spine_1": "spine", "spine_2": "chest", "neck_1": "neck"}
+    parts = {"upper_arm": "UpperArm", "forearm": "LowerArm", "hand": "Hand", "thigh": "UpperLeg", "shin": "LowerLeg"}
+    parts |= {"foot": "Foot", "toe": "Toes", "clavicle": "Shoulder"}
+    words |= {f"{side}_{part}": side + word for side in ("left", "right") for part, word in parts.items()}
+    named = {word: skeleton.roles[role] for role, word in words.items()}
+    if version == "vrm1":
+        bones = {human: {"node": {"bone_name": bone}} for human, bone in named.items()}
+    else:
+        bones = [{"bone": human, "node": {"bone_name": bone}} for human, bone in named.items()]
+    rig.data["vrm_addon_extension"] = {version: {"humanoid": {"human_bones": bones}}}
+    done = play(rig, files)
+    assert done.rig_map.label == "VRM humanoid of the file"
+    assert_right(rig, limbs, done, files)
