@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from solver_backend.body.label_words import Words, words_of_file
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.json_file import read_json_file
 
@@ -16,6 +17,25 @@ DEFAULT = Path(__file__).parents[1] / "assets" / "marker_layouts.json"
 FORMAT, VERSION = "manifold_mocap_marker_layouts", 1
 _SIDE_LAST = re.compile(r"(.+?)(?:[ ._-]([LR])|[ ._-]?(LEFT|RIGHT))")
 _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
+# pyCGM2 and Visual3D put the model's name and version after a point's: LHJC_CGM_2.4, PELVIS_CGM_2.4O.
+_MODEL = re.compile(r"[ _.]?(PY)?CGM[ _.]?\d*([._]\d+)*")
+_LEAST_SIGNS = 2
+
+
+@dataclass(frozen=True)
+class Family:
+    """Names that mean something only among others of the same system."""
+
+    signs: frozenset[str]
+    """Names, written as ``label_key`` writes them, of which two show that a recording is of this system."""
+    names: dict[str, str]
+    """Place by name, a marker's or ``@`` and a joint."""
+    virtual: frozenset[str]
+    """Names of computed points."""
+
+    def fits(self, keys: frozenset[str]) -> bool:
+        """Return whether a recording with these names is of this system."""
+        return len(self.signs & keys) >= _LEAST_SIGNS
 
 
 @dataclass(frozen=True)
@@ -38,6 +58,10 @@ class LayoutFile:
     """Marker names of each layout."""
     label_sets: dict[str, tuple[str, ...]]
     """Labels of other systems' layouts, as their files write them."""
+    words: Words
+    """Words of several languages, and the places that they name."""
+    families: dict[str, Family]
+    """Names of systems by the system."""
 
     def place_of(self, label: str) -> str | None:
         """Return the place that a label names, None where it names none.
@@ -45,7 +69,7 @@ class LayoutFile:
         Prefixes, case and punctuation do not count, and the side may stand first or last: ``Anna:l_asis``, ``ASIS.L``
         and ``Left ASIS`` are one place.
         """
-        return next((self.names[key] for key in _keys(label) if key in self.names), None)
+        return next((self.names[key] for key in keys_of(label) if key in self.names), None)
 
     def spread_of(self, name: str) -> tuple[float, float]:
         """Return how far a marker of this name or alias strays from its rule: off the skin and along it, metres."""
@@ -54,12 +78,12 @@ class LayoutFile:
 
     def is_virtual(self, label: str) -> bool:
         """Return whether a label is that of a computed point, no marker."""
-        return self.place_of(label) is None and self.virtual.fullmatch(label_key(label)) is not None
+        return self.place_of(label) is None and self.virtual.fullmatch(_key(_MODEL.sub("", _bare(label)))) is not None
 
 
 def label_key(label: str) -> str:
     """Return a label without its prefix, in capitals, letters and digits only."""
-    return re.sub(r"[^A-Z0-9]", "", _bare(label))
+    return _key(_bare(label))
 
 
 @cache
@@ -100,7 +124,24 @@ def _layouts(values: dict[str, Any], path: Path) -> LayoutFile:
         names,
         re.compile("|".join(values["virtual"])),
         *({name: tuple(labels) for name, labels in values[key].items()} for key in ("layouts", "label_sets")),
+        words=words_of_file(values, frozenset(values["midline"])),
+        families={name: _family(family, places, path) for name, family in values["families"].items()},
     )
+
+
+def _family(values: dict[str, Any], places: set[str], path: Path) -> Family:
+    names: dict[str, str] = {}
+    for part, aliases in values["names"].items():
+        for side, bone in (("L", "left"), ("R", "right")):
+            place = f"@{bone}_{part[1:]}" if part[0] == "@" else side + part
+            if part[0] != "@" and place not in places:
+                raise BodyInvalid(f"The place {place} of a family of names has no rule.", where=str(path))
+            names |= {label_key(side + alias): place for alias in aliases}
+    return Family(_both_sides(values["signs"]), names, _both_sides(values["virtual"]))
+
+
+def _both_sides(names: list[str]) -> frozenset[str]:
+    return frozenset(label_key(name.format(side=side)) for name in names for side in "LR")
 
 
 def _aliases(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -118,8 +159,12 @@ def _bare(label: str) -> str:
     return label.rpartition(":")[2].strip().upper()
 
 
-def _keys(label: str) -> Iterator[str]:
-    """Yield the names that a label may stand for, its side first in each."""
+def _key(bare: str) -> str:
+    return re.sub(r"[^A-Z0-9]", "", bare)
+
+
+def keys_of(label: str) -> Iterator[str]:
+    """Yield the names that a label may stand for, written as ``label_key`` writes them, its side first in each."""
     yield label_key(label)
     if found := _SIDE_LAST.fullmatch(_bare(label)):
         yield (found[2] or found[3])[0] + re.sub(r"[^A-Z0-9]", "", found[1])

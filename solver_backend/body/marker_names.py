@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from solver_backend.body.label_context import context_of
 from solver_backend.body.marker_layouts import load_layouts
 
-# Vicon writes *0, *1, ...; Motive 'Unlabeled 1189'; Cortex U_1; Qualisys unnames; others number their points.
-_UNNAMED = re.compile(r"(\*\d*|unlabell?ed[ _-]?\d*|u_?\d+|uname\*?\d*|unnamed[ _-]?\d*|new ?\d{4})", re.IGNORECASE)
+# Vicon writes *0, *1, ...; Motive 'Unlabeled 1189', 'Unlabeled:2012' or 'Unlabeled_7'; Cortex U_1; Qualisys unnames;
+# others number their points.
+_WORDS = r"(unlabell?ed|unnamed|unidentified|unlabel|uname|unbenannt|sans ?nom)"
+_UNNAMED = re.compile(
+    rf"(\*\d*|#\d*|u_?\d+|new ?\d{{4}}|[*#]?{_WORDS}[\s:_*#.-]*((marker|point|trajectory)[\s:_*#.-]*)?\d*)( \(\d+\))?",
+    re.IGNORECASE,
+)
 LEAST_MARKERS = 8
 """Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
 
@@ -26,36 +32,46 @@ class MarkerNames:
     virtual: tuple[str, ...]
     """Labels of computed points (joint centres, axes of segments), and those left out by hand."""
     doubled: tuple[str, ...]
-    """Labels of places that an earlier label has taken."""
+    """Labels of places that another label has taken."""
+    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Places that a label may name, of labels that may name several; they are among the unknown."""
+    prefix: str = ""
+    """What begins nearly all labels and is no part of their names."""
 
 
 def is_unnamed(label: str) -> bool:
     """Return whether a program numbered the point because nobody named it."""
     name = label.rpartition(":")[2].strip()
-    return not name or _UNNAMED.fullmatch(name) is not None
+    return not name or any(_UNNAMED.fullmatch(text) is not None for text in (name, label.strip()))
 
 
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
-    """Return what labels mean; of two that name one place the first counts.
+    """Return what labels mean; of two that name one place a listed name goes first, then the first.
 
     Args:
         labels: of the recording.
         own: place by label, told by hand, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
             may share), or empty where a label is to be left out.
     """
-    layouts = load_layouts()
-    places = {label: own[label] or None if label in own else layouts.place_of(label) for label in labels}
-    first = {place: label for label, place in reversed(places.items()) if place is not None and place[0] != "@"}
-    virtual = tuple(
-        label for label in places if own.get(label) == "" or (label not in own and layouts.is_virtual(label))
-    )
+    context = context_of(labels, load_layouts(), LEAST_MARKERS)
+    meant = {label: () if label in own else context.places_of(label) for label in labels}
+    virtual = {
+        label: own.get(label) == "" or (label not in own and context.is_virtual(label))
+        for label in dict.fromkeys(labels)
+    }
+    places = {
+        label: own[label] or None if label in own else found[0] if len(found) == 1 and not virtual[label] else None
+        for label, found in meant.items()
+    }
+    # Surest first: what a person says, names of the layouts, words.
+    order = sorted(places, key=lambda label: 0 if label in own else 2 - context.is_exact(label))
+    first = {place: label for label in reversed(order) if (place := places[label]) is not None and place[0] != "@"}
+    known = {label: place for label, place in places.items() if place is not None and first.get(place, label) == label}
     return MarkerNames(
-        known={
-            label: place for label, place in places.items() if place is not None and first.get(place, label) == label
-        },
-        unknown=tuple(label for label, place in places.items() if place is None and label not in virtual),
-        virtual=virtual,
-        doubled=tuple(
-            label for label, place in places.items() if place is not None and first.get(place, label) != label
-        ),
+        known=known,
+        unknown=tuple(label for label, place in places.items() if place is None and not virtual[label]),
+        virtual=tuple(label for label in places if virtual[label]),
+        doubled=tuple(label for label, place in places.items() if place is not None and label not in known),
+        ambiguous={label: found for label, found in meant.items() if len(found) > 1},
+        prefix=context.prefix,
     )

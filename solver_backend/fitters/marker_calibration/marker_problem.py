@@ -149,7 +149,10 @@ def calibrated(
     """
     cloud = joined(clouds)
     own = read_label_places(settings.layout) if settings.layout else {}
+    names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
+    # The chosen labels alone may say less than all together: their places go with them.
+    own = {**names.known, **own}
     problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
     labels, places = known.labels or (), problem.measurements.landmarks.names
@@ -163,7 +166,6 @@ def calibrated(
     if exchanged:
         record[EXCHANGED] = [sorted((labels[a], labels[b])) for a, b in exchanged]
     person = record_of(found.subject, known.labels or (), found.sigma_m, record)
-    names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     return with_attached(person, found, cloud, names.unknown)
 
 

@@ -1,0 +1,141 @@
+"""What all labels of a recording together say: a shared prefix, sides glued to the end, the system they are of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key
+
+SHARED = 0.8
+"""Share of labels that a prefix without a separator begins, at least: some points are a stick's or a box's."""
+LONGEST_PREFIX = 30
+"""Characters of such a prefix, at most."""
+_ENGLISH, _FRENCH = (("L", "L"), ("R", "R")), (("G", "L"), ("D", "R"))
+_AXES = ("OALP", "OXYZ", "OAPL")
+
+
+@dataclass(frozen=True)
+class LabelContext:
+    """How the labels of one recording are to be read."""
+
+    file: LayoutFile
+    prefix: str
+    """What begins nearly all of them and is no part of their names."""
+    letters: tuple[tuple[str, str], ...]
+    """Side by the letter that stands for it."""
+    glued: dict[str, tuple[str, str]]
+    """Side and name by each label whose last letter is a side."""
+    families: tuple[Family, ...]
+    computed: frozenset[str]
+    """Names of axes that stand beside their origin: ``PELVISA`` beside ``PELVISO``."""
+
+    def places_of(self, label: str) -> tuple[str, ...]:
+        """Return the places that a label names; several where it may be either, none where it names none."""
+        bare = self._bare(label)
+        for key in keys_of(bare):
+            found = next((family.names[key] for family in self.families if key in family.names), None)
+            if found or (found := self.file.names.get(key)):
+                return (found,)
+        if bare in self.glued:
+            side, stem = self.glued[bare]
+            found = self.file.names.get(side + label_key(stem))
+            return (found,) if found else self.file.words.places_of(f"{side} {stem}")
+        return self.file.words.places_of(bare, self.letters)
+
+    def is_exact(self, label: str) -> bool:
+        """Return whether a label is one of the names that the layouts list."""
+        return any(key in self.file.names for key in keys_of(self._bare(label)))
+
+    def is_virtual(self, label: str) -> bool:
+        """Return whether a label is that of a computed point."""
+        bare = self._bare(label)
+        keys = set(keys_of(bare))
+        if any(keys & family.virtual for family in self.families):
+            return True
+        return not self.places_of(label) and (label_key(bare) in self.computed or self.file.is_virtual(bare))
+
+    def _bare(self, label: str) -> str:
+        return bare_label(label).removeprefix(self.prefix)
+
+
+def bare_label(label: str) -> str:
+    """Return a label without its subject."""
+    return label.rpartition(":")[2].strip()
+
+
+def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
+    """Return how a recording's labels are to be read.
+
+    Args:
+        labels: of the points that somebody named.
+        file: of the layouts.
+        least: labels that a prefix must make known before it is taken for one.
+    """
+    bare = tuple(dict.fromkeys(map(bare_label, labels)))
+    plain = _context(bare, file, "")
+    known = _count(plain, bare)
+    best, most = plain, max(2 * known, known + least - 1, least - 1)
+    for prefix in _prefixes(bare):
+        context = _context(bare, file, prefix)
+        if (count := _count(context, bare)) > most:
+            best, most = context, count
+    return best
+
+
+def _context(bare: Sequence[str], file: LayoutFile, prefix: str) -> LabelContext:
+    names = [label.removeprefix(prefix) for label in bare]
+    keys = frozenset(key for name in names for key in keys_of(name))
+    letters = _ENGLISH if _sided(file, names, _ENGLISH) >= _sided(file, names, _FRENCH) else _FRENCH
+    families = tuple(family for family in file.families.values() if family.fits(keys))
+    return LabelContext(file, prefix, letters, _glued(names, letters), families, _axes_of(keys))
+
+
+def _sided(file: LayoutFile, names: Iterable[str], letters: tuple[tuple[str, str], ...]) -> int:
+    """Return how many names are known with these letters for sides, 0 unless both sides are among them."""
+    sides = Counter(place[0] for name in names for place in file.words.places_of(name, letters)[:1])
+    return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
+
+
+def _count(context: LabelContext, labels: Iterable[str]) -> int:
+    found = [context.places_of(label) for label in labels]
+    return len({places[0] for places in found if len(places) == 1})
+
+
+def _prefixes(bare: Sequence[str]) -> list[str]:
+    """Return what may be a prefix that nearly all labels share, the shortest first."""
+    counts = Counter(label[:length] for label in bare for length in range(1, min(len(label) - 1, LONGEST_PREFIX) + 1))
+    least = max(2.0, SHARED * len(bare))
+    return sorted((prefix for prefix, count in counts.items() if count >= least), key=len)
+
+
+def _glued(names: Sequence[str], letters: tuple[tuple[str, str], ...]) -> dict[str, tuple[str, str]]:
+    """Return side and name of the labels that end in a side's letter.
+
+    One letter alone says nothing (``HEEL``, ``ARMl`` for the lateral marker beside ``ARMm``): the other side's label
+    has to be there, and none that ends in m instead.
+    """
+    there = set(names)
+    found: dict[str, tuple[str, str]] = {}
+    for name, ((left, _), (right, _)) in product(names, (letters, letters[::-1])):
+        last, stem = name[-1:], name[:-1]
+        lower = last.islower()
+        other = right.lower() if lower else right
+        middle = "m" if lower else "M"
+        if last.upper() == left and len(stem) > 1 and stem + other in there and stem + middle not in there:
+            found[name] = (dict(letters)[left], stem.rstrip(" _.-"))
+    return found
+
+
+def _axes_of(keys: frozenset[str]) -> frozenset[str]:
+    """Return the names of origins and axes that stand together: four names that differ in their last letter."""
+    stems = {key[:-1] for key in keys if key.endswith("O")}
+    return frozenset(
+        stem + letter
+        for stem in stems
+        for axes in _AXES
+        if all(stem + axis in keys for axis in axes)
+        for letter in axes
+    )

@@ -1,0 +1,119 @@
+"""Labels are read by rule: words of three languages, sides anywhere, shared prefixes, and systems by their signs."""
+
+from __future__ import annotations
+
+import pytest
+
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.marker_names import is_unnamed, name_markers
+
+PLUG_IN_GAIT = load_layouts().layouts["PLUGIN_GAIT_39"]
+
+
+def known(*labels: str) -> dict[str, str]:
+    return name_markers(labels).known
+
+
+@pytest.mark.parametrize(
+    ("label", "place"),
+    [
+        ("Knie links außen", "LKNE"), ("Links_Knie_Innen", "LKNM"), ("rechte Ferse", "RHEE"),
+        ("Schulter_rechts", "RSHO"),
+        ("Genou droit externe", "RKNE"), ("CoudeGaucheInterne", "LELM"), ("Épaule gauche", "LSHO"),
+        ("LKNEin", "LKNM"), ("LateralMalleolusLeft", "LANK"), ("R_Elbow_Medial_Epicondyle", "RELM"),
+        ("right greater trochanter", "RGTR"), ("L fifth metatarsal head", "LMT5"),
+        ("XiphoidProcess", "STRN"), ("C7SpinalProcess", "C7"), ("Medial ankle R", "RANM"), ("L.Foot.Lateral", "LMT5"),
+    ],
+)  # fmt: skip
+def test_words_name_places_in_any_order_and_language(label, place):
+    assert known(label, "x") == {label: place}
+
+
+@pytest.mark.parametrize(
+    "label",
+    ["L_Sternum", "heel", "r_thigh3", "Left Right Knee", "Tete.H", "R.MAIN", "KneeBrace_L", "L_sh2", "RightLeg"],
+)
+def test_what_no_phrase_fits_wholly_is_not_guessed(label):
+    assert known(label) == {}
+
+
+def test_what_may_be_two_places_is_reported():
+    names = name_markers(["LateralEpicondyleL", "LateralEpicondyleR"])
+    assert not names.known and names.ambiguous["LateralEpicondyleL"] == ("LELB", "LKNE")
+
+
+def test_a_side_glued_to_the_end_needs_the_other_side():
+    assert known("ASISr", "ASISl", "PSISr", "PSISl") == {
+        "ASISr": "RFWT", "ASISl": "LFWT", "PSISr": "RBWT", "PSISl": "LBWT",
+    }  # fmt: skip
+    assert known("KNEEL", "KNEER", "HEELL", "HEELR") == {
+        "KNEEL": "LKNE", "KNEER": "RKNE", "HEELL": "LHEE", "HEELR": "RHEE",
+    }  # fmt: skip
+    assert known("HEEL", "ELBOWR") == {}
+    assert known("ARMl", "ARMm", "ARMr") == {}  # lateral, medial, radial
+
+
+def test_french_sides_are_letters_of_their_own():
+    assert known("ASIS_G", "ASIS_D", "genou G", "genou D") == {
+        "ASIS_G": "LFWT", "ASIS_D": "RFWT", "genou G": "LKNE", "genou D": "RKNE",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("prefix", ["L", "p", "Skeleton_", "Athlete 7 ", "m."])
+def test_a_prefix_that_all_share_is_no_part_of_the_names(prefix):
+    names = name_markers([prefix + label for label in PLUG_IN_GAIT] + ["Stick1", "Stick2"])
+    assert names.prefix == prefix.rstrip("_ .") and len(names.known) == 39
+    assert names.known[prefix + "LASI"] == "LFWT" and names.known[prefix + "RASI"] == "RFWT"
+
+
+def test_one_side_alone_is_no_prefix():
+    left = [label for label in PLUG_IN_GAIT if label.startswith("L")]
+    names = name_markers(left)
+    assert names.prefix == "" and set(names.known) == set(left)
+
+
+def test_names_of_a_system_mean_something_among_their_own_alone():
+    davis = ["r bar 1", "l bar 1", "r knee 1", "r knee", "r met", "r should", "r thigh", "r mall"]
+    names = name_markers(davis)
+    assert names.known == {
+        "r bar 1": "@right_hip", "l bar 1": "@left_hip", "r knee 1": "RKNE", "r met": "RMT5", "r should": "RSHO",
+        "r thigh": "RGTR", "r mall": "RANK",
+    }  # fmt: skip
+    assert names.virtual == ("r knee",)
+    assert known("r knee", "r thigh") == {"r knee": "RKNE", "r thigh": "RTHI"}
+    assert known("LMED", "LFMH", "LVMH") == {"LMED": "LANM", "LFMH": "LMT1", "LVMH": "LMT5"}
+    assert known("LMED", "LKNE") == {"LKNE": "LKNE"}
+
+
+@pytest.mark.parametrize(
+    "label",
+    [
+        "LHJC_CGM_2.4", "RFJC_CGM2", "LeftHipCenter", "RightHipCenterGamage", "L_KneeJointCentre", "R_HIP_JOINT",
+        "COP_x",
+        "CenterOfPressure", "LNormalisedGRF", "RKneeAngles_CGM_2.5", "LHipMoment", "TRXX", "LFEZ",
+    ],
+)  # fmt: skip
+def test_computed_points_go_by_patterns(label):
+    assert name_markers([label]).virtual == (label,)
+
+
+def test_axes_beside_their_origin_are_computed():
+    labels = [f"PELVIS_CGM_2.4{axis}" for axis in "OALP"] + [f"Femur1{axis}" for axis in "OXYZ"] + ["LAnkA", "LAnkO"]
+    names = name_markers(labels)
+    assert names.virtual == tuple(labels[:8]) and names.unknown == ("LAnkA", "LAnkO")
+
+
+@pytest.mark.parametrize(
+    "label",
+    [
+        "Unlabeled:2012", "unlabelled_3", "Unlabeled 2012", "Anna:Unlabeled-7", "Unlabeled Marker 12", "*Unnamed_58",
+        "Unlabeled:Unlabeled 4", "Unidentified 3", "#", "UnlabeledMarker:9", "Unlabeled 1 (2)",
+    ],
+)  # fmt: skip
+def test_points_that_a_program_numbered_are_unnamed(label):
+    assert is_unnamed(label)
+
+
+def test_listed_names_go_before_words():
+    names = name_markers(["front iliac spine L", "LASI"])
+    assert names.known == {"LASI": "LFWT"} and names.doubled == ("front iliac spine L",)
