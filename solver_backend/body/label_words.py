@@ -54,6 +54,10 @@ class Words:
             return "", []
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
+    def of_glued(self, label: str) -> tuple[str, list[str]]:
+        """Return the same of a label whose last letter is a side's: ``ForearmL``."""
+        return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
+
     def places_of(self, label: str, letters: tuple[tuple[str, str], ...] = (("L", "L"), ("R", "R"))) -> tuple[str, ...]:
         """Return the places that a label's words name, none where no phrase fits all of them."""
         side, words = self.of(label, letters)

@@ -106,8 +106,9 @@ def _reading() -> _Parser:
     options.add_argument("--up-axis", metavar="AXIS", help="axis that points up in the recording, if not z")
     options.add_argument("--person", metavar="NAME", help="which person to solve, when there are several (see people)")
     options.add_argument(
-        "--subject-prefix", metavar="NAME", help="label prefix of the person, when a file holds several"
-    )
+        "--subject-prefix", metavar="NAME[,NAME…]",
+        help="label prefix of the person, when a file holds several; several prefixes are parts of one person",
+    )  # fmt: skip
     return options
 
 

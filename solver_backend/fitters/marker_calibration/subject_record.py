@@ -74,8 +74,13 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
     Raises:
         SubjectInvalid: fewer than ``LEAST_MARKERS`` match.
     """
-    columns = {label_key(label): i for i, label in reversed(list(enumerate(labels)))}
-    found = [(m, columns[label_key(label)]) for m, label in enumerate(record.labels) if label_key(label) in columns]
+    # The label itself goes first: parts of one person may have a Marker1 each.
+    columns = {key(label): i for key in (label_key, str) for i, label in reversed(list(enumerate(labels)))}
+    found = [
+        (m, columns[key])
+        for m, label in enumerate(record.labels)
+        if (key := label if label in columns else label_key(label)) in columns
+    ]
     if len(found) < LEAST_MARKERS:
         raise SubjectInvalid(
             f"Only {len(found)} of the subject's {len(record.labels)} markers are in the take; {LEAST_MARKERS} are "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.body.markers import ON_BONE
 from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.marker_calibration.label_faults import shared_error
 from solver_backend.fitters.marker_calibration.label_jumps import neighbours_of
@@ -26,6 +27,8 @@ LEAST = 8
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
     """Return pairs of markers that hold each other's labels, of a person who is not known yet: the mean one is fitted.
 
+    Markers of which the bone alone is known are nowhere expected, so none of them can be elsewhere.
+
     Args:
         problem: markers made ready.
         like: array that says kind, type and device.
@@ -34,7 +37,8 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
     frames = varied_frames(problem.measurements.points, FRAMES)
     states = fit_to_points(problem, subject, frames)
     found = to_numpy(pose(subject, posed(problem.prior, states)).points)
-    return exchanged_throughout(problem.measurements.points[frames], found)
+    on_skin = np.array([not name.startswith(ON_BONE) for name in problem.measurements.landmarks.names])
+    return exchanged_throughout(np.where(on_skin[:, None], problem.measurements.points[frames], np.nan), found)
 
 
 def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:

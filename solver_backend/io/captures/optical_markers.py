@@ -7,7 +7,8 @@ from pathlib import Path
 from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, is_unnamed, name_markers
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
-from solver_backend.io.markers.take import MarkerTake, of_subject
+from solver_backend.io.markers.subjects import of_subject
+from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.types import Capture
@@ -34,8 +35,7 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
-        hint = "Name the one to solve: --subject-prefix NAME, in Blender Subject under Reading Options."
-        raise JobInvalid(error.message, where=str(path), hint=hint) from error
+        raise JobInvalid(error.message, where=str(path), hint=error.hint) from error
     labels, report = take.cloud.labels, take.report
     names = None if labels is None else name_markers([label for label in labels if not is_unnamed(label)])
     return Capture(
@@ -52,7 +52,11 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
     if names is None:
         return []
     attached = names.unknown
-    said = [] if not attached else [
+    said = [f"'{names.prefix}' begins nearly all labels and is read as no part of their names."] if names.prefix else []
+    if names.ambiguous:
+        either = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
+        said.append(f"Labels that may name either of two places, which are not guessed: {_first(tuple(either), 4)}.")
+    said += [] if not attached else [
         f"Labels of no layout ({len(attached)}): {_first(attached)}. The solve finds the bone that each moves with, or "
         "leaves it out."
     ]  # fmt: skip

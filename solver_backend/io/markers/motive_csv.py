@@ -9,6 +9,7 @@ in them. Cells of a marker that is not seen are blank. Motive's world has Y up.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from solver_backend.io.markers.text_table import (
 )
 from solver_backend.io.recognition.camera_names import listing
 
+_FRAME = re.compile(r'"?Frame"?\s*[,;\t]', re.IGNORECASE)
 MEASURED = "marker"
 """Type of markers as measured; 'Rigid Body Marker' and 'Bone Marker' are where an asset's model expects them."""
 _KNOWN_TYPES = (MEASURED, "rigid body", "rigid body marker", "bone", "bone marker", "skeleton")
@@ -57,18 +59,23 @@ def read_motive_csv(
             where=str(path),
             hint="Export it again with its header.",
         )
-    cells = header_cells(lines[0], ",")
-    meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
-    at = next((i for i, line in enumerate(lines[:30]) if header_cells(line, ",")[:1] == ["Frame"]), None)
+    at = next((i for i, line in enumerate(lines[:30]) if _FRAME.match(line)), None)
     if at is None:
         raise FileDamaged(
             "The file is truncated: a row that begins with 'Frame' is expected.",
             where=str(path),
             hint="Export it again.",
         )
-    columns, labels, notes = _markers([header_cells(line, ",") for line in lines[1 : at + 1] if line.strip()], path)
-    rows = [line.split(",") for line in lines[at + 1 :] if line.strip()]
-    values = _table(rows, at + 2, path)
+    # Spreadsheets of many countries save with semicolons and decimal commas.
+    delimiter = max(",;\t", key=lines[at].count)
+    cells = header_cells(lines[0], delimiter)
+    meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
+    header = [header_cells(line, delimiter) for line in lines[1 : at + 1] if line.strip(f'{delimiter} "')]
+    columns, labels, notes = _markers(header, path)
+    data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
+    quoted = bool(data) and '"' in data[0]
+    rows = [header_cells(line, delimiter) if quoted else line.split(delimiter) for line in data]
+    values = _table(rows, at + 2, path, comma=delimiter != "," or quoted)
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
     numbers = values[:, 0] if values.size else np.zeros(0)
     source = MarkerSource(
@@ -87,12 +94,12 @@ def read_motive_csv(
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
-def _table(rows: list[list[str]], first_line: int, path: Path) -> np.ndarray:
+def _table(rows: list[list[str]], first_line: int, path: Path, *, comma: bool) -> np.ndarray:
     """Return the rows' numbers; a time code, the one cell that is none, is blanked."""
     for row in rows:
         if len(row) > 2 and ":" in row[2]:
             row[2] = ""
-    return number_table(rows, first_line, path)
+    return number_table(rows, first_line, path, comma=comma)
 
 
 def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str, ...], tuple[str, ...]]:

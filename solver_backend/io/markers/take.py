@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.exchange.errors import JobInvalid
-from solver_backend.io.recognition.camera_names import listing
-from solver_backend.io.recognition.marker_labels import prefix_of
 from solver_backend.types import MarkerCloud
 
 
@@ -72,41 +69,6 @@ class MarkerTake:
     """The markers; without labels where nobody named any."""
     report: MarkerReport
     """What was recognised."""
-
-
-def of_subject(take: MarkerTake, prefix: str | None = None) -> MarkerTake:
-    """Return the markers of one subject.
-
-    Args:
-        take: markers of one or more subjects.
-        prefix: the subject's prefix without its colon; None takes the only subject.
-
-    Raises:
-        JobInvalid: there are several subjects and none is named, or the named one is not among them.
-    """
-    subjects, labels = take.report.subjects, take.cloud.labels
-    if prefix is None and len(subjects) < 2:
-        return take
-    if prefix is None or labels is None or prefix not in subjects:
-        counts = [f"{name} ({sum(prefix_of(label) == name for label in labels or ())} markers)" for name in subjects]
-        what = (
-            f"The file holds {len(subjects)} subjects: {listing(counts)}."
-            if prefix is None
-            else f"The file has no subject '{prefix}'; it holds {listing(counts) or 'labels without prefixes'}."
-        )
-        raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
-    kept = [i for i, label in enumerate(labels) if prefix_of(label) == prefix]
-    cloud, report = take.cloud, take.report
-    return MarkerTake(
-        cloud.columns(kept, tuple(labels[i] for i in kept)),
-        replace(
-            report,
-            subjects=(prefix,),
-            unlabelled=tuple(label for label in report.unlabelled if prefix_of(label) == prefix),
-            gaps=tuple(report.gaps[i] for i in kept),
-            missing=tuple(report.missing[i] for i in kept),
-        ),
-    )
 
 
 def gaps_of(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

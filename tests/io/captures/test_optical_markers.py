@@ -83,6 +83,37 @@ def test_of_two_people_one_is_named(tmp_path, cloud):
         load_capture(path, subject_prefix="Cleo")
 
 
+def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
+    labels = (*(f"Box:{label}" for label in ("a", "b", "c")), *(f"Anna:{label}" for label in LABELS[3:]))
+    path = write_c3d(tmp_path / "box.c3d", replace(cloud, labels=labels))
+    capture = load_capture(path)
+    assert capture.markers is not None and capture.markers.labels == labels[3:]
+    assert any("Anna is solved, the only subject with a body's markers; left out: Box (3" in n for n in capture.notes)
+
+
+def test_several_prefixes_are_one_person_where_they_are_named(tmp_path, cloud):
+    parts = {label: part for part, count in (("Upper", 7), ("Lower", 39)) for label in LABELS[:count][::-1]}
+    parts |= dict.fromkeys(LABELS[:7], "Upper")
+    labels = tuple(f"{parts[label]}:{label}" for label in LABELS[:-2]) + ("Stick:1", "Stick:2")
+    path = write_c3d(tmp_path / "parts.c3d", replace(cloud, labels=labels))
+    capture = load_capture(path, subject_prefix="Upper, Lower")
+    assert capture.markers is not None and capture.markers.labels == labels[:-2]
+    with pytest.raises(JobInvalid, match="no subject 'Middle'"):
+        load_capture(path, subject_prefix="Upper,Middle")
+
+
+def test_parts_that_may_be_one_person_are_offered(tmp_path, cloud):
+    labels = (
+        *(f"ArmL:Marker{k}" for k in range(4)),
+        *(f"Body:{label}" for label in LABELS[:5]),
+        *["Stick:1", "Stick:2"],
+    )
+    few = replace(cloud, positions=cloud.positions[:, : len(labels)], labels=labels)
+    with pytest.raises(JobInvalid, match="3 subjects") as refused:
+        load_capture(write_c3d(tmp_path / "parts.c3d", few))
+    assert "If they are parts of one person, name them all: --subject-prefix ArmL,Body" in (refused.value.hint or "")
+
+
 def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
     path = write_c3d(tmp_path / "take.c3d", replace(cloud, labels=None))
     capture = load_capture(path)

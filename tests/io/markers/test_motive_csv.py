@@ -152,5 +152,19 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
         read_motive_csv(write(path, whole.replace("0.120000", "abc")))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_motive_csv(write(path, csv_text(measured(), [])))
-    with pytest.raises(NoDetections, match="No marker is seen"):
+    with pytest.raises(NoDetections, match="holds no frames"):
         read_motive_csv(write(path, csv_text(measured(), [","])))
+
+
+@pytest.mark.parametrize("quotes", ["", '"'])
+def test_a_spreadsheet_of_another_country_saved_it(tmp_path: Path, quotes: str) -> None:
+    text = csv_text(measured(), rows(numbers(FIRST)), parents=True)
+    lines = [line.replace('"A, b"', "A b").replace('"', "").split(",") for line in text.splitlines()]
+    (tmp_path / "de.csv").write_text(
+        "\n".join(";".join(f"{quotes}{cell.replace('.', ',')}{quotes}" for cell in line) for line in lines),
+        encoding="utf-8",
+    )
+    (tmp_path / "en.csv").write_text(text, encoding="utf-8")
+    found, expected = (read_motive_csv(tmp_path / name) for name in ("de.csv", "en.csv"))
+    assert found.cloud.labels == expected.cloud.labels and found.report.fps == expected.report.fps == 120.0
+    np.testing.assert_array_equal(found.cloud.positions, expected.cloud.positions)
