@@ -20,18 +20,30 @@ Told = Mapping[tuple[int, int], str]
 """Marker's name by (column, frame), from a person."""
 
 
+LEAST_NAMED, LEAST_PLACES = 0.75, 20
+"""Share of the points, and markers, that the network names where it knows the layout. Where labels say nothing it names
+83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of clusters
+and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
+
+
 def needs_labels(cloud: MarkerCloud) -> bool:
     """Return whether too few markers are named for a solve, or as many points without names are seen as with."""
     if cloud.labels is None:
         return True
     names = name_markers([label for label in cloud.labels if not is_unnamed(label)])
-    if len(names.unknown) >= LEAST_MARKERS:
-        return False  # somebody named them, in words of their own: the solve finds their bones
     if len(names.known) < LEAST_MARKERS:
         return True
+    if len(names.unknown) >= LEAST_MARKERS:
+        return False  # somebody named them, in words of their own: the solve finds their bones
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
     nameless = [is_unnamed(label) for label in cloud.labels]
     return int(seen[nameless].sum()) >= int(seen[~np.array(nameless)].sum())
+
+
+def has_own_names(cloud: MarkerCloud) -> bool:
+    """Return whether somebody named most points, though not by their places: each is one marker throughout."""
+    labels = cloud.labels or ()
+    return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
 
 def told_by(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
@@ -66,31 +78,60 @@ def labelled_capture(
     cloud = capture.markers
     if cloud is None or capture.keypoints is not None or not (always or needs_labels(cloud)):
         return capture, None
+    persistent = has_own_names(cloud)
     try:
         take = label_take(
-            cloud, network or load_network(), fit_average_person, progress, {**told_by(cloud), **(told or {})}
-        )
+            cloud, network or load_network(), fit_average_person, progress, {**told_by(cloud), **(told or {})},
+            persistent=persistent,
+        )  # fmt: skip
     except (FileMissing, NoDetections):
         if always:
             raise
         return capture, None
+    if persistent and not (always or knows_layout(take)):
+        share = 100.0 * float(_named(take).mean())
+        doubt = (
+            "The labels name too few places, and the labelling network, which knows whole bodies, names only "
+            f"{share:.0f} % of the markers: its names are not used."
+        )
+        return replace(capture, problems=(*capture.problems, doubt)), None
     return replace(
-        capture, markers=take.cloud(cloud), notes=(*capture.notes, *said_of(take)),
+        capture, markers=take.cloud(cloud), notes=(*capture.notes, *said_of(take, persistent=persistent)),
         problems=(*(p for p in capture.problems if "markers are known" not in p), *doubts_of(take)),
     ), take  # fmt: skip
 
 
-def said_of(take: LabelledTake) -> list[str]:
-    """Return sentences on what was named."""
+def knows_layout(take: LabelledTake) -> bool:
+    """Return whether the network names enough of a take's points to have understood how the markers are placed."""
+    named = _named(take)
+    return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_PLACES
+
+
+def said_of(take: LabelledTake, *, persistent: bool = False) -> list[str]:
+    """Return sentences on what was named.
+
+    Args:
+        take: labelled.
+        persistent: the points had names, which say nothing of places.
+    """
     labels = take.labels[np.isfinite(take.confidence)]
-    named = labels[(labels >= 0) & (labels < GHOST)]
     shares = [100.0 * float(np.mean(group)) if len(labels) else 0.0 for group in (
-        (labels >= 0) & (labels < GHOST), labels == GHOST, labels < 0,
+        _named(take), labels == GHOST, labels < 0,
     )]  # fmt: skip
+    what = "The labels of the markers name no places" if persistent else "The points had no names"
     return [
-        f"The points had no names: a network named {shares[0]:.1f} % of them, as {len(set(named.tolist()))} markers; "
+        f"{what}: a network named {shares[0]:.1f} % of them, as {len(_places(take))} markers; "
         f"{shares[1]:.1f} % are none of a person's, {shares[2]:.1f} % stay unknown."
     ]
+
+
+def _named(take: LabelledTake) -> np.ndarray:
+    labels = take.labels[np.isfinite(take.confidence)]
+    return (labels >= 0) & (labels < GHOST)
+
+
+def _places(take: LabelledTake) -> set[int]:
+    return set(take.labels[np.isfinite(take.confidence)][_named(take)].tolist())
 
 
 def doubts_of(take: LabelledTake) -> list[str]:

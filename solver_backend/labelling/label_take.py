@@ -84,7 +84,7 @@ class LabelledTake:
 
 def label_take(
     cloud: MarkerCloud, network: PointNetwork, start_fit: Callable[[], BodyFit], progress: Progress = silent,
-    told: Mapping[tuple[int, int], str] | None = None,
+    told: Mapping[tuple[int, int], str] | None = None, *, persistent: bool = False,
 ) -> LabelledTake:  # fmt: skip
     """Label the points of a take.
 
@@ -94,6 +94,7 @@ def label_take(
         start_fit: makes the fit of a body that is laid over what was named.
         progress: called as frames are read.
         told: marker's name by (column, frame), from a person: it binds the whole stretch. Empty text: none of them.
+        persistent: each column is one marker throughout the take.
 
     Raises:
         NoDetections: in no frame are there enough points.
@@ -104,7 +105,7 @@ def label_take(
         raise NoDetections(
             f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
         )
-    tracklets = tracklets_of(positions, cloud.fps)
+    tracklets = tracklets_of(positions, cloud.fps, persistent=persistent)
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)

@@ -47,8 +47,14 @@ class Tracklets:
         return int(self.chain.max(initial=-1)) + 1
 
 
-def tracklets_of(positions: np.ndarray, fps: float) -> Tracklets:
-    """Return the stretches of (F, N, 3) points, NaN where missing."""
+def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False) -> Tracklets:
+    """Return the stretches of (F, N, 3) points, NaN where missing.
+
+    Args:
+        positions: metres.
+        fps: frames per second.
+        persistent: each column is one marker throughout, as somebody named it: its stretches are one chain.
+    """
     seen = np.isfinite(positions).all(-1)
     number = np.full(seen.shape, -1)
     rows: list[tuple[int, int, int]] = []
@@ -58,7 +64,11 @@ def tracklets_of(positions: np.ndarray, fps: float) -> Tracklets:
             rows.append((int(column), first, last))
     table = np.array(rows, dtype=int).reshape(-1, 3)
     column, first, last = table.T
-    return Tracklets(number, column, first, last, _chains(positions, column, first, last, fps))
+    if persistent:
+        chain = np.unique(column, return_inverse=True)[1]
+    else:
+        chain = _chains(positions, column, first, last, fps)
+    return Tracklets(number, column, first, last, chain)
 
 
 def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.body.marker_names import name_markers
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged, MarkersUnknown, NoDetections
 from solver_backend.fitters.label_first import labelled_capture, needs_labels, told_by
@@ -90,6 +91,31 @@ def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(d
     assert take is not None and labelled.markers is not None and "network named" in labelled.notes[-1]
     for (column, frame), name in told.items():
         assert take.labels[frame, column] == MARKERS.index(name)
+
+
+def test_labels_that_say_nothing_are_persistent_tracks(demo):
+    positions = demo.positions.copy()
+    positions[30:60, :4] = np.nan  # gaps that would begin new tracks
+    numbered = MarkerCloud(positions, demo.fps, tuple(f"Point {k}" for k in range(positions.shape[1])))
+    capture, take = labelled_capture(Capture("take", markers=numbered))
+    assert take is not None and capture.markers is not None
+    assert "The labels of the markers name no places: a network named" in capture.notes[-1]
+    known = name_markers(demo.labels or ()).known
+    truth = [MARKERS.index(known[label]) if known.get(label) in MARKERS else GHOST for label in demo.labels or ()]
+    there = np.isfinite(positions).all(-1)
+    columns = [set(take.labels[there[:, column], column].tolist()) for column in range(len(truth))]
+    assert all(len(labels) <= 1 for labels in columns)
+    assert np.mean([truth[i] in labels for i, labels in enumerate(columns)]) > 0.95
+
+
+def test_labels_of_part_of_a_body_are_not_made_up(demo):
+    known = name_markers(demo.labels or ()).known
+    lower = ("THI", "KNE", "SHN", "ANK", "HEE", "TOE")
+    legs = [i for i, label in enumerate(demo.labels or ()) if known.get(label, "")[1:] in lower]
+    numbered = MarkerCloud(demo.positions[:, legs], demo.fps, tuple(f"M{k}" for k in range(len(legs))))
+    capture, take = labelled_capture(Capture("take", markers=numbered))
+    assert take is None and capture.markers is numbered
+    assert "its names are not used" in capture.problems[-1]
 
 
 def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):

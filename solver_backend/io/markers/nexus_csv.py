@@ -10,6 +10,7 @@ Vicon's world has Z up.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,51 @@ def read_nexus_csv(
     sections = sections_of(lines)
     if "trajectories" not in sections:
         raise _no_trajectories(sections, path)
-    start = sections["trajectories"]
+    delimiter, blocks = ",", []
+    for start in _starts(lines, "trajectories"):
+        delimiter, block = _block(lines, start, path)
+        blocks.append(block)
+    # Nexus writes one block; scripts that join exports write one a subject.
+    same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers)]
+    problems = frame_problems(blocks[0].numbers, None)
+    if len(same) < len(blocks):
+        problems += (f"{len(blocks) - len(same)} blocks of trajectories of other frames are left out.",)
+    numbers = blocks[0].numbers
+    source = MarkerSource(
+        path=path,
+        format="Nexus CSV",
+        positions=np.concatenate([block.positions for block in same], axis=1),
+        labels=tuple(label for block in same for label in block.labels),
+        rate=_rate(lines[sections["trajectories"] + 1], delimiter),
+        default_unit="mm",
+        default_up_axis="z",
+        unit=blocks[0].unit,
+        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
+        events=_events(lines, sections, delimiter),
+        analog_channels=_devices(lines, sections, delimiter),
+        notes=left_out_note(sum(block.outputs for block in same)),
+        problems=problems,
+    )
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """One section of trajectories."""
+
+    numbers: np.ndarray
+    """(F,) numbers of the frames."""
+    positions: np.ndarray
+    """(F, M, 3) in the file's unit."""
+    labels: tuple[str, ...]
+    unit: str
+    """Empty where the file states none."""
+    outputs: int
+    """Points that are no positions."""
+
+
+def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _Block]:
+    """Return what separates cells, and the section whose name stands in a line."""
     at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
     if at is None:
         raise FileDamaged(
@@ -68,35 +113,34 @@ def read_nexus_csv(
     markers = {i: label for i, label in points.items() if not is_model_output(label)}
     units = header_cells(lines[at + 1], delimiter) if at + 1 < len(lines) else []
     has_units = bool(units) and not units[0]
-    rows = _rows(lines[at + (2 if has_units else 1) :], delimiter)
-    values = number_table(rows, at + (3 if has_units else 2), path, comma=delimiter != ",")
-    numbers = values[:, 0] if len(values) else np.zeros(0)
-    source = MarkerSource(
-        path=path,
-        format="Nexus CSV",
+    first = at + (2 if has_units else 1)
+    values = number_table(_rows(lines[first:], delimiter), first + 1, path, comma=delimiter != ",")
+    return delimiter, _Block(
+        numbers=values[:, 0] if len(values) else np.zeros(0),
         positions=triples(values, tuple(markers)),
         labels=tuple(markers.values()),
-        rate=_rate(lines[start + 1], delimiter),
-        default_unit="mm",
-        default_up_axis="z",
         unit=next((cell for cell in units if cell), "") if has_units else "",
-        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
-        events=_events(lines, sections, delimiter),
-        analog_channels=_devices(lines, sections, delimiter),
-        notes=left_out_note(len(points) - len(markers)),
-        problems=frame_problems(numbers, None),
+        outputs=len(points) - len(markers),
     )
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def sections_of(lines: Sequence[str]) -> dict[str, int]:
     """Return the line of each section by its name in small letters."""
     found: dict[str, int] = {}
     for i, line in enumerate(lines):
-        name = line.strip(' ,;\t"').lower() if len(line) < 200 else ""
-        if name in SECTIONS:
+        if name := _section(line):
             found.setdefault(name, i)
     return found
+
+
+def _section(line: str) -> str:
+    """Return the section that a line names in small letters, empty where it names none."""
+    name = line.strip(' ,;\t"').lower() if len(line) < 200 else ""
+    return name if name in SECTIONS else ""
+
+
+def _starts(lines: Sequence[str], name: str) -> list[int]:
+    return [i for i, line in enumerate(lines) if _section(line) == name]
 
 
 def _no_trajectories(sections: dict[str, int], path: Path) -> Exception:
@@ -126,11 +170,11 @@ def _rate(line: str, delimiter: str) -> float | None:
 
 
 def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    """Return the cells of the section's rows, up to the first empty one."""
+    """Return the cells of the section's rows, up to the first empty one or the next section."""
     rows: list[list[str]] = []
     for line in lines:
         cells = line.split(delimiter)
-        if not cells[0].strip():
+        if not cells[0].strip() or _section(line):
             break
         rows.append(cells)
     return rows

@@ -96,3 +96,20 @@ def test_a_real_file(shared_data: Path) -> None:
     assert (found.report.frames, found.cloud.fps, found.report.up_axis) == (275, 100.0, "z")
     assert found.cloud.positions.shape == (275, 115, 3)
     assert found.cloud.labels is not None and found.cloud.labels[:2] == ("LFHD", "RFHD")
+
+
+def test_sections_follow_each_other_without_an_empty_line_and_several_hold_trajectories(tmp_path: Path) -> None:
+    block = TRAJECTORIES.strip() + "\n"
+    text = (
+        NEXUS_SECTIONS.replace("\n\n", "\n").strip()
+        + "\n"
+        + block
+        + block.replace("Ann", "Bob")
+        + "Model Outputs\n100\n"
+    )
+    found = read_nexus_csv(write(tmp_path / "t.csv", text))
+    assert found.cloud.labels == ("Ann:C7", "Ann:LTOE", "Bob:C7", "Bob:LTOE") and found.report.frames == 3
+    np.testing.assert_array_equal(found.cloud.positions[:, :2], found.cloud.positions[:, 2:])
+    shorter = block + block.replace("103,0,102,-20,1500,92,15,30\n", "")
+    found = read_nexus_csv(write(tmp_path / "t.csv", shorter))
+    assert found.report.problems == ("1 blocks of trajectories of other frames are left out.",)
