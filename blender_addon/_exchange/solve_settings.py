@@ -55,9 +55,9 @@ class SolveSettings:
         "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little", group=METHOD
     )
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
-    contacts: bool = setting("switch", True, "Feet Stand", "Hold feet that stand to where they stand", group=METHOD)
+    contacts: bool = setting("switch", True, "Foot Contact", "Hold feet that stand to where they stand", group=METHOD)
     learn_noise: bool = setting(
-        "switch", True, "Weigh Views", "Learn how reliable each keypoint is in each view", group=METHOD
+        "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view", group=METHOD
     )
     """Without it all views of a keypoint count alike."""
     iterations: int = setting(
@@ -107,7 +107,7 @@ class SolveSettings:
         in_panel=False,
     )  # fmt: skip
     backend: str = setting(
-        "choice", "numpy", "Arrays", "What computes", group=RESOURCES, choices=BACKENDS, metavar="NAME"
+        "choice", "numpy", "Compute", "Library that computes", group=RESOURCES, choices=BACKENDS, metavar="NAME"
     )
 
     def __post_init__(self) -> None:

@@ -66,7 +66,7 @@ class MocapReview(bpy.types.PropertyGroup):
         update=_recolour,
     )
     below: bpy.props.FloatProperty(
-        name="Doubtful Below", description="Confidence below which a frame deserves a look",
+        name="Review Threshold", description="Confidence below which a frame deserves a look",
         default=0.5, min=0.02, max=0.98,
     )  # fmt: skip
     floor_offset: bpy.props.FloatProperty(

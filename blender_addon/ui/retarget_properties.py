@@ -38,10 +38,10 @@ class MocapRetarget(bpy.types.PropertyGroup):
         ),
     )  # fmt: skip
     way: bpy.props.EnumProperty(
-        name="Way", description="What becomes of the way over the ground",
+        name="Root Motion", description="What carries the travel over the ground",
         items=(
-            ("body", "With the Hips", "The hips carry it"),
-            ("root", "With the Root Bone", "The root bone carries it and the heading, smoothed"),
+            ("body", "On Hips", "The hips carry it"),
+            ("root", "On Root", "The root bone carries it and the heading, smoothed"),
             ("place", "In Place", "It is left out"),
         ),
     )  # fmt: skip

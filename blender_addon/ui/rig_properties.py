@@ -13,7 +13,7 @@ _KIND_ITEMS = (
 _SYNC_ITEMS = (
     ("none", "None", "Cameras run freely; the wand synchronises them"),
     ("wire", "Wire", "A sync wire joins them; the first camera gives the pulse"),
-    ("ptp", "PTP", "The network keeps their clocks in step (OAK-4)"),
+    ("ptp", "PTP", "The network synchronises their clocks (OAK-4)"),
 )
 PARTS = {
     "WAND": ("Wave the Wand", "Show what of every picture the wand has visited and where to wave it next", "wand"),
@@ -37,7 +37,7 @@ class MocapRig(bpy.types.PropertyGroup):
         name="Cameras", description="Identifiers of the cameras, each perhaps with a name: ID=front ID=left; "
         "the first gives the pulse of a sync wire",
     )  # fmt: skip
-    sync: bpy.props.EnumProperty(name="In Step By", description="What keeps the cameras in step", items=_SYNC_ITEMS)
+    sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)
     calibration: bpy.props.StringProperty(
         name="Calibration", subtype="FILE_PATH", options=RELATIVE,
         description="Where the sensors stand; empty for the recording's own, or for the lenses of the cameras alone",

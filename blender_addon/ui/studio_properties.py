@@ -103,7 +103,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         update=_forget_plan,
     )  # fmt: skip
     strange: bpy.props.BoolProperty(
-        name="Strange Bodies", description="Bones and flesh that no shape of ours has", update=_forget_plan
+        name="Unusual Proportions", description="Bones and flesh beyond the shapes of our body", update=_forget_plan
     )
     seed: bpy.props.IntProperty(
         name="Seed", description="Another number draws other people, clothes and faults", min=0, update=_forget_plan

@@ -8,7 +8,7 @@ from .locations import RELATIVE
 
 STEPS = {
     "detect": ("Keypoints", "Find the person in every picture"),
-    "sync": ("Clocks", "Find by how much cameras are ahead or late"),
+    "sync": ("Sync", "Find by how much cameras are ahead or late"),
     "calibrate": ("Calibration", "Find where the cameras stand, by the board or the person"),
     "capture": ("Capture", "Put together what all cameras saw, and check how they fit"),
 }
@@ -73,7 +73,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         name="Model", description="ONNX file of a pose model", subtype="FILE_PATH", options=RELATIVE
     )
     people: bpy.props.IntProperty(name="People", description="People looked for in each view", default=1, min=1, max=8)
-    sync: bpy.props.EnumProperty(name="Clocks By", description="How the cameras are synchronised", items=_SYNC_ITEMS)
+    sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)
     steps: bpy.props.CollectionProperty(type=MocapVideoStep)
 
     def arguments(self) -> list[str]:

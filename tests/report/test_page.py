@@ -159,12 +159,20 @@ def test_how_the_cameras_fit_is_shown_where_it_was_checked():
     grid = np.full((4, 3, 3), 2.0)
     grid[1, 0, 2], grid[2, 1, 1] = 9.87, np.nan
     fit = CalibrationFit(
-        "the calibration has doubts: 2.0 px", grid, np.full(4, 2.0), np.full(4, 1.5), np.full((4, 6), 1.2), 1.74, 3.2,
+        "calibration warning: 2.0 px", grid, np.full(4, 2.0), np.full(4, 1.5), np.full((4, 6), 1.2), 1.74, 3.2,
         4.1, ("cam_b was moved <b>",),
     )  # fmt: skip
     parsed = Strict(report_html(capture, motion, fit))
     text = "".join(parsed.words)
-    for words in ("Calibration", "9.9", "has doubts", "1.74 m", "3.2° ± 4.1°", "cam_b was moved <b>", "top right"):
+    for words in (
+        "Calibration",
+        "9.9",
+        "calibration warning",
+        "1.74 m",
+        "3.2° ± 4.1°",
+        "cam_b was moved <b>",
+        "top right",
+    ):
         assert words in text, words
     plain = Strict(report_html(capture, motion))
     assert sum(tag == "h2" for tag, _ in parsed.seen) == 1 + sum(tag == "h2" for tag, _ in plain.seen)

@@ -30,7 +30,8 @@ class MOCAP_OT_feet_to_floor(NeedsTake, bpy.types.Operator):
             self.report({"WARNING"}, "The body has no skin to stand on")
             return {"CANCELLED"}
         review.floor_offset -= height
-        self.report({"INFO"}, f"The body was moved by {-height:+.3f} units to stand on the floor")
+        moved_mm = 1000.0 * context.scene.unit_settings.scale_length * abs(height)
+        self.report({"INFO"}, f"The body was {'lowered' if height > 0 else 'raised'} by {moved_mm:.0f} mm")
         return {"FINISHED"}
 
 

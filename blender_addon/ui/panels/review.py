@@ -101,7 +101,7 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
 
     bl_idname = "VIEW3D_PT_mocap_take"
     bl_parent_id = "VIEW3D_PT_mocap_review"
-    bl_label = "Use the Take"
+    bl_label = "Take"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = 3
 
@@ -112,8 +112,8 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
             wrapped(layout, context, take["keys_deviation"], "INFO")
         column = layout.column(align=True)
         row = column.row(align=True)
-        row.operator(MOCAP_OT_thin_take.bl_idname, text="Few Keys").by = "RATE"
-        row.operator(MOCAP_OT_thin_take.bl_idname, text="By mm").by = "TOLERANCE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="Reduce Keys: Rate").by = "RATE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="Tolerance").by = "TOLERANCE"
         column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
         column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
 

@@ -54,8 +54,8 @@ class CalibrationCheck:
     @property
     def verdict(self) -> str:
         """One sentence."""
-        fits = "fits" if not self.findings else "has doubts"
-        return f"the calibration {fits}: {self.all_px:.1f} px, {self.refined_px:.1f} px at best"
+        what = "calibration warning" if self.findings else "the calibration fits"
+        return f"{what}: {self.all_px:.1f} px, {self.refined_px:.1f} px at best"
 
     @property
     def fit(self) -> CalibrationFit:
@@ -180,8 +180,8 @@ def _camera_words(
     if worse.any():
         c = int(np.nanargmax(np.where(worse, by_camera / best, 0.0)))
         words.append(
-            f"Cameras adjusted to the take explain what {cameras.names[c]} saw to {best[c]:.1f} px, the calibration to "
-            f"{by_camera[c]:.1f} px: something was moved after calibration. Refine it."
+            f"{cameras.names[c]} seems to have moved after calibration ({by_camera[c]:.1f} px, {best[c]:.1f} px if "
+            "refined). Refine it."
         )
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))

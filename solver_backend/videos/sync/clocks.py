@@ -59,6 +59,9 @@ class Clocks:
         rows = []
         for c, name in enumerate(self.names):
             offset_sigma, rate_sigma = np.sqrt(np.diag(self.covariance[c]))
+            if not (self.offset_s[c] or self.rate[c] or offset_sigma or rate_sigma):
+                rows.append(f"{name}: in sync, by {self.method}")
+                continue
             rows.append(
                 f"{name}: {1e3 * self.offset_s[c]:+.2f} ms (± {1e3 * offset_sigma:.2f}), "
                 f"{1e6 * self.rate[c]:+.1f} ppm (± {1e6 * rate_sigma:.1f}), by {self.method}"

@@ -38,7 +38,7 @@ def test_a_preset_shows_its_own_values_and_custom_those_that_can_be_set(solved_t
     panel = SimpleNamespace(layout=layout)
     mocap.solve.preset = "FAST"
     solve.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
-    assert "label:Iterations: 2" in layout.drawn and "label:Weigh Views: off" in layout.drawn
+    assert "label:Iterations: 2" in layout.drawn and "label:Camera Weighting: off" in layout.drawn
     assert "prop:MocapSolve.iterations" not in layout.drawn
     mocap.solve.preset = "CUSTOM"
     solve.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))

@@ -210,7 +210,7 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
         VIEW3D_PT_mocap_videos.draw(SimpleNamespace(layout=layout), context)
         drawn.append(layout.drawn)
         assert sum(call == ("operator", "mocap.video_step") for call in layout.drawn) == 4
-        assert [said for name, said in layout.drawn if said in ("Keypoints", "Clocks", "Calibration", "Capture")]
+        assert [said for name, said in layout.drawn if said in ("Keypoints", "Sync", "Calibration", "Capture")]
     assert ("label", "cam2 sees nobody") not in drawn[0]
     assert ("label", "cam2 sees nobody") in drawn[1] and ("label", "40 pictures") in drawn[1]
     assert all("--stature" not in word for word in mocap.videos.arguments())
