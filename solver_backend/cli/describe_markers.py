@@ -7,9 +7,13 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
 from solver_backend.io.markers.take import gaps_of
 from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
+
+MOST_LISTED = 8
+"""Markers in a line."""
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
@@ -18,7 +22,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
     named = [label for label in labels if not is_unnamed(label)]
     names = name_markers(named)
     count = cloud.positions.shape[1]
-    gaps = _gaps(cloud)
+    gaps, faults = _gaps(cloud), _faults(cloud)
     data = {
         "subjects": list(subjects_of(labels)),
         "known": list(names.known),
@@ -27,6 +31,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
         "doubled": list(names.doubled),
         "unlabelled": count - len(named),
         "gaps": gaps,
+        **faults,
     }
     counts = {
         "known": len(names.known),
@@ -45,6 +50,13 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
             f"  gaps        {sum(gap['gaps'] for gap in gaps)} in {len(gaps)} markers; most in {worst['marker']}, "
             f"which {worst['missing_percent']:g} % of the frames do not see"
         )
+    for name, what in (
+        ("jumping", "leave their neighbours in single frames or over gaps; a solve tests their labels there"),
+        ("frozen", "stand exactly still while their neighbours move; a solve leaves them out there"),
+    ):
+        if marked := faults[name]:
+            more = f" and {len(marked) - MOST_LISTED} others" if len(marked) > MOST_LISTED else ""
+            lines.append(f"  {name:<11} {len(marked)} markers ({', '.join(marked[:MOST_LISTED])}{more}) {what}")
     return lines, data
 
 
@@ -69,6 +81,18 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
         f"  loosest     {loose} around where the body has them",
     ]
     return "\n".join(lines), data
+
+
+def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
+    """Return the markers whose labels a solve tests, and those that it leaves out for a while."""
+    if cloud.labels is None or cloud.positions.shape[1] < 2 or len(cloud.positions) < 2:
+        return {"jumping": [], "frozen": []}
+    around = neighbours_of(cloud.positions)
+    found = {
+        "jumping": jumping(cloud.positions, around),
+        "frozen": frozen(cloud.positions, around, cloud.fps).any(axis=0),
+    }
+    return {name: [cloud.labels[i] for i in np.flatnonzero(which)] for name, which in found.items()}
 
 
 def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:

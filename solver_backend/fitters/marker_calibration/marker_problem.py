@@ -18,7 +18,6 @@ from solver_backend.fitters.marker_calibration.attach_unknown import Attachment,
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, Calibration, calibrate
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
-from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
@@ -28,6 +27,7 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, MarkerSubject
 

@@ -7,12 +7,12 @@ import numpy as np
 from solver_backend.body.markers import ON_BONE
 from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.marker_calibration.label_faults import shared_error
-from solver_backend.fitters.marker_calibration.label_jumps import neighbours_of
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.fitters.single_frame.start import fit_to_points
 from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.geometry.marker_jumps import neighbours_of
 
 FRAMES = 16
 """Varied frames that are looked at before a person is known."""

@@ -19,6 +19,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_bytes
 from solver_backend.io.markers.c3d_numbers import floats, integers
 from solver_backend.io.markers.c3d_parameters import BLOCK, Header, Parameters, read_header, read_parameters
+from solver_backend.io.markers.c3d_rotations import SegmentOrigins, read_origins
 from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
 from solver_backend.io.markers.take import MarkerEvent, MarkerTake
 from solver_backend.io.recognition.camera_names import listing
@@ -76,6 +77,8 @@ def read_c3d(
     labels = parameters.continued_texts("POINT:LABELS")[: layout.points]
     labels += ("",) * (layout.points - len(labels))
     kept, notes = _positions_only(labels, parameters)
+    if not len(kept) and (origins := read_origins(data, parameters)) is not None:
+        return as_take(_segments(origins, path, parameters), fps=fps, unit=unit, up_axis=up_axis)
     positions, residual, problems = _points(data, layout, kept, _scale(header, parameters, path), parameters)
     kind = "float" if layout.word == 4 else "integer"
     source = MarkerSource(
@@ -96,6 +99,25 @@ def read_c3d(
         problems=(*layout.problems, *problems),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> MarkerSource:
+    """Return the joint centres of a file that holds rotations of segments and no points."""
+    return MarkerSource(
+        path=path,
+        format=f"C3D ({parameters.processor.name}, rotations)",
+        positions=origins.positions,
+        labels=origins.labels,
+        rate=origins.rate or parameters.number("POINT:RATE"),
+        default_unit="mm",
+        default_up_axis="z",
+        unit=" ".join(parameters.texts("POINT:UNITS")[:1]),
+        up_axis=_screen_up(parameters),
+        notes=(
+            f"The file holds no points but rotations of {len(origins.labels)} segments: their origins are read as "
+            "joint centres, their rotations are not read.",
+        ),
+    )
 
 
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:

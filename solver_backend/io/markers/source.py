@@ -10,8 +10,8 @@ import numpy as np
 
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
+from solver_backend.io.markers.missing import without_sentinels
 from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake, gaps_of
-from solver_backend.io.markers.text_table import LARGEST
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import Unit, find_unit
@@ -82,7 +82,9 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
     """
     _require_markers(source)
     labels, problems = _labels(source)
-    positions, notes = _seen(source, labels)
+    positions, notes, sentinels = without_sentinels(source.positions, labels)
+    if not np.isfinite(positions).any():
+        raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
     found_unit = find_unit(positions, source.unit, unit, source.default_unit)
     positions *= found_unit.metres
     found_axis = find_up_axis(positions, labels, source.up_axis, up_axis, source.default_up_axis)
@@ -107,7 +109,7 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
         analog_channels=source.analog_channels,
         events=source.events,
         notes=(*_sentences(source, rate, found_unit, found_axis), *notes, *source.notes),
-        problems=(*source.problems, *_found(found_unit, found_axis), *problems, *_still(positions, labels)),
+        problems=(*source.problems, *_found(found_unit, found_axis), *sentinels, *problems, *_still(positions, labels)),
     )
     residual = source.residual * found_unit.metres if source.residual is not None else None
     return MarkerTake(MarkerCloud(positions, rate, labels if named else None, residual), report)
@@ -142,27 +144,6 @@ def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[str, ...]]:
     elif empty:
         problems.append(f"{empty} of {len(labels)} points have no label.")
     return labels, tuple(problems)
-
-
-def _seen(source: MarkerSource, labels: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return positions that are NaN wherever a marker was not seen, and a sentence on those at the origin.
-
-    Many programs write 0 0 0 for a marker that is not seen; no measured one is exactly there.
-    """
-    # One coordinate after the other: NumPy is slow to reduce an axis of three.
-    x, y, z = np.moveaxis(source.positions, -1, 0)
-    origin = (x == 0) & (y == 0) & (z == 0)
-    seen = (np.abs(x) < LARGEST) & (np.abs(y) < LARGEST) & (np.abs(z) < LARGEST) & ~origin
-    positions = np.where(seen[..., None], source.positions, np.nan)
-    if not seen.any():
-        raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
-    at_origin = [label for label, frames in zip(labels, origin.sum(axis=0), strict=True) if frames]
-    if not at_origin:
-        return positions, ()
-    return positions, (
-        f"{len(at_origin)} markers are exactly at the origin in some frames, {listing(at_origin[:8])}: "
-        f"read as not seen ({int(origin.sum())} positions).",
-    )
 
 
 def _rate(source: MarkerSource, fps: float | None) -> float:

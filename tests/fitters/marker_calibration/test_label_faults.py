@@ -11,7 +11,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.fitters import Solution, solve
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels
-from solver_backend.fitters.marker_calibration.label_jumps import frozen, jumping, neighbours_of
+from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SEEN, MARKER_SWAPPED, Capture
 from tests.support.worn_markers import worn_markers
 
