@@ -74,6 +74,8 @@ class SolvedFrames:
     """(F, 24, 6) covariance of each joint in square metres (see ``packed``), where the method knows it."""
     contacts: np.ndarray | None = None
     """(F, 2) bool: left and right foot stand, where the method knows it."""
+    fitted: PosedFrames | None = None
+    """The poses before parts of the body came to rest, which explain what was measured; None where none did."""
     resting: np.ndarray | None = None
     """(F, J) bool: nothing measured informs the joint, which is at rest; None: all are informed."""
     diagnostics: tuple[Diagnostic, ...] = ()

@@ -15,7 +15,7 @@ from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.measurements.markers import SIGMA_M
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.partial_body.informed_parts import is_partial
+from solver_backend.fitters.partial_body.informed_parts import uninformed_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import fit_frames
@@ -82,7 +82,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
-    limit = SHAPE_LIMIT if is_partial(problem.measurements, subject) else math.inf
+    limit = SHAPE_LIMIT if uninformed_parts(problem.body, problem.measurements) else math.inf
     placement, state = placement_prior(subject, settings, limit), CalibrationState.of(subject, problem.prior, states)
     weight = min(1.0, POSE_FRAMES / len(frames))
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):

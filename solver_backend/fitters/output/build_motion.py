@@ -76,9 +76,10 @@ def _posed(measurements: Measurements, solved: SolvedFrames) -> tuple[np.ndarray
     for start in range(0, len(solved.frames.transl), BLOCK_POSES):
         part = slice(start, start + BLOCK_POSES)
         posed = pose(solved.subject, solved.frames.select(part))
+        fitted = posed if solved.fitted is None else pose(solved.subject, solved.fitted.select(part))
         bones = posed.skeleton.G if measurements.marker_labels is not None else posed.skeleton.G[:0]
-        left = measurements.term.select(part).residuals(posed.points).deviations
-        parts.append([to_numpy(a) for a in (posed.points, posed.skeleton.joints, bones, left)])
+        left = measurements.term.select(part).residuals(fitted.points).deviations
+        parts.append([to_numpy(a) for a in (fitted.points, posed.skeleton.joints, bones, left)])
     points, joints, bones, deviations = zip(*parts, strict=True)
     return np.concatenate(points), np.concatenate(joints), np.concatenate(bones), np.concatenate(deviations, axis=1)
 

@@ -8,9 +8,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.partial_body.resting_spread import ANCHORS
-from solver_backend.geometry.arrays import to_numpy
 
 LEADS: dict[str, tuple[str, float]] = {
     "trunk": ("spine1", 0.08), "head": ("neck", 0.06), "left_upper_arm": ("left_shoulder", 0.06),
@@ -57,11 +55,11 @@ def resting_shares(
     return shares
 
 
-def is_partial(measurements: Measurements, subject: Subject) -> bool:
-    """Return whether some part of the person is informed in no frame."""
-    offsets = to_numpy(subject.offsets)
-    located, seen = measurements.located.any(axis=0)[None], np.ones(1, dtype=bool)
-    return bool(resting_shares(subject.body, subject.landmarks, offsets, located, seen, measurements.fps))
+def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
+    """Return the parts that are informed in no frame, by landmarks without offsets."""
+    landmarks, once = measurements.landmarks, np.ones(1, dtype=bool)
+    located = measurements.located.any(axis=0)[None]
+    return tuple(resting_shares(body, landmarks, np.zeros((len(landmarks), 3)), located, once, measurements.fps))
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 Nothing measured depends on the turns of such parts. With the conditional prior ``p(part | seen) = N(rest(seen), Σ)``
 the posterior factors: the optimum of the seen joints is the fit's, that of the part its rest, and its covariance is the
-spread that recordings show. A pull inside the fit would drag seen joints along through the code that they share.
+spread that recordings show. A pull inside the fit drags seen joints along: the marker on a shoulder moves with the arm,
+and where a raised arm has no markers of its own (UI-PRMD m06_s04_e05) a pull of 0.3 rad puts the shoulder 36 mm off
+instead of 8. Such markers are compared with the pose before the rest.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     if not shares:
         return solved
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
-    frames = replace(frames, local=constant(local, frames.local))
+    fitted, frames = frames, replace(frames, local=constant(local, frames.local))
     below = {part: _below(layout, part) for part in shares}
     resting = np.zeros((len(local), layout.num_joints))
     for part, share in shares.items():
@@ -59,7 +61,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
     return replace(
-        solved, frames=frames, covariance=covariance, contacts=contacts, resting=resting > 0.0,
+        solved, frames=frames, covariance=covariance, contacts=contacts, fitted=fitted, resting=resting > 0.0,
         diagnostics=tuple(_diagnose(shares, markers=measurements.marker_labels is not None)),
     )  # fmt: skip
 
