@@ -78,6 +78,11 @@ def keypoint_landmarks(body: Body, joint_set: JointSet) -> Landmarks:
     return LandmarkBuilder(body, _RULES.get(joint_set, _COMMON)).build(joint_set.keypoints)
 
 
+def keypoint_rules() -> dict[str, tuple[str, Rule]]:
+    """Return side and rule of every keypoint that detectors commonly mean alike, by name."""
+    return _COMMON
+
+
 def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
     """Return the joints that stand for another layout's, as landmarks with its names.
 

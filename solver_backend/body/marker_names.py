@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from solver_backend.body.joint_names import joint_centre_places
 from solver_backend.body.label_context import context_of
 from solver_backend.body.marker_layouts import load_layouts
 
@@ -48,11 +49,14 @@ def is_unnamed(label: str) -> bool:
 def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyType({})) -> MarkerNames:
     """Return what labels mean; of two that name one place a listed name goes first, then the first.
 
+    Labels of a skeleton's joint centres are that together, see ``joint_centre_places``.
+
     Args:
         labels: of the recording.
         own: place by label, told by hand, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
             may share), or empty where a label is to be left out.
     """
+    own = {**joint_centre_places(labels), **own}
     context = context_of(labels, load_layouts(), LEAST_MARKERS)
     meant = {label: () if label in own else context.places_of(label) for label in labels}
     virtual = {

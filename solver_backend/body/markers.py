@@ -10,6 +10,8 @@ import numpy as np
 
 from solver_backend.body.anatomy import AtJoints, LandmarkBuilder, OnSurface, Rule
 from solver_backend.body.body import Body
+from solver_backend.body.joint_names import JOINT, KEYPOINT, is_joint_centre
+from solver_backend.body.keypoints import keypoint_rules
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 
@@ -17,6 +19,11 @@ ON_BONE = "@"
 """A place that begins so is the bone of the joint named after it: for markers of which nothing else is known."""
 ON_BONE_SPREAD_M = 0.2
 """How far such a marker may be from the joint."""
+LIMB_JOINT_SPREAD_M, INNER_SPREAD_M = 0.004, 0.015
+"""How far joint centres of other skeletons are from the body's, per axis: between hip and ankle, shoulder and wrist all
+mean the same place, but for the hips of detectors; necks, heads, hands and feet end up to a decimetre apart. With
+more than 4 mm an inertial suit's elbows end 16 mm from their centres."""
+_LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 MARKER_OFFSET_M = 0.0095
 """Distance of a marker's centre from the skin: the radius of a common 14 mm marker and its base."""
 
@@ -34,13 +41,15 @@ def marker_layout(name: str) -> tuple[str, ...]:
 def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
     """Return markers by name (of any layout or alias), 9.5 mm off the skin, moving with its correctives.
 
-    A name such as ``@left_knee`` is the joint itself, which moves with the bone below it.
+    A name such as ``@left_knee`` is the joint itself, which moves with the bone below it. Joint centres
+    (``=left_knee``) and keypoints (``~left_knee``) are inside the body, and move with the bones alone.
 
     Raises:
         BodyInvalid: a ray misses the mesh.
         KeyError: a name belongs to no layout; see ``known_markers``.
     """
-    return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=True).build(names)
+    inside = any(is_joint_centre(name) for name in names)
+    return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=not inside).build(names)
 
 
 def known_markers() -> frozenset[str]:
@@ -72,12 +81,19 @@ def skin_normals(body: Body, names: tuple[str, ...]) -> np.ndarray:
 
 
 def _spread(name: str) -> tuple[float, float]:
+    if is_joint_centre(name):
+        part = name.rpartition("_")[2]
+        limb = part in _LIMB_JOINTS and (name[0] == JOINT or part != "hip")
+        return (LIMB_JOINT_SPREAD_M,) * 2 if limb else (INNER_SPREAD_M,) * 2
     return (ON_BONE_SPREAD_M, ON_BONE_SPREAD_M) if name.startswith(ON_BONE) else load_layouts().spread_of(name)
 
 
 def _rules_of(names: tuple[str, ...], distance_m: float) -> dict[str, tuple[str, Rule]]:
     bones = {name: ("", AtJoints({name[len(ON_BONE) :]: 1.0})) for name in names if name.startswith(ON_BONE)}
-    return {**_rules(distance_m), **bones}
+    inside = {name: keypoint_rules()[name[1:]] for name in names if name.startswith(KEYPOINT)}
+    joints = {name: ("", AtJoints({name[1:]: 1.0})) for name in names if name.startswith(JOINT)}
+    # A rule may name other landmarks: the middle of the hips is between them.
+    return {**keypoint_rules(), **_rules(distance_m), **bones, **inside, **joints}
 
 
 @cache

@@ -17,6 +17,8 @@ from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 BELOW_FLOOR_M = 0.05
 """Depth of a foot joint under the floor beyond which the floor is doubted."""
+DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
+"""Metres by which the lowest joint is elsewhere in the last half second than in the first."""
 STATURES_M = (1.2, 2.2)
 """Of people who are recorded: children of seven years to the tallest athletes."""
 UNSURE_SHARE = 0.02
@@ -153,11 +155,20 @@ def _keypoints(capture: Capture, residuals: Residuals) -> Iterator[Diagnostic]:
         yield diagnostic("keypoints_often_outliers", shares=shares)
 
 
+def _drift(motion: Motion) -> Iterator[Diagnostic]:
+    """Another height of the body's lowest joint at the take's end than at its beginning: a floor does not move."""
+    lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
+    change = float(lowest[-ends:].min() - lowest[:ends].min())
+    if len(lowest) > 2 * ends and abs(change) > DRIFT_M:
+        yield diagnostic("take_drifts", size=abs(change), way="sinks" if change < 0 else "rises")
+
+
 def _floor(motion: Motion) -> Iterator[Diagnostic]:
     feet = _joints(motion, "left_foot", "right_foot")
     if feet is None or _rests(motion, "left_foot", "right_foot"):
         return
     lowest = feet[..., 2].min(axis=1)
+    yield from _drift(motion)
     below = -float(lowest.min())
     if below > BELOW_FLOOR_M:
         usual = -float(np.median(lowest)) > BELOW_FLOOR_M

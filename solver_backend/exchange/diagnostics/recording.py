@@ -5,6 +5,12 @@ from __future__ import annotations
 from .entry import Entry, note, warning
 
 RECORDING: dict[str, Entry] = {
+    "joints_doubted": warning(
+        "Labels name a skeleton's joint centres, but the points fit none: the hips are {size:.0f} % of a thigh apart, "
+        "limb joints up to {off:.0f} mm from the body's",
+        "Markers on the skin are named like a skeleton's joints.",
+        "Write the markers' places with `layout`, and solve with `--layout`.",
+    ),
     "limbs_exchanged": note(
         "Camera {camera}: left and right {part} are exchanged",
         "The detector took left for right for a while, often when the person turns away from the camera.",

@@ -79,6 +79,11 @@ RESULT: dict[str, Entry] = {
         "Swapped sides or an occlusion in that view. The solve gives these detections little weight.",
         "If they matter, look for swapped sides or an occlusion in that view.",
     ),
+    "take_drifts": warning(
+        "The body {way} by {size:.1f} m over the take, with its lowest joint",
+        "Inertial suits and single cameras lose their height; or the person climbs, or walks up or down.",
+        "Level the take by its contacts in the program that recorded it, if the ground was flat.",
+    ),
     "floor_too_high": warning(
         "A foot goes {size:.0f} cm below the floor in most frames",
         "The calibration's origin is not on the floor, or its Z does not point up.",

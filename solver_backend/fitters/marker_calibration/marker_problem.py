@@ -16,6 +16,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, 
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, Calibration, calibrate
+from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joints
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
@@ -56,9 +57,11 @@ def marker_problem(
         SubjectInvalid: the person is of another body or wears other markers.
     """
     found: list[Diagnostic] = []
+    doubts: list[Diagnostic] = []
     if person is None:
         person = calibrated([cloud], body, prior, like, settings, progress)
         found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
+        doubts = doubt_joints(cloud, person)
     person, columns = matched(person, cloud.labels or ())
     worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
@@ -69,7 +72,12 @@ def marker_problem(
         measured = measured_at(markers, subject.landmarks, like, person.sigma_m)
         return Problem.of(body, prior, replace(measured, subject=subject, marker_sigma=person.sigma_m))
 
-    return _cleaned(ready(worn), worn, ready, progress, found)
+    problem = _cleaned(ready(worn), worn, ready, progress, found)
+    if not doubts:
+        return problem
+    record = problem.measurements.provenance
+    record = {**record, "diagnostics": [*record.get("diagnostics", ()), *(item.as_dict() for item in doubts)]}
+    return replace(problem, measurements=replace(problem.measurements, provenance=record))
 
 
 def _cleaned(

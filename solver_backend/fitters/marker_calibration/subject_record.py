@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import label_key
 from solver_backend.body.marker_names import LEAST_MARKERS
 from solver_backend.body.markers import MARKER_OFFSET_M, ON_BONE, marker_landmarks, skin_normals
@@ -23,7 +24,7 @@ def record_of(
     """Return the record of a person whose landmarks are the markers of these labels."""
     places, offsets = subject.landmarks.names, to_numpy(subject.offsets)
     skin = MARKER_OFFSET_M + (skin_normals(subject.body, places) * offsets).sum(-1)
-    on_bone = np.array([place.startswith(ON_BONE) for place in places])
+    on_bone = np.array([place.startswith(ON_BONE) or is_joint_centre(place) for place in places])
     return MarkerSubject(
         body=subject.body.id,
         betas=to_numpy(subject.betas),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, is_unnamed, name_markers
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
@@ -56,12 +57,15 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
     if names.ambiguous:
         either = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
         said.append(f"Labels that may name either of two places, which are not guessed: {_first(tuple(either), 4)}.")
+    joints = any(is_joint_centre(place) for place in names.known.values())
+    if joints:
+        said.append(f"The labels are joint centres of a skeleton: {len(names.known)} of them are solved as such.")
     said += [] if not attached else [
         f"Labels of no layout ({len(attached)}): {_first(attached)}. The solve finds the bone that each moves with, or "
         "leaves it out."
     ]  # fmt: skip
     groups = (
-        (names.virtual, "points that a program computed"),
+        (names.virtual, "joints whose place differs between skeletons" if joints else "points that a program computed"),
         (names.doubled, "points of places that another marker has"),
         (unlabelled, "points without names"),
     )

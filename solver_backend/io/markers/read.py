@@ -10,6 +10,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.motive_csv import read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
+from solver_backend.io.markers.point_array import is_point_array, read_point_array
 from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_tsv
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.trc import read_trc
@@ -45,11 +46,16 @@ def _head(path: Path) -> str:
         return ""
 
 
+def _read_array(path: Path, options: ReadOptions) -> MarkerTake:
+    return read_point_array(path, fps=options.fps, unit=options.unit, up_axis=options.up_axis)
+
+
 MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("C3D", (".c3d",), read_c3d),
     _row("TRC", (".trc",), read_trc),
     _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, lambda head: head.lower().startswith("format version")),
     _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
+    Reader("array of 3D points (.npy)", is_point_array, _read_array),
     _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
 )
 """Asked in this order; the first that recognises a path reads it."""

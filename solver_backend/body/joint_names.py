@@ -1,0 +1,126 @@
+"""Labels of a skeleton's joint centres: inertial suits, 3D keypoints, exported skeletons."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import cache
+
+from solver_backend.body.marker_layouts import label_key
+
+JOINT, KEYPOINT = "=", "~"
+"""A place that begins so is the joint of the body named after it, or what detectors mean by the keypoint named so."""
+LEAST_SHARE = 0.85
+"""Of the labels that a vocabulary must know: marker sets share some words with skeletons (knee, heel, forearm)."""
+_WORDS: dict[str, dict[str, str]] = {
+    "bones": {
+        "hips hip": "=pelvis", "pelvis": "=pelvis", "root": "=pelvis", "neck": "=neck", "head": "=head",
+        "headend headtop headnub": "~head_top",
+        "spine spine1 spine2 spine3 spine4 spinelow spinemid spinetop lowerback chest chest1 chest2 chest3 chest4 body "
+        "upperback thorax neck1 abdomen": "",
+    },
+    "joints": {
+        "nose": "~nose", "neck": "~neck", "head headtop topofhead": "~head_top",
+        "midhip chip hipcenter hipcentre pelvis hips root": "~mid_hip",
+        "thorax spine spine1 spine2 spine3 chest mouth belly uppernecks upperneck jaw body": "",
+    },
+}  # fmt: skip
+"""Place by the words of each vocabulary for the midline; empty where conventions differ too much to be used."""
+_SIDED: dict[str, dict[str, str]] = {
+    "bones": {
+        "upleg upperleg thigh femur hip": "=hip", "leg lowerleg lowleg shin shank calf tibia": "=knee",
+        "foot ankle": "=ankle", "toe toes toebase ball": "=foot", "toeend toesend toetip toenub": "~big_toe",
+        "heel": "~heel", "arm uparm upperarm humerus shldr": "=shoulder", "forearm lowerarm lowarm radius": "=elbow",
+        "hand": "=wrist", "finger fingers fingerbase": "=hand",
+        "shoulder collar clavicle fingerend fingersend handend thumb thumbend wrist": "",
+    },
+    "joints": {
+        "hip": "~hip", "knee": "~knee", "ankle": "~ankle", "shoulder": "~shoulder", "elbow": "~elbow",
+        "wrist": "~wrist", "bigtoe footindex toe": "~big_toe", "smalltoe littletoe": "~small_toe", "heel": "~heel",
+        "eye": "~eye", "ear": "~ear", "index": "~index", "pinky": "~pinky", "thumb": "~thumb",
+        "foot": "=foot", "eyeinner eyeouter mouth collar clavicle hand": "",
+    },
+}  # fmt: skip
+"""The same of sided words: a bone is named by where it begins."""
+_NEEDED = {
+    "bones": (("=hip", "=knee", "=ankle"), ("=shoulder", "=elbow", "=wrist")),
+    "joints": (("~hip", "~knee", "~ankle"), ("~shoulder", "~elbow", "~wrist")),
+}
+"""Of each vocabulary one of these chains must be there on both sides, and hips among joints, which no skin has."""
+_FACE = {"~nose", "~eye", "~ear", "~small_toe"}
+"""Points of detectors; without any, what is named as a joint is the joint itself."""
+_OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}
+"""Joints of a skeleton by the detectors' keypoints of the same words."""
+
+
+def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
+    """Return the place of each label, empty for those that are not used, where labels are those of joint centres.
+
+    A place is ``=`` and a joint of the body, or ``~`` and a detector's keypoint. An empty answer says that the labels
+    are not a skeleton's: fewer than ``LEAST_SHARE`` are words of one vocabulary, or no limb is there on both sides.
+    """
+    for vocabulary in _WORDS:
+        found = {label: _place(label, vocabulary) for label in labels}
+        places = {label: place for label, place in found.items() if place is not None}
+        if len(places) >= LEAST_SHARE * len(labels) and _is_skeleton(set(places.values()), vocabulary):
+            return _without_repeats(_as_joints(places) if vocabulary == "joints" else places)
+    return {}
+
+
+def is_joint_centre(place: str) -> bool:
+    """Return whether a place is inside the body: a joint, or a detector's keypoint."""
+    return place[:1] in (JOINT, KEYPOINT)
+
+
+def _place(label: str, vocabulary: str) -> str | None:
+    key = label_key(label).lower()
+    midline, sided = _tables(vocabulary)
+    if (place := midline.get(key)) is not None:
+        return place
+    for side in ("left", "right", "l", "r"):
+        for part in (key.removeprefix(side), key.removesuffix(side)):
+            if part != key and part in sided:
+                place = sided[part]
+                return place and f"{place[0]}{'left' if side[0] == 'l' else 'right'}_{place[1:]}"
+    return None
+
+
+@cache
+def _tables(vocabulary: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the place by each word of the midline, and by each sided word."""
+    midline, sided = (
+        {word: place for several, place in words[vocabulary].items() for word in several.split()}
+        for words in (_WORDS, _SIDED)
+    )
+    return midline, sided
+
+
+def _is_skeleton(places: set[str], vocabulary: str) -> bool:
+    def both(part: str) -> bool:
+        return {f"{part[0]}{side}_{part[1:]}" for side in ("left", "right")} <= places
+
+    chains = [all(both(part) for part in chain) for chain in _NEEDED[vocabulary]]
+    return any(chains) and (vocabulary == "bones" or both("~hip"))
+
+
+def _as_joints(places: dict[str, str]) -> dict[str, str]:
+    """Return places of a vocabulary of joints, which are a detector's where it has points that no skeleton has."""
+    if {re.sub("left_|right_", "", place) for place in places.values()} & _FACE:
+        return places
+
+    def joint(place: str) -> str:
+        for keypoint, name in _OTHERWISE.items():
+            place = place.replace(keypoint, name)
+        return place if place.endswith("heel") else place.replace(KEYPOINT, JOINT)
+
+    return {label: joint(place) for label, place in places.items()}
+
+
+def _without_repeats(places: dict[str, str]) -> dict[str, str]:
+    """Return the places, a label whose place an earlier one has left out."""
+    taken: set[str] = set()
+    kept = {}
+    for label, place in places.items():
+        kept[label] = "" if place in taken else place
+        taken.add(place)
+    return kept

@@ -1,0 +1,104 @@
+"""Labels of skeletons are told from those of markers by the whole set."""
+
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.body.joint_names import joint_centre_places
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.marker_names import name_markers
+from solver_backend.body.markers import marker_landmarks, placement_precision
+from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
+from solver_backend.io.motions.skeleton_maps import MAPS
+
+SUIT = (
+    "Hips", "RightThigh", "RightLeg", "RightFoot", "RightToe", "RightToeEnd", "LeftThigh", "LeftLeg", "LeftFoot",
+    "LeftToe", "LeftToeEnd", "SpineLow", "SpineMid", "Chest", "RightShoulder", "RightArm", "RightForearm", "RightHand",
+    "LeftShoulder", "LeftArm", "LeftForearm", "LeftHand", "Neck", "Head", "HeadEnd",
+)  # fmt: skip
+POSE2SIM = (
+    "CHip", "RHip", "RKnee", "RAnkle", "RBigToe", "RSmallToe", "RHeel", "LHip", "LKnee", "LAnkle", "LBigToe",
+    "LSmallToe", "LHeel", "Neck", "Head", "Nose", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
+)  # fmt: skip
+
+
+def test_bones_are_named_by_where_they_begin():
+    places = joint_centre_places(SUIT)
+    assert (
+        places["LeftThigh"] == "=left_hip" and places["LeftLeg"] == "=left_knee" and places["LeftFoot"] == "=left_ankle"
+    )
+    assert places["RightArm"] == "=right_shoulder" and places["RightForearm"] == "=right_elbow"
+    assert places["RightHand"] == "=right_wrist" and places["RightShoulder"] == "" and places["SpineMid"] == ""
+    assert places["Hips"] == "=pelvis" and places["LeftToe"] == "=left_foot"
+
+
+def test_names_as_blender_and_mixamo_write_them():
+    places = joint_centre_places(
+        [f"mixamorig:{n.replace('Thigh', 'UpLeg').replace('Forearm', 'ForeArm')}" for n in SUIT]
+    )
+    assert places["mixamorig:LeftUpLeg"] == "=left_hip" and places["mixamorig:RightForeArm"] == "=right_elbow"
+
+
+def test_keypoints_are_what_detectors_mean():
+    places = joint_centre_places(POSE2SIM)
+    assert places["CHip"] == "~mid_hip" and places["LHip"] == "~left_hip" and places["RBigToe"] == "~right_big_toe"
+
+
+@pytest.mark.parametrize("joint_set", [s for s in JointSet if s is not JointSet.SMPL_24])
+def test_every_joint_set_is_recognised(joint_set):
+    places = joint_centre_places(joint_set.keypoints)
+    assert set(places) == set(joint_set.keypoints)
+    assert all(place[:1] in ("~", "=", "") for place in places.values())
+
+
+def test_joints_without_a_face_are_a_skeleton():
+    places = joint_centre_places(SMPL_JOINTS)
+    assert places["left_hip"] == "=left_hip" and places["right_ankle"] == "=right_ankle" and places["head"] == "=head"
+
+
+@pytest.mark.parametrize("family", ["segments", "mb2", "expmap", "max", "makehuman", "jump"])
+def test_skeletons_of_recordings_are_recognised(family):
+    skeleton = next(m for m in MAPS if m.family == family)
+    places = joint_centre_places(list(dict.fromkeys(skeleton.joints)))
+    assert {f"={side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "elbow")} <= set(
+        places.values()
+    )
+
+
+@pytest.mark.parametrize("name", [*load_layouts().layouts, *load_layouts().label_sets])
+def test_layouts_of_markers_are_no_skeletons(name):
+    file = load_layouts()
+    assert not joint_centre_places((file.layouts | file.label_sets)[name])
+
+
+def test_a_few_words_of_a_skeleton_among_markers_mean_markers():
+    labels = (
+        "LASI",
+        "RASI",
+        "SACR",
+        "LThigh",
+        "LKnee",
+        "LAnkle",
+        "LHeel",
+        "LToe",
+        "RThigh",
+        "RKnee",
+        "RAnkle",
+        "RHeel",
+    )
+    assert not joint_centre_places(labels)
+    assert name_markers(labels).known["LKnee"] == "LKNE"
+
+
+def test_no_label_is_not_a_word():
+    assert not joint_centre_places([]) and not joint_centre_places(["", "Hips"])
+
+
+def test_what_a_person_says_goes_first():
+    assert name_markers(SUIT, {"LeftLeg": "LSHN"}).known["LeftLeg"] == "LSHN"
+
+
+def test_joint_centres_are_places_on_the_body():
+    names = name_markers(POSE2SIM)
+    landmarks = marker_landmarks(load_body(), tuple(names.known.values()))
+    assert landmarks.posedirs is None and len(landmarks) == len(POSE2SIM)
+    assert placement_precision(load_body(), landmarks.names).shape == (len(POSE2SIM), 3, 3)

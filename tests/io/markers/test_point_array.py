@@ -1,0 +1,58 @@
+"""Arrays of 3D points with names beside them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.io.markers.read import read_markers
+
+
+def stored(folder, points=17, frames=20):
+    array = np.random.default_rng(0).normal(size=(frames, points, 3)) + [0, 0, 1.0]
+    np.save(folder / "points.npy", array)
+    return array
+
+
+@pytest.mark.parametrize("name", ["points.txt", "points.json", "names.txt", "names.json"])
+def test_names_stand_in_a_file_beside(tmp_path, name):
+    stored(tmp_path)
+    names = [f"point{i}" for i in range(17)]
+    (tmp_path / name).write_text(json.dumps(names) if name.endswith("json") else "\n".join(names))
+    take = read_markers(tmp_path / "points.npy", fps=50, unit="m", up_axis="z")
+    assert take.cloud.labels == tuple(names) and take.cloud.fps == 50
+
+
+def test_an_array_of_one_joint_set_needs_no_names(tmp_path):
+    stored(tmp_path, points=33)
+    assert "left_heel" in read_markers(tmp_path / "points.npy", fps=30, unit="m").cloud.labels
+
+
+@pytest.mark.parametrize("points", [12, 17])
+def test_an_array_without_names_is_refused(tmp_path, points):
+    stored(tmp_path, points)
+    with pytest.raises(FileMissing, match=f"names of the array's {points} points"):
+        read_markers(tmp_path / "points.npy", fps=30)
+
+
+def test_another_number_of_names_is_named(tmp_path):
+    stored(tmp_path)
+    (tmp_path / "points.txt").write_text("nose\nneck\n")
+    with pytest.raises(FileDamaged, match="2 names; the array has 17 points"):
+        read_markers(tmp_path / "points.npy", fps=30)
+
+
+def test_an_array_states_no_frame_rate(tmp_path):
+    stored(tmp_path, points=33)
+    with pytest.raises(FileDamaged, match="no frame rate"):
+        read_markers(tmp_path / "points.npy")
+
+
+def test_pickled_and_truncated_arrays_are_damaged(tmp_path):
+    np.save(tmp_path / "points.npy", np.array([{}, None], dtype=object), allow_pickle=True)
+    with pytest.raises(FileDamaged):
+        read_markers(tmp_path / "points.npy", fps=30)
+    (tmp_path / "points.npy").write_bytes(b"\x93NUMPY")
+    with pytest.raises(FileDamaged):
+        read_markers(tmp_path / "points.npy", fps=30)
