@@ -84,7 +84,8 @@ def _spread(name: str) -> tuple[float, float]:
     if is_joint_centre(name):
         part = name.rpartition("_")[2]
         limb = part in _LIMB_JOINTS and (name[0] == JOINT or part != "hip")
-        return (LIMB_JOINT_SPREAD_M,) * 2 if limb else (INNER_SPREAD_M,) * 2
+        spread = LIMB_JOINT_SPREAD_M if limb else INNER_SPREAD_M
+        return spread, spread
     return (ON_BONE_SPREAD_M, ON_BONE_SPREAD_M) if name.startswith(ON_BONE) else load_layouts().spread_of(name)
 
 

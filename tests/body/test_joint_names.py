@@ -9,16 +9,7 @@ from solver_backend.body.marker_names import name_markers
 from solver_backend.body.markers import marker_landmarks, placement_precision
 from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
 from solver_backend.io.motions.skeleton_maps import MAPS
-
-SUIT = (
-    "Hips", "RightThigh", "RightLeg", "RightFoot", "RightToe", "RightToeEnd", "LeftThigh", "LeftLeg", "LeftFoot",
-    "LeftToe", "LeftToeEnd", "SpineLow", "SpineMid", "Chest", "RightShoulder", "RightArm", "RightForearm", "RightHand",
-    "LeftShoulder", "LeftArm", "LeftForearm", "LeftHand", "Neck", "Head", "HeadEnd",
-)  # fmt: skip
-POSE2SIM = (
-    "CHip", "RHip", "RKnee", "RAnkle", "RBigToe", "RSmallToe", "RHeel", "LHip", "LKnee", "LAnkle", "LBigToe",
-    "LSmallToe", "LHeel", "Neck", "Head", "Nose", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
-)  # fmt: skip
+from tests.support.skeleton_labels import POSE2SIM, SUIT
 
 
 def test_bones_are_named_by_where_they_begin():

@@ -15,7 +15,7 @@ from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.report.diagnose import diagnose, recorded_diagnostics
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
-from tests.body.test_joint_names import POSE2SIM, SUIT
+from tests.support.skeleton_labels import POSE2SIM, SUIT
 from tests.support.worn_markers import worn_markers
 
 LIMBS = [

@@ -51,6 +51,7 @@ def test_legs_alone(whole, tmp_path):
     unseen = [at(name) for name in ("head", "left_elbow", "right_wrist", "spine3")]
     seen = [f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle")]
     assert motion.resting[:, unseen].all() and not motion.resting[:, [at(name) for name in seen]].any()
+    assert motion.flags is not None and motion.resting is not None
     assert (motion.flags & FLAG_RESTING).all() and (motion.flags & FLAG_UNSURE > 0).mean() < 0.1
     assert (motion.joint_sigma[:, at("left_wrist")] > 0.15).all()
     assert error_mm(motion, take.joints, seen) < 1.15 * error_mm(full, take.joints, seen) + 1.0
