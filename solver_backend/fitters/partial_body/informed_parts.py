@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from solver_backend.body.body import Body
@@ -25,8 +27,9 @@ time that follows. Gaps of up to a second are bridged as ever."""
 
 
 def resting_shares(
-    body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray, seen: np.ndarray, fps: float
-) -> dict[str, np.ndarray]:
+    body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray, seen: np.ndarray, fps: float,
+    pinned: Sequence[int] = (),
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Return how far each part that is not informed throughout is at rest: (F,) from 0, as fitted, to 1.
 
     A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The share rises as
@@ -39,15 +42,19 @@ def resting_shares(
         located: (F, L) bool.
         seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
         fps: frames per second.
+        pinned: frames whose poses somebody set, which informs every part.
     """
-    frames, shares = np.flatnonzero(seen), {}
+    known = np.isin(np.arange(len(seen)), list(pinned))
+    frames, shares = np.flatnonzero(seen | known), {}
     if not len(frames):
         return {}
     lever = levers(body, landmarks, offsets)
     for part, (joint, least) in LEADS.items():
         if not {joint, ANCHORS[part]} <= set(body.layout.joints):
             continue
-        informed = located[np.ix_(frames, lever[:, body.layout.joints.index(joint)] >= least)].any(axis=1)
+        informed = (
+            located[np.ix_(frames, lever[:, body.layout.joints.index(joint)] >= least)].any(axis=1) | known[frames]
+        )
         away = _distance(frames, frames[informed]) / fps
         u = np.clip((away - HOLD_S) / FADE_S, 0.0, 1.0)
         if u.any():

@@ -36,13 +36,12 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     Args:
         measurements: what was solved from.
         solved: F poses.
-        pinned: frames whose poses somebody set, which informs every part.
+        pinned: see ``resting_shares``.
     """
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
-    located, seen = measurements.located, measurements.seen
-    located[list(pinned)] = seen[list(pinned)] = True
-    shares = resting_shares(body, subject.landmarks, to_numpy(subject.offsets), located, seen, measurements.fps)
+    offsets, seen = to_numpy(subject.offsets), measurements.seen
+    shares = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
     if not shares:
         return solved
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)

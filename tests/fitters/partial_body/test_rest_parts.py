@@ -5,7 +5,9 @@ import pytest
 
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters import SolveSettings, solve
+from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.partial_body.rest_parts import listed
+from solver_backend.fitters.pipeline import resolve_range
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.report.diagnose import recorded_diagnostics
 from solver_backend.types import FLAG_RESTING, FLAG_UNSURE, SMPL_JOINTS, Capture, MarkerCloud
@@ -89,3 +91,29 @@ def test_arms_that_are_seen_for_a_second_are_informed_there(whole):
 )
 def test_parts_in_words(parts, words):
     assert listed(parts) == words
+
+
+def test_a_pose_that_somebody_set_on_a_resting_arm_is_kept(whole):
+    take, _ = whole
+    capture = Capture("legs", markers=part_of(take, LEGS))
+    motion = solve(capture, SETTINGS).motion
+    shoulder = slice(3 * (SMPL_JOINTS.index("left_shoulder") - 1), 3 * SMPL_JOINTS.index("left_shoulder"))
+    raised = motion.body_pose[60].copy()
+    raised[shoulder] = 0.0  # as in a T-pose
+    pin = Pin(60, motion.global_orient[60], raised, motion.transl[60])
+    again = resolve_range(capture, motion, FrameRange(20, 100, (pin,)), SETTINGS).motion
+    assert again.body_pose[60] == pytest.approx(raised, abs=1e-5)
+    assert again.resting is not None
+    wrist = SMPL_JOINTS.index("left_wrist")
+    assert not again.resting[60, wrist] and again.resting[22, wrist]
+    speed = np.linalg.norm(np.diff(again.joints[:, wrist], axis=0), axis=-1) * 30
+    assert speed.max() < 6.0
+
+
+def test_a_stretch_solved_again_keeps_its_resting_arms(whole):
+    take, _ = whole
+    capture = Capture("legs", markers=part_of(take, LEGS))
+    motion = solve(capture, SETTINGS).motion
+    again = resolve_range(capture, motion, FrameRange(40, 80, ()), SETTINGS).motion
+    assert np.array_equal(again.resting, motion.resting)
+    assert np.abs(again.joints - motion.joints).max() < 0.03
