@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._exchange.rigs.roles import HELPER_OF
 from .._exchange.so3 import quat_from_matrix, rotvec_from_quat, sign_continuous
-from .maps.roles import HELPER_OF
 from .motion.figures import Target
 from .motion.transfer import Transferred
 

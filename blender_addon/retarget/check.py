@@ -5,10 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .._exchange.rigs.roles import LIMBS
 from ..scene.alone import alone
 from .channels import Channel
 from .hanging import neutral
-from .maps.roles import LIMBS
 from .motion.figures import Target
 from .motion.transfer import Transferred
 from .target_rig import TargetRig

@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .maps.roles import FINGERS, SIDES
+from .._exchange.rigs.roles import FINGERS, SIDES
 from .skin import skin_points
 
 _NEAR = 0.05

@@ -1,4 +1,4 @@
-"""Recognition of a rig in Blender: the humanoid map that its file carries, else what is told from its bones."""
+"""Recognition of a rig in Blender: the humanoid map that its file carries, else what its bones show."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import bpy
 
+from .._exchange.rigs.skeleton import Skeleton
 from .maps.presets import choose_map
 from .maps.rig_map import RigMap
-from .maps.skeleton import Skeleton
 from .maps.vrm import roles_of_vrm
 
 _VRM = "vrm_addon_extension"

@@ -7,14 +7,13 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
+from .._exchange.rigs.rest_frames import stage_axes
+from .._exchange.rigs.roles import LIMBS, SIDES
 from ..errors import MapInvalid
 from .extremities import end_of, estimate_sole, legs_of, measure_sole
 from .hanging import Hanging
-from .maps.roles import LIMBS, SIDES
 from .motion.figures import Target
 
-_SNAP = np.cos(np.radians(12.0))
-"""A figure that faces an axis of its armature so nearly faces it."""
 _NEAR_FLOOR = 0.035
 """Share of the figure's height within which the armature's origin is its floor, where no skin shows the soles."""
 
@@ -34,10 +33,13 @@ def stand_on_stage(
         unit_m: metres of one unit of the armature's space.
 
     Raises:
-        MapInvalid: the map does not tell left from right.
+        MapInvalid: the map does not show left and right.
     """
     heads = hanging.matrices[:, :3, 3]
-    R = _stage_axes(heads, roles)
+    R = stage_axes(dict(zip(roles, heads, strict=True)))
+    if R is None:
+        hint = "Map both thighs or both upper arms, so that left and right are known."
+        raise MapInvalid("The map does not show which side of the rig is left.", hint=hint)
     if armature.matrix_world.determinant() < 0:
         R, roles = np.diag([-1.0, 1.0, 1.0]) @ R, tuple(_other_side(role) for role in roles)
     ends = np.array([_end(armature, heads, bones, hanging.names, c) for c in range(len(roles))])
@@ -83,24 +85,3 @@ def _other_side(role: str) -> str:
         if role.startswith(f"{side}_"):
             return other + role.removeprefix(side)
     return role
-
-
-def _stage_axes(heads: np.ndarray, roles: tuple[str, ...]) -> np.ndarray:
-    """Return the (3, 3) rotation from the armature's axes: the figure's left to X, its upright axis to Z."""
-    index = {role: c for c, role in enumerate(roles)}
-    above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *roles) if role in index)
-    feet = [index[f"{side}_foot"] for side in SIDES if f"{side}_foot" in index]
-    base = heads[feet].mean(0) if feet else heads[index["pelvis"]]
-    rise = heads[index[above]] - base
-    up = np.eye(3)[np.abs(rise).argmax()] * np.sign(rise[np.abs(rise).argmax()])
-    pairs = [part for part in ("thigh", "upper_arm", "shin", "clavicle") if all(f"{s}_{part}" in index for s in SIDES)]
-    if not pairs:
-        hint = "Map both thighs or both upper arms, so that left and right are known."
-        raise MapInvalid("The map does not tell the rig's left from its right.", hint=hint)
-    left = sum(heads[index[f"left_{part}"]] - heads[index[f"right_{part}"]] for part in pairs)
-    left = left - (left @ up) * up
-    left = left / np.linalg.norm(left)
-    nearest = np.abs(left).argmax()
-    if abs(left[nearest]) > _SNAP:
-        left = np.eye(3)[nearest] * np.sign(left[nearest])
-    return np.stack([left, np.cross(up, left), up])

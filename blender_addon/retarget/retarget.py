@@ -44,7 +44,7 @@ class Retargeted:
     scale: float
     """Size of the rig's way by the actor's: the ratio of the legs between their joints, unless it was given."""
     proportions: Proportions
-    """What the scale was told from."""
+    """What the scale comes from."""
     soles: str
     """What shows the height of the rig's soles: ``mesh`` or ``joints``."""
     deviation_mm: float

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMBS, is_of_a_finger
 from ..errors import MapInvalid, TargetUnsuitable
 from .cycles import constraint_ring, object_ring
 from .hanging import Hanging, hanging_of
 from .maps.rig_map import RigMap, Switch
-from .maps.roles import HELPER_OF, JOINT_OF, LIMBS, is_of_a_finger
 from .motion.figures import Target
 from .rest_stage import stand_on_stage
 

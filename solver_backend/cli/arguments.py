@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
+from solver_backend.cli.motion_verbs import add_motion_verbs
 from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.rig_live_verb import add_rig_live
@@ -80,6 +81,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_video_verbs(verbs, writing, common)
     add_sensor_verbs(verbs, writing, common)
     add_rig_live(verbs, writing, common)
+    add_motion_verbs(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)
     show_guide(parser, verbs)
     return parser

@@ -47,6 +47,7 @@ TASKS: dict[str, dict[str, str]] = {
         "live": "live take.c3d --lines poses.jsonl",
     },
     "Clean up and make motions": {
+        "motion": "motion clip.bvh --out motion.npz",
         "denoise": "denoise motion.npz smooth.npz",
         "complete": "complete motion.npz whole.npz --missing left_arm",
         "interpolate": "interpolate motion.npz filled.npz --frames 10 40 --count 30",

@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ..._exchange.errors import MocapError
+from ..._exchange.rigs.names import guess_roles
+from ..._exchange.rigs.plausible import is_plausible
+from ..._exchange.rigs.roles import FINGERS
+from ..._exchange.rigs.skeleton import Skeleton
+from ..._exchange.rigs.structure import recognise
 from ...errors import MapInvalid
-from .names import guess_roles
-from .plausible import is_plausible
 from .rig_map import RigMap, read_map
-from .roles import FINGERS
-from .skeleton import Skeleton
-from .structure import recognise
 
 SHIPPED = Path(__file__).parent / "presets"
 GUESSED, STRUCTURE = "By Names", "By Structure"

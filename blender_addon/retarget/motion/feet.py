@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..maps.roles import JOINT_OF, SIDES
+from ..._exchange.rigs.roles import JOINT_OF, SIDES
 from .figures import Actor, Target
 from .map_pose import foot_ball
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._exchange.rigs.roles import JOINT_OF, LIMBS, SIDES
 from ...errors import TargetUnsuitable
-from ..maps.roles import JOINT_OF, LIMBS, SIDES
 from .figures import Actor, Target
 
 _APART = 2.0

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
+from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
-from ..maps.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from .feet import foot_paths, steadied
 from .figures import Actor, Target, carried_places
 from .limbs import bend_to, within_reach
-from .map_pose import anatomical_axis, limb_frame
 from .proportions import length, measure_proportions, scale_of
 from .root_path import ground_path
 

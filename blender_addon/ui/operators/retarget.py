@@ -104,8 +104,8 @@ def _show_map(context: bpy.types.Context, rig_map: RigMap) -> None:
     """Write a map into the table, with a row for every role that a person can fill."""
     import json
 
+    from ..._exchange.rigs.roles import JOINT_OF, order_of
     from ...retarget.maps.rig_map import map_values
-    from ...retarget.maps.roles import JOINT_OF, order_of
 
     settings = context.scene.mocap.retarget
     settings.table.clear()

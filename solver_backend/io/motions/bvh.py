@@ -51,6 +51,10 @@ class BvhClip:
 
     def positions(self) -> np.ndarray:
         """Return (F, J, 3) the joints in world metres."""
+        return self.posed()[0]
+
+    def posed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (F, J, 3) the joints in world metres and (F, J, 3, 3) their rotations from the rest axes."""
         frames, joints = self.rotations.shape[:2]
         local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
         p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
@@ -60,7 +64,7 @@ class BvhClip:
             else:
                 p[:, j] = p[:, parent] + (G[:, parent] @ local[:, j, :, None])[..., 0]
                 G[:, j] = G[:, parent] @ self.rotations[:, j]
-        return p
+        return p, G
 
 
 @dataclass

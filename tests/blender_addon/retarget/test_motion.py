@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mathutils import Euler
 
+from blender_addon._exchange.rigs.rest_frames import limb_frame
 from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.retarget.channels import euler_from_matrix
 from blender_addon.retarget.motion.feet import FootPath, steadied
 from blender_addon.retarget.motion.limbs import bend_to, swing, within_reach
-from blender_addon.retarget.motion.map_pose import limb_frame
 
 RNG = np.random.default_rng(3)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from blender_addon._exchange.rigs.skeleton import Skeleton
+from blender_addon._exchange.rigs.structure import StructureGuess, recognise
 from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.retarget.maps.presets import STRUCTURE, choose_map
-from blender_addon.retarget.maps.skeleton import Skeleton
-from blender_addon.retarget.maps.structure import StructureGuess, recognise
 from blender_addon.retarget.maps.vrm import roles_of_vrm
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_skeletons import ForeignSkeleton, draw

@@ -1,4 +1,4 @@
-"""Roles told from a skeleton's structure: its tree, its symmetry and its lengths; names are evidence among others."""
+"""Roles by a skeleton's structure: its tree, its symmetry and its lengths; names are evidence among others."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
         return True, ["The names say left where the toes say right: correct the table."]
     if clear:
         return shown > 0, []
-    return said > 0, [] if unanimous else ["Neither toes nor names tell the figure's left from its right."]
+    return said > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]
 
 
 def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:

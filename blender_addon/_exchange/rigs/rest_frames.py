@@ -1,0 +1,104 @@
+"""Frames of limbs at rest: bones compared by what they are on a person, never by their axes.
+
+A stage has Z up, and the figure on it faces -Y with its left at +X.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from .roles import SIDES
+
+LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
+_BENT = np.sin(np.radians(8.0))
+"""Sine of a hinge's rest angle from which the plane of its bones tells its axis."""
+_LIKELY = 0.5
+"""Cosine between that axis and anatomy's from which it is believed."""
+_SNAP = np.cos(np.radians(12.0))
+"""A figure that faces an axis of its skeleton so nearly faces it."""
+
+
+def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the (3, 3) rotation of a skeleton's axes to the stage's; None where left cannot be told from right.
+
+    Args:
+        places: (3,) head at rest by role; the pelvis or the feet among them.
+    """
+    above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *places) if role in places)
+    feet = [places[f"{side}_foot"] for side in SIDES if f"{side}_foot" in places]
+    rise = places[above] - (np.mean(feet, axis=0) if feet else places["pelvis"])
+    up = np.eye(3)[np.abs(rise).argmax()] * np.sign(rise[np.abs(rise).argmax()])
+    pairs = [p for p in ("thigh", "upper_arm", "shin", "clavicle") if all(f"{s}_{p}" in places for s in SIDES)]
+    if not pairs:
+        return None
+    left = sum((places[f"left_{part}"] - places[f"right_{part}"] for part in pairs), np.zeros(3))
+    left = left - (left @ up) * up
+    left = left / np.linalg.norm(left)
+    nearest = np.abs(left).argmax()
+    if abs(left[nearest]) > _SNAP:
+        left = np.eye(3)[nearest] * np.sign(left[nearest])
+    return np.stack([left, np.cross(up, left), up])
+
+
+def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rotations (3, 3) that bring upper and lower bone of a limb at rest to those of another figure.
+
+    With frames M of direction, hinge and what is square to both, ``A = M_own M_points^T``.
+
+    Args:
+        points: (3, 3) hip, knee, ankle or shoulder, elbow, wrist on the stage.
+        own: (3, 3) the same of the other figure, whose limbs bend about their anatomical axes.
+        is_arm: whether it is an arm.
+    """
+    turns = []
+    for a, b in ((0, 1), (1, 2)):
+        direction, there = points[b] - points[a], own[b] - own[a]
+        frame = limb_frame(there, anatomical_axis(there, is_arm))
+        turns.append(frame @ limb_frame(direction, _hinge(points, direction, is_arm)).T)
+    return turns[0], turns[1]
+
+
+def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
+    """Return the axis about which a straight limb bends: elbows forward, knees to the left for a right-handed turn."""
+    return np.cross(direction, FORWARD) if is_arm else LEFT
+
+
+def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the (..., 3, 3) right-handed frame: a direction, an axis made square to it, and what is square to both.
+
+    Args:
+        direction: (..., 3), not zero.
+        axis: (..., 3); any other where it lies along the direction.
+    """
+    x = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    y = axis - (axis * x).sum(-1, keepdims=True) * x
+    other = np.eye(3)[np.abs(x).argmin(-1)]
+    other = other - (other * x).sum(-1, keepdims=True) * x
+    length = np.linalg.norm(y, axis=-1, keepdims=True)
+    y = np.where(length < 1e-6, other, y)
+    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def level(direction: np.ndarray) -> np.ndarray:
+    """Return the level part of a direction, forward where it has none."""
+    flat = direction * [1.0, 1.0, 0.0]
+    return flat if np.linalg.norm(flat) > 1e-4 else FORWARD
+
+
+def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the smallest rotation from one direction to another."""
+    axis = np.cross(a, b)
+    return limb_frame(b, axis) @ limb_frame(a, axis).T
+
+
+def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:
+    """Return the axis of a limb's hinge at rest: that of its bend if it is bent, else anatomy's."""
+    u, v = points[1] - points[0], points[2] - points[1]
+    bend, expected = np.cross(u, v), anatomical_axis(direction, is_arm)
+    size = np.linalg.norm(bend)
+    if size < _BENT * np.linalg.norm(u) * np.linalg.norm(v):
+        return expected
+    return bend if bend @ expected > _LIKELY * size * np.linalg.norm(expected) else expected

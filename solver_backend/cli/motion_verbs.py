@@ -1,0 +1,99 @@
+"""The verb that brings motions of other programs onto our body."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.progress import Progress
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.motion_import.import_motion import ImportedMotion
+
+MOTION_VERBS = ("motion",)
+_FAR_MM = 20.0
+"""Distance of a joint from its source, the mean over the frames, from which it is noted."""
+_RAISED_M = 0.02
+"""Metres by which a motion is put on its floor that are noted."""
+_STRANGE = 5.0
+"""Standard deviations of a shape that hardly a person has."""
+_LOOSE = ("_toe", "head")
+"""Joints that are not fitted by place."""
+
+
+def add_motion_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add motion to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    motion = verbs.add_parser(
+        "motion", parents=[writing, common], help="bring a motion of another program (BVH) onto our body"
+    )
+    motion.add_argument("clip", type=Path, metavar="CLIP.bvh", help="motion of any skeleton of a person")
+    motion.add_argument("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
+    motion.add_argument("--unit", default="", help="length unit of the clip; estimated from the legs if left out")
+    motion.add_argument(
+        "--up-axis", default="", metavar="AXIS", help="axis that points up in the clip; detected if left out"
+    )
+    motion.add_argument("--keep-height", action="store_true", help="do not put the lowest soles on the floor")
+    motion.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
+
+
+def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    if args.clip.suffix.lower() != ".bvh":
+        hint = "Export it as BVH, for example from Blender (File > Export > Motion Capture)."
+        raise MotionInvalid("Not supported: BVH is read.", where=str(args.clip), hint=hint)
+    from solver_backend.body.files.choices import load_chosen_body
+    from solver_backend.fitters.motion_import.import_motion import import_motion
+    from solver_backend.io.motions.foreign_skeleton import read_foreign_bvh
+    from solver_backend.io.native.motion_file import write_motion
+
+    progress("reading the clip", 0, 1)
+    source, roles, notes = read_foreign_bvh(args.clip, args.unit, args.up_axis)
+    progress("fitting the body", 0, 1)
+    done = import_motion(source, roles, load_chosen_body(args.body), keep_height=bool(args.keep_height))
+    progress("fitting the body", 1, 1)
+    notes = [*notes, *_notes(done)]
+    write_motion(args.out, done.motion, overwrite=overwrite)
+    placed = [off for role, off in done.distances_mm.items() if not role.endswith(_LOOSE)]
+    rms = float(np.sqrt(np.mean(np.square(placed))))
+    lines = [
+        f"Motion {source.name}: {source.num_frames} frames at {source.fps:g} Hz",
+        f"  joints      {len(roles)} of {len(source.names)} have a role",
+        f"  distance    {rms:.1f} mm from the skeleton's limbs (root mean square)",
+        *(f"  note        {note}" for note in notes),
+        f"  written     {args.out}",
+    ]
+    data = {
+        "motion": str(args.out), "frames": source.num_frames, "fps": source.fps, "roles": roles, "notes": notes,
+        "distance_mm": rms, "distances_mm": {role: round(off, 2) for role, off in done.distances_mm.items()},
+    }  # fmt: skip
+    return Outcome("\n".join(lines), data)
+
+
+def _notes(done: ImportedMotion) -> list[str]:
+    notes = []
+    if done.motion.num_frames == 1:
+        notes.append("One frame: the clip is a pose.")
+    if abs(done.raised_m) > _RAISED_M:
+        way = "Raised" if done.raised_m > 0 else "Lowered"
+        notes.append(f"{way} by {abs(done.raised_m):.2f} m, so that the soles stand on the floor; see --keep-height.")
+    far = {r: off for r, off in done.distances_mm.items() if off > _FAR_MM and not r.endswith(_LOOSE)}
+    if far:
+        named = ", ".join(f"{role.replace('_', ' ')} {off:.0f} mm" for role, off in far.items())
+        notes.append(f"Joints that the skeleton has elsewhere than a person of its lengths: {named}.")
+    if np.abs(done.motion.betas).max() > _STRANGE:
+        notes.append(f"The lengths are hardly a person's: shape {np.abs(done.motion.betas).max():.1f}.")
+    return notes

@@ -1,0 +1,149 @@
+"""Roles told from the names of bones: sides by prefix or suffix, parts by words, chains by hierarchy."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+
+from .roles import LIMBS, SIDES
+
+_WORDS = {
+    "pelvis": ("pelvis", "hips", "hip", "cog", "root pelvis"),
+    "head": ("head", "skull"),
+    "clavicle": ("clavicle", "collar", "collarbone", "shoulder", "shldr"),
+    "upper_arm": ("upperarm", "upper arm", "uparm", "arm upper", "bicep", "arm", "humerus"),
+    "forearm": ("forearm", "fore arm", "lowerarm", "lower arm", "loarm", "arm lower", "elbow", "ulna"),
+    "hand": ("hand", "wrist"),
+    "thigh": ("thigh", "upperleg", "upper leg", "upleg", "up leg", "leg upper", "femur", "hip"),
+    "shin": ("shin", "calf", "lowerleg", "lower leg", "loleg", "leg lower", "knee", "leg", "tibia"),
+    "foot": ("foot", "ankle"),
+    "toe": ("toe", "toes", "ball", "toebase", "toe base"),
+}
+"""Words of each part, the surest first; those that stand for several parts are last."""
+_CHAIN_WORDS = {"spine": ("spine", "chest", "torso", "abdomen", "upperchest", "back", "waist"), "neck": ("neck",)}
+_NOT_BODY = frozenset({
+    "ik", "pole", "target", "mch", "org", "vis", "ctrl", "twist", "roll", "helper", "end", "nub", "tip", "finger",
+    "thumb", "index", "middle", "ring", "pinky", "little", "palm", "metacarpal", "eye", "jaw", "ear", "hair", "tongue",
+    "breast", "skirt", "cloth", "prop", "weapon", "tweak", "master", "heel",
+})  # fmt: skip
+"""Words of bones that are none of these parts."""
+_LEFT, _RIGHT = frozenset({"l", "left", "lft", "lt"}), frozenset({"r", "right", "rgt", "rt"})
+_PREFIXES = frozenset({"def", "bip", "bip001", "bip01", "mixamorig", "j", "jnt", "joint", "bone", "bn", "c", "m", "fk"})
+
+
+def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
+    """Return the bone that most likely plays each role.
+
+    A limb is believed only as far as its bones hang below each other.
+
+    Args:
+        bones: names, in any order.
+        parents: name of each bone's parent; roots have none.
+    """
+    bones = list(bones)
+    words = {bone: _words(bone) for bone in bones}
+    found: dict[str, str] = {}
+    for side in ("", *SIDES):
+        for part, synonyms in _WORDS.items():
+            if (part in ("pelvis", "head")) == (side == ""):
+                best = min(_scored(words, side, synonyms, parents), default=None)
+                if best is not None:
+                    found[f"{side}_{part}" if side else part] = best[-1]
+    _untie(found)
+    for roles in LIMBS.values():
+        _cut_where_it_does_not_hang(found, roles, parents)
+    for chain, synonyms in _CHAIN_WORDS.items():
+        line = sorted(_scored(words, "", synonyms, parents), key=lambda entry: _depth(entry[-1], parents))
+        taken = [bone for *_, bone in line if bone not in found.values()]
+        found |= {f"{chain}_{i + 1}": bone for i, bone in enumerate(_one_line(taken, parents))}
+    return found
+
+
+def names_part(bone: str, part: str) -> bool:
+    """Return whether a name is one of a part of the body's own, not of several parts'."""
+    words = words_of(bone)
+    if _NOT_BODY & set(words):
+        return False
+    synonyms = {word.replace(" ", "") for word in (*_WORDS.get(part, ()), *_CHAIN_WORDS.get(part, ()))}
+    return "".join(words) in synonyms
+
+
+def side_of_name(bone: str) -> str:
+    """Return ``left``, ``right`` or "" by a name."""
+    return _words(bone)[0]
+
+
+def words_of(bone: str) -> list[str]:
+    """Return the lower-case words of a name without its side and prefixes."""
+    return _words(bone)[1]
+
+
+def _words(bone: str) -> tuple[str, list[str]]:
+    """Return side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
+    parts = [word for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word]
+    left, right = (any(word in parts for word in side) for side in (_LEFT, _RIGHT))
+    side = "" if left == right else SIDES[0] if left else SIDES[1]
+    kept = [word for word in parts if word not in _LEFT | _RIGHT]
+    while len(kept) > 1 and kept[0] in _PREFIXES:
+        kept = kept[1:]
+    return side, kept
+
+
+def _scored(
+    words: dict[str, tuple[str, list[str]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
+) -> Iterator[tuple[int, int, int, str]]:
+    """Yield the bones of a side that one of these words names: lower is likelier."""
+    for bone, (of_side, kept) in words.items():
+        if of_side != side or not kept or _NOT_BODY & set(kept):
+            continue
+        text = " ".join(kept)
+        for rank, synonym in enumerate(synonyms):
+            if text in (synonym, synonym.replace(" ", "")) or synonym in (text, text.replace(" ", "")):
+                yield rank, len(bone), _depth(bone, parents), bone
+                break
+            if re.search(rf"\b{synonym}\b", text):
+                yield rank + len(synonyms), len(bone), _depth(bone, parents), bone
+                break
+
+
+def _untie(found: dict[str, str]) -> None:
+    """A name such as Shoulder or Arm can be two parts: the bone stays with the part it was surest for."""
+    for side in SIDES:
+        clavicle, upper = f"{side}_clavicle", f"{side}_upper_arm"
+        if upper not in found and clavicle in found:
+            found[upper] = found.pop(clavicle)
+        seen: dict[str, str] = {}
+        for role in [role for role in found if role.startswith(side)]:
+            if found[role] in seen:
+                del found[role]
+            else:
+                seen[found[role]] = role
+
+
+def _cut_where_it_does_not_hang(found: dict[str, str], roles: tuple[str, ...], parents: dict[str, str]) -> None:
+    for upper, lower in pairwise(roles):
+        if upper not in found or lower not in found or found[upper] not in _above(found[lower], parents):
+            found.pop(lower, None)
+
+
+def _one_line(bones: list[str], parents: dict[str, str]) -> list[str]:
+    """Return the bones that hang below each other, from the first on."""
+    line: list[str] = []
+    for bone in bones:
+        if not line or line[-1] in _above(bone, parents):
+            line.append(bone)
+    return line
+
+
+def _above(bone: str, parents: dict[str, str]) -> list[str]:
+    above = []
+    while bone in parents:
+        bone = parents[bone]
+        above.append(bone)
+    return above
+
+
+def _depth(bone: str, parents: dict[str, str]) -> int:
+    return len(_above(bone, parents))

@@ -1,0 +1,266 @@
+"""Roles by a skeleton's structure: its tree, its symmetry and its lengths; names are evidence among others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fingers import finger_roles
+from .limb_fits import LimbFit, arm_fits, leg_fits
+from .names import guess_roles, names_part, side_of_name
+from .plausible import is_plausible
+from .roles import FINGERS, LIMBS, SIDES
+from .skeleton import Skeleton
+
+_LEAST_REACH = 0.15
+"""Share of a skeleton's size that a limb has at least."""
+_MOST, _MARGIN = 16.0, 2.0
+"""Cost of a limb from which it is none, and by how much the next way to see it must be dearer for it to be sure."""
+_NAMED, _NAMED_CLEARLY = 1.0, 8.0
+"""What a name that fits a part takes off its cost: where names are a patchwork, and where they alone show all limbs."""
+_SAME_PLACE = 0.06
+"""Share of a limb within which two bones are the same joint."""
+_CANDIDATES = 8
+"""Ways to see a branch that are looked at."""
+_PAIRS = 40
+"""Pairs of legs, and of arms, that are combined: rigs of hundreds of bones have many that are neither."""
+_LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
+_MIDDLE = 0.04
+"""Share of the size within which a bone lies in the plane between the sides."""
+
+
+@dataclass(frozen=True)
+class StructureGuess:
+    """What a skeleton's structure says."""
+
+    roles: dict[str, str]
+    """Bone by role; empty for no humanoid."""
+    doubts: tuple[str, ...]
+    """What is not sure, one sentence each; roles in doubt are left out."""
+
+
+@dataclass(frozen=True)
+class _Limbs:
+    cost: float
+    legs: tuple[LimbFit, LimbFit]
+    arms: tuple[LimbFit, LimbFit]
+
+
+def recognise(skeleton: Skeleton) -> StructureGuess:
+    """Return the roles that a skeleton's bones have on a person, as far as they are sure.
+
+    Legs and arms are the two pairs of like branches that cost least together: segments of usual ratios, a foot that
+    turns off the shin, a hand with fingers, legs that go against the trunk.
+    """
+    ranked = _ranked_limbs(skeleton)
+    if not ranked or ranked[0].cost > 2 * _MOST:
+        return StructureGuess({}, ())
+    best = ranked[0]
+    if _is_quadruped(skeleton, best):
+        return StructureGuess({}, ("Its four limbs stand on the floor: this is no person.",))
+    up = _middle(skeleton, best.arms, 0) - _middle(skeleton, best.legs, 0)
+    left, doubts = _left_first(skeleton, best, up / np.linalg.norm(up))
+    if doubts:
+        return StructureGuess({}, tuple(doubts))
+    roles: dict[str, int] = {}
+    for s, side in enumerate(SIDES):
+        _add_leg(roles, skeleton, best.legs[s if left else 1 - s], side)
+        _add_arm(roles, skeleton, best.arms[s if left else 1 - s], side)
+    doubts = _unsure(skeleton, roles, best, ranked[1:])
+    doubts += _add_trunk(roles, skeleton, best, up)
+    return StructureGuess({role: skeleton.names[bone] for role, bone in roles.items()}, tuple(doubts))
+
+
+def _ranked_limbs(skeleton: Skeleton) -> list[_Limbs]:
+    pairs = [pair for pair in skeleton.pairs() if skeleton.reach[pair[0]] > _LEAST_REACH * skeleton.size]
+    named = _NAMED_CLEARLY if _is_named(skeleton) else _NAMED
+    legs = [fit for pair in pairs for fit in _paired(*(leg_fits(skeleton, branch, named) for branch in pair))]
+    arms = [fit for pair in pairs for fit in _paired(*(arm_fits(skeleton, branch, named) for branch in pair))]
+    found = []
+    for leg in sorted(legs, key=_pair_cost)[:_PAIRS]:
+        for arm in sorted(arms, key=_pair_cost)[:_PAIRS]:
+            if leg[0].path[0] != arm[0].path[0]:
+                cost = _together(skeleton, leg, arm)
+                if np.isfinite(cost):
+                    found.append(_Limbs(cost, leg, _on_the_same_sides(skeleton, leg, arm)))
+    return sorted(found, key=lambda limbs: limbs.cost)
+
+
+def _pair_cost(pair: tuple[LimbFit, LimbFit]) -> float:
+    return pair[0].cost + pair[1].cost
+
+
+def _is_named(skeleton: Skeleton) -> bool:
+    """Return whether names alone show whole limbs that a person can have."""
+    parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
+    found = guess_roles(skeleton.names, parents)
+    return {role for roles in LIMBS.values() for role in roles} <= found.keys() and is_plausible(found, skeleton)
+
+
+def _on_the_same_sides(
+    skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
+) -> tuple[LimbFit, LimbFit]:
+    """Return the arms so that the first is on the side of the first leg."""
+    ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
+    return arms if ways[0] @ ways[1] > 0 else (arms[1], arms[0])
+
+
+def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, LimbFit]]:
+    """Return the ways to see both branches alike."""
+    others = {fit.places: fit for fit in right}
+    return [(fit, others[fit.places]) for fit in left[:_CANDIDATES] if fit.places in others and fit.cost < _MOST]
+
+
+def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
+    """Return the cost of legs and arms as those of one person, infinite where they cannot be."""
+    hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
+    if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
+        return np.inf
+    hips, shoulders = _middle(skeleton, legs, 0), _middle(skeleton, arms, 0)
+    leg, arm = (sum(skeleton.distance(*fit.joints[k : k + 2]) for k in (0, 1)) for fit in (legs[0], arms[0]))
+    trunk = shoulders - hips
+    size = float(np.linalg.norm(trunk))
+    if size < 1e-6 * skeleton.size:
+        return np.inf
+    cost = (np.log(size / leg / 0.62) / 0.35) ** 2 + (np.log(arm / leg / 0.64) / 0.3) ** 2
+    # The farther down the tree the arms hang by the legs, the more it is a trunk that lies between.
+    between = len(set(hang_arms) - set(hang_legs))
+    cost += 4.0 if between == 0 else 0.0
+    return float(cost + (legs[0].cost + legs[1].cost + arms[0].cost + arms[1].cost) / 2)
+
+
+def _middle(skeleton: Skeleton, pair: tuple[LimbFit, LimbFit], joint: int) -> np.ndarray:
+    return skeleton.heads[[fit.joints[joint] for fit in pair]].mean(0)
+
+
+def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
+    """Return whether arms and legs go the same way, square to the trunk."""
+    trunk = _middle(skeleton, limbs.arms, 0) - _middle(skeleton, limbs.legs, 0)
+    ways = [_middle(skeleton, pair, 2) - _middle(skeleton, pair, 0) for pair in (limbs.legs, limbs.arms)]
+    trunk, leg, arm = (v / max(np.linalg.norm(v), 1e-12) for v in (trunk, *ways))
+    return bool(abs(leg @ trunk) < 0.5 and leg @ arm > 0.75)
+
+
+def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
+    """Return whether the first of each pair is the left: by where the toes point, else by names."""
+    apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
+    ahead = np.zeros(3)
+    for fit in limbs.legs:
+        toe = _toe(skeleton, fit)
+        if toe is not None:
+            ahead += skeleton.heads[toe] - skeleton.heads[fit.joints[2]]
+    votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (limbs.legs, limbs.arms)]
+    said = sum(vote[0] for vote in votes) - sum(vote[1] for vote in votes)
+    unanimous = abs(said) >= 0.9 * sum(map(sum, votes)) and abs(said) >= 4
+    shown = float(np.cross(up, ahead) @ apart)
+    clear = abs(shown) > 0.02 * np.linalg.norm(apart) * skeleton.size
+    if clear and unanimous and (shown > 0) != (said > 0):
+        return True, ["The names say left where the toes say right: correct the table."]
+    if clear:
+        return shown > 0, []
+    return said > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]
+
+
+def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
+    """Return how many names say that a is left and b right, and the other way round."""
+    counts = [0, 0]
+    for branch, side in ((a, 0), (b, 1)):
+        for bone in skeleton.below(branch):
+            name = side_of_name(skeleton.names[bone])
+            if name:
+                counts[side if name == SIDES[0] else 1 - side] += 1
+    return counts[0], counts[1]
+
+
+def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
+    """Return the bone of the toes: about a third of the shin before the ankle."""
+    _, knee, ankle = fit.joints
+    shin = skeleton.distance(knee, ankle)
+    after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]
+    return min(after, key=lambda bone: abs(np.log(skeleton.distance(bone, ankle) / shin / 0.33)), default=None)
+
+
+def _add_leg(roles: dict[str, int], skeleton: Skeleton, fit: LimbFit, side: str) -> None:
+    roles |= {f"{side}_{part}": bone for part, bone in zip(("thigh", "shin", "foot"), fit.joints, strict=True)}
+    if (toe := _toe(skeleton, fit)) is not None:
+        roles[f"{side}_toe"] = toe
+
+
+def _add_arm(roles: dict[str, int], skeleton: Skeleton, fit: LimbFit, side: str) -> None:
+    roles |= {f"{side}_{part}": bone for part, bone in zip(("upper_arm", "forearm", "hand"), fit.joints, strict=True)}
+    if fit.places[0] > 0:
+        roles[f"{side}_clavicle"] = fit.path[fit.places[0] - 1]
+    fingers = finger_roles(skeleton, fit.joints[2], skeleton.distance(fit.joints[1], fit.joints[2]))
+    roles |= {f"{side}_{role}": bone for role, bone in fingers.items()}
+
+
+def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbFit, LimbFit]) -> bool:
+    """Return whether two ways to see a pair of limbs put a joint elsewhere."""
+    sides = [{fit.joints for fit in pair} for pair in (one, other)]
+    if {fit.path[0] for fit in one} != {fit.path[0] for fit in other}:
+        return sides[0] != sides[1]
+    size = skeleton.distance(one[0].joints[0], one[0].joints[1]) + skeleton.distance(*one[0].joints[1:])
+    same = next(fit for fit in other if fit.path[0] == one[0].path[0])
+    return any(skeleton.distance(a, b) > _SAME_PLACE * size for a, b in zip(one[0].joints, same.joints, strict=True))
+
+
+def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
+    """Take out of the roles what another way to see the skeleton, nearly as cheap, has otherwise; return sentences."""
+    doubts = []
+    for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
+        own = getattr(best, limb)
+        rival = next((o for o in others if _differ(skeleton, own, getattr(o, limb))), None)
+        if rival is not None and rival.cost - best.cost < _MARGIN:
+            doubts.append(f"It is not clear which bones are the {limb}: fill the table.")
+            for role in [r for r in roles if r.partition("_")[2].rstrip("_123") in parts]:
+                del roles[role]
+    return doubts
+
+
+def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> list[str]:
+    """Add pelvis, spine, neck, head and root; return what is not sure."""
+    from_legs = skeleton.above(limbs.legs[0].path[0])[1:]
+    from_arms = skeleton.above(limbs.arms[0].path[0])[1:]
+    common = next((bone for bone in from_legs if bone in from_arms), None)
+    if common is None:
+        return ["Legs and arms hang on different roots: fill the table."]
+    leg = sum(skeleton.distance(*limbs.legs[0].joints[k : k + 2]) for k in (0, 1))
+    hips = _middle(skeleton, limbs.legs, 0)
+    if np.linalg.norm(skeleton.heads[common] - hips) > 0.5 * leg:
+        return ["Pelvis and trunk hang side by side on a root: say in the table which bone is the pelvis."]
+    roles["pelvis"] = common
+    if (root := skeleton.above(common)[-1]) != common:
+        roles["root"] = root
+    spine = from_arms[: from_arms.index(common)][::-1]
+    roles |= {f"spine_{i + 1}": bone for i, bone in enumerate(spine)}
+    return _add_head(roles, skeleton, limbs, [*spine[::-1], common], up)
+
+
+def _add_head(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, trunk: list[int], up: np.ndarray) -> list[str]:
+    side = skeleton.heads[limbs.arms[0].joints[0]] - skeleton.heads[limbs.arms[1].joints[0]]
+    side = side / np.linalg.norm(side)
+    shoulders, length = _middle(skeleton, limbs.arms, 0), float(up @ up)
+
+    def height(bone: int) -> float:
+        return float((skeleton.heads[bone] - shoulders) @ up / length)
+
+    def in_middle(bone: int) -> bool:
+        return abs((skeleton.heads[bone] - shoulders) @ side) < _MIDDLE * skeleton.size
+
+    taken = {limbs.arms[0].path[0], limbs.arms[1].path[0], *trunk}
+    starts = [c for bone in trunk[:2] for c in skeleton.children[bone] if c not in taken and in_middle(c)]
+    starts = [c for c in starts if max(height(b) for b in skeleton.below(c) if in_middle(b)) > 0.1]
+    if not starts:
+        return ["No head was found."]
+    line = [max(starts, key=lambda c: (max(height(b) for b in skeleton.below(c)), skeleton.counts[c]))]
+    while inner := [c for c in skeleton.children[line[-1]] if in_middle(c) and height(c) > height(line[-1]) - 0.02]:
+        line.append(max(inner, key=lambda c: (skeleton.counts[c], height(c))))
+    costs = [
+        ((height(bone) - 0.3) / 0.12) ** 2 - 2.0 * names_part(skeleton.names[bone], "head")
+        - 1.0 * (len(skeleton.children[bone]) >= 2) + 0.5 * names_part(skeleton.names[bone], "neck") for bone in line
+    ]  # fmt: skip
+    head = int(np.argmin(costs))
+    roles["head"] = line[head]
+    roles |= {f"neck_{i + 1}": bone for i, bone in enumerate(line[:head])}
+    return []

@@ -1,0 +1,1 @@
+"""Motions of foreign skeletons onto our body."""

@@ -1,0 +1,64 @@
+"""A foreign skeleton's motion as a motion of our body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.exchange.joint_sets import SMPL_PARENTS
+from solver_backend.exchange.rigs.roles import JOINT_OF
+from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, measure
+from solver_backend.fitters.motion_import.floor import floor_height, standing_feet
+from solver_backend.fitters.motion_import.pose_fit import fit_poses
+from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.types import Motion, SkeletonMotion
+
+
+@dataclass(frozen=True)
+class ImportedMotion:
+    """A motion and how near it comes to its source."""
+
+    motion: Motion
+    """On our body."""
+    distances_mm: dict[str, float]
+    """Root mean square distance of each joint from the skeleton's, by role."""
+    raised_m: float
+    """By how much the motion was raised for the soles to stand on the floor."""
+
+
+def import_motion(
+    source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
+) -> ImportedMotion:
+    """Return the motion of a skeleton on our body, with the shape of its bones' lengths.
+
+    Args:
+        source: the skeleton's motion.
+        roles: its joint by role.
+        body: with SMPL's joints first.
+        keep_height: leave the motion at the clip's height; its lowest soles stand at z = 0 otherwise.
+
+    Raises:
+        MotionInvalid: left and right are not known.
+    """
+    measured = measure(source, roles, body.rest_joints(np.zeros(10))[:24])
+    betas = shape_from_lengths(body, measured.rest)
+    rest = body.rest_joints(betas)[:24]
+    G, joints = fit_poses(rest, measured)
+    off = 1000.0 * np.sqrt(((joints - measured.places) ** 2).sum(-1).mean(0))
+    raised = 0.0 if keep_height else -floor_height(body, betas, joints)
+    joints = joints + [0.0, 0.0, raised]
+    parents = list(SMPL_PARENTS[1:NUM_TURNED])
+    local = np.swapaxes(G[:, parents], -1, -2) @ G[:, 1:]
+    pose = np.zeros((source.num_frames, 23, 3))
+    pose[:, : NUM_TURNED - 1] = log_so3(local)
+    motion = Motion(
+        betas=betas, global_orient=log_so3(G[:, 0]), body_pose=pose.reshape(len(pose), -1),
+        transl=joints[:, 0] - rest[0], fps=source.fps, body=body.id, joints=joints,
+        contacts=standing_feet(body, betas, joints, source.fps),
+        provenance={"source": source.name, "method": "motion import", "roles": roles},
+    )  # fmt: skip
+    distances = {role: float(off[joint]) for role, joint in JOINT_OF.items() if np.isfinite(off[joint])}
+    return ImportedMotion(motion, distances, raised)

@@ -1,0 +1,123 @@
+"""Clips of foreign skeletons: unit and axes by the figure, ends of chains as joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.rigs.skeleton import Skeleton
+from solver_backend.exchange.rigs.structure import recognise
+from solver_backend.io.motions.bvh import BvhClip, read_bvh
+from solver_backend.io.recognition.length_unit import METRES, metres_in
+from solver_backend.types import SkeletonMotion
+
+_UNITS = {**METRES, "CMU (0.45 / 8 inch)": 0.0564444, "decimetre": 0.1}
+"""Metres of the units that clips come in; CMU's conversions keep its own."""
+_LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
+"""Hip to knee to ankle of a usual, the smallest and the tallest person that is taken for one (ANSUR II: 0.70 to 1.0;
+a child of four has 0.45)."""
+_MOST_M = 1e4
+"""Metres from the origin beyond which no take goes."""
+
+
+def read_foreign_bvh(path: Path, unit: str = "", up_axis: str = "") -> tuple[SkeletonMotion, dict[str, str], list[str]]:
+    """Read a BVH clip with whatever unit and axes it has.
+
+    Args:
+        path: the file.
+        unit: of length; "" to estimate it from the length of the legs.
+        up_axis: ``x``, ``y`` or ``z``; "" to detect it from the way the trunk points.
+
+    Returns:
+        The motion, its joint by role, and notes on what was detected.
+
+    Raises:
+        FileMissing, FileDamaged, NonFiniteData: see ``read_bvh``.
+        MotionInvalid: it is no person's skeleton, or its size is that of none in any unit.
+        JobInvalid: unit or axis are unknown.
+    """
+    clip = read_bvh(path, metres_per_unit=1.0, up_axis=up_axis or "y")
+    if len(set(clip.names)) < len(clip.names):
+        twice = next(name for name in clip.names if clip.names.count(name) > 1)
+        hint = "Give every joint a name of its own."
+        raise MotionInvalid(f"Several joints are called '{twice}'.", where=str(path), hint=hint)
+    skeleton = _skeleton(clip)
+    roles = _roles(skeleton, str(path))
+    metres, notes = _metres(skeleton, roles, unit, str(path))
+    if not up_axis and (up := _up_axis(clip, roles)) != "y":
+        notes.append(f"The trunk points along {up.upper()}, which is used as the up axis.")
+        clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
+    motion = _motion(clip, skeleton, metres, path.stem)
+    if np.abs(motion.joints).max() > _MOST_M:
+        raise MotionInvalid(
+            f"The clip goes {np.abs(motion.joints).max():.0f} m from its origin.", where=str(path),
+            hint="Offsets and positions are in different units; export it again.",
+        )  # fmt: skip
+    return motion, roles, notes
+
+
+def _skeleton(clip: BvhClip) -> Skeleton:
+    places: dict[str, np.ndarray] = {}
+    parents: dict[str, str] = {}
+    for j, (name, parent) in enumerate(zip(clip.names, clip.parents, strict=True)):
+        places[name] = clip.offsets[j] + (places[clip.names[parent]] if parent >= 0 else 0.0)
+        if parent >= 0:
+            parents[name] = clip.names[parent]
+    for name, offset in clip.end_offsets.items():
+        if np.linalg.norm(offset) > 0.0:
+            places[f"{name} end"], parents[f"{name} end"] = places[name] + offset, name
+    return Skeleton(places, parents)
+
+
+def _roles(skeleton: Skeleton, where: str) -> dict[str, str]:
+    guess = recognise(skeleton)
+    needed = [f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")]
+    if "pelvis" in guess.roles and set(needed) <= guess.roles.keys():
+        return guess.roles
+    missing = [role for role in ("pelvis", *needed) if role not in guess.roles]
+    said = " ".join(guess.doubts) or "Its joints are not those of a person."
+    hint = f"{said} A pelvis and two whole legs are the least."
+    raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)
+
+
+def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[str]]:
+    """Return the metres of the clip's unit and a note on it."""
+    index = {name: i for i, name in enumerate(skeleton.names)}
+    leg = np.mean([
+        sum(skeleton.distance(index[roles[f"{side}_{a}"]], index[roles[f"{side}_{b}"]]) for a, b in
+            (("thigh", "shin"), ("shin", "foot"))) for side in ("left", "right")
+    ])  # fmt: skip
+    if unit:
+        return metres_in(unit), []
+    name, metres = min(_UNITS.items(), key=lambda entry: abs(np.log(max(leg, 1e-12) * entry[1] / _LEG_M)))
+    if not _LEAST_LEG_M <= leg * metres <= _MOST_LEG_M:
+        hint = f"Known units are {', '.join(METRES)}; name one with --unit."
+        raise MotionInvalid(f"Legs of {leg:.4g} units are a person's in no known unit.", where=where, hint=hint)
+    return metres, [f"Unit estimated from the legs: {name}, legs of {leg * metres:.2f} m."]
+
+
+def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:
+    """Return the file's axis along which the trunk points, the mean over all frames; ``y`` unless another is clear."""
+    top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
+    a, b = clip.names.index(roles["pelvis"]), clip.names.index(roles[top])
+    points = clip.positions()[:, [a, b]]
+    trunk = points[:, 1] - points[:, 0]
+    world = (trunk / np.maximum(np.linalg.norm(trunk, axis=1, keepdims=True), 1e-9)).mean(0)
+    own = np.array([world[0], world[2], -world[1]])  # the reader turned Y up to Z up
+    axis = int(np.abs(own).argmax())
+    return "xyz"[axis] if own[axis] > 0.8 and axis != 1 else "y"
+
+
+def _motion(clip: BvhClip, skeleton: Skeleton, metres: float, name: str) -> SkeletonMotion:
+    joints, turns = clip.posed()
+    ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
+    if ends:
+        bones = [bone for bone, _ in ends]
+        offsets = np.array([clip.end_offsets[clip.names[bone]] for bone in bones])
+        tips = joints[:, bones] + (turns[:, bones] @ offsets[..., None])[..., 0]
+        joints, turns = np.concatenate([joints, tips], axis=1), np.concatenate([turns, turns[:, bones]], axis=1)
+    return SkeletonMotion(
+        name, skeleton.names, tuple(skeleton.parents), metres * skeleton.heads, metres * joints, turns, clip.fps
+    )

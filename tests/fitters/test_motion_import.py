@@ -1,0 +1,138 @@
+"""Motions of foreign skeletons onto our body: known truth, real clips, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
+from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.motions.foreign_skeleton import read_foreign_bvh
+from solver_backend.io.native.motion_file import read_motion
+from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, write_bvh
+
+BETAS = np.array([0.8, -0.5, 0.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+LIMBS = [1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21]
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return load_body()
+
+
+@pytest.fixture(scope="module")
+def known(body: Body) -> KnownMotion:
+    return known_motion(body, BETAS)
+
+
+def bring(path: Path, body: Body, *, keep_height: bool = True) -> ImportedMotion:
+    source, roles, _ = read_foreign_bvh(path)
+    return import_motion(source, roles, body, keep_height=keep_height)
+
+
+def rotations(done: ImportedMotion) -> np.ndarray:
+    return exp_so3(done.motion.body_pose.reshape(done.motion.num_frames, -1, 3))
+
+
+@pytest.mark.parametrize("order", ["XYZ", "ZXY", "YXZ", "ZYX"])
+@pytest.mark.parametrize(("unit", "arms_down"), [(0.01, 0.0), (1.0, 0.8), (0.0254, 1.3)])
+def test_a_known_motion_comes_back(tmp_path: Path, body: Body, known: KnownMotion, order, unit, arms_down) -> None:
+    path = write_bvh(tmp_path / "clip.bvh", known, order=order, unit=unit, arms_down=arms_down)
+    done = bring(path, body)
+    off = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS]
+    assert off.max() < 0.01 and np.sqrt((off**2).mean()) < 0.004
+    own = rotations(done)
+    step = log_so3(own[:-1].swapaxes(-1, -2) @ own[1:])
+    assert np.degrees(np.linalg.norm(step, axis=-1)).max() < 60.0
+
+
+def test_joints_without_names_and_files_with_z_up_are_told(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+    names = tuple(f"joint_{(7 * j) % 24}" for j in range(24))
+    path = write_bvh(tmp_path / "clip.bvh", known, names=names, turn=np.eye(3), unit=0.001, order="XYZ")
+    source, roles, notes = read_foreign_bvh(path)
+    done = import_motion(source, roles, body, keep_height=True)
+    off = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS]
+    assert off.max() < 0.01 and "Z, which is used as the up axis" in " ".join(notes) and "mm" in " ".join(notes)
+
+
+def test_limbs_twist_as_the_skeletons_do(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+    done = bring(write_bvh(tmp_path / "clip.bvh", known), body)
+    G = exp_so3(done.motion.global_orient)
+    turned = log_so3(G.swapaxes(-1, -2) @ known.posed.G[:, 0])
+    assert np.degrees(np.linalg.norm(turned, axis=-1)).max() < 10.0
+    own = rotations(done)[:, [j - 1 for j in LIMBS]]
+    true = known.posed.G[:, list(known.parents)[1:]].swapaxes(-1, -2) @ known.posed.G[:, 1:]
+    off = np.linalg.norm(log_so3(own.swapaxes(-1, -2) @ true[:, [j - 1 for j in LIMBS]]), axis=-1)
+    assert np.degrees(np.sqrt((off**2).mean())) < 8.0
+
+
+def test_a_clip_about_its_hips_stands_on_the_floor(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+    sunk = replace(known, posed=replace(known.posed, joints=known.posed.joints - [0.0, 0.0, 0.95]))
+    done = bring(write_bvh(tmp_path / "clip.bvh", sunk), body, keep_height=False)
+    assert done.raised_m == pytest.approx(0.95, abs=0.03)
+    assert done.motion.contacts is not None and done.motion.contacts.any(axis=1).mean() > 0.5
+
+
+def test_real_clips_are_near_and_do_not_flip(shared_data: Path, body: Body) -> None:
+    poses = shared_data / "poses_makehuman_cc0/makehuman_data_bvhs_10_01.bvh"
+    clips = [*sorted((shared_data / "bvh_samples").glob("*daz*.bvh")), poses]
+    for path in clips:
+        done = bring(path, body)
+        placed = [off for role, off in done.distances_mm.items() if not role.endswith(("toe", "head"))]
+        assert np.sqrt(np.mean(np.square(placed))) < 10.0, path.name
+
+
+def test_the_verb_writes_a_motion(tmp_path: Path, known: KnownMotion, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = write_bvh(tmp_path / "clip.bvh", known), tmp_path / "motion.npz"
+    assert main(["motion", str(path), "--out", str(out)]) == 0
+    assert "Unit estimated from the legs: cm" in capsys.readouterr().out
+    assert read_motion(out).num_frames == 90
+    assert main(["motion", str(path), "--out", str(out)]) == 3
+    assert main(["motion", str(tmp_path / "clip.fbx"), "--out", str(tmp_path / "b.npz")]) == 3
+    assert "BVH is read" in capsys.readouterr().err
+
+
+def edited(path: Path, before: str, after: str) -> Path:
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
+    return path
+
+
+def test_what_is_wrong_is_named(tmp_path: Path, known: KnownMotion) -> None:
+    def clip(name: str, **how: object) -> Path:
+        return write_bvh(tmp_path / f"{name}.bvh", known, **how)  # pyright: ignore[reportArgumentType]
+
+    with pytest.raises(MotionInvalid, match="in no known unit"):
+        read_foreign_bvh(clip("huge", unit=1e-6))
+    with pytest.raises(FileDamaged, match="0 frames"):
+        read_foreign_bvh(edited(clip("none"), "Frames: 90", "Frames: 0"))
+    broken = clip("nan")
+    last = broken.read_text().splitlines()[-1].split()
+    with pytest.raises(NonFiniteData, match="NaN"):
+        read_foreign_bvh(edited(broken, " ".join(last), " ".join(["nan", *last[1:]])))
+    with pytest.raises(MotionInvalid, match=r"Several joints are called 'joint'"):
+        read_foreign_bvh(clip("twice", names=("joint",) * 24))
+
+
+def test_a_skeleton_without_legs_is_named(tmp_path: Path) -> None:
+    lines = ["HIERARCHY", "ROOT Hips", "{", "OFFSET 0 0 0", "CHANNELS 3 Zrotation Xrotation Yrotation"]
+    for name in ("Spine", "Neck", "Head"):
+        lines += [f"JOINT {name}", "{", "OFFSET 0 20 0", "CHANNELS 3 Zrotation Xrotation Yrotation"]
+    lines += ["End Site", "{", "OFFSET 0 10 0", "}", "}", "}", "}", "}", "MOTION", "Frames: 1", "Frame Time: 0.03"]
+    path = tmp_path / "torso.bvh"
+    path.write_text("\n".join([*lines, " ".join(["0"] * 12)]))
+    with pytest.raises(MotionInvalid, match=r"No joints were found for pelvis, left_thigh"):
+        read_foreign_bvh(path)
+
+
+def test_axes_of_the_file_can_be_given(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+    path = write_bvh(tmp_path / "clip.bvh", known, turn=Y_UP)
+    given, roles, _ = read_foreign_bvh(path, unit="cm", up_axis="y")
+    assert np.abs(given.joints[:, given.names.index(roles["pelvis"])] - known.posed.joints[:, 0]).max() < 1e-4

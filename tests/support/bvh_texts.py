@@ -1,0 +1,100 @@
+"""BVH files of a known motion of our body: other rest poses, units, axes, orders of channels and names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.embedded.choreography import author_motion
+
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""World (Z up) to a file's axes (Y up)."""
+_DOWN = {16: (0, 0, -1), 17: (0, 0, 1), 1: (0, 0, 0.3), 2: (0, 0, -0.3)}
+"""Axes by which arms hang and legs spread at rest."""
+
+
+@dataclass(frozen=True)
+class KnownMotion:
+    """A motion of our body and its truth."""
+
+    posed: PosedSkeleton
+    rest: np.ndarray
+    """(24, 3) joints at rest, Y up."""
+    parents: tuple[int, ...]
+    names: tuple[str, ...]
+    fps: float
+
+
+def known_motion(body: Body, betas: np.ndarray, frames: int = 90, fps: float = 30.0) -> KnownMotion:
+    """Return the choreography on a body of a shape."""
+    played = author_motion(body, betas, frames, fps)
+    local = exp_so3(played.body_pose.reshape(frames, -1, 3))
+    posed = forward_kinematics(body, betas, exp_so3(played.global_orient), local, played.transl)
+    return KnownMotion(posed, body.rest_joints(betas), body.parents, body.layout.joints, fps)
+
+
+def write_bvh(
+    path: Path, known: KnownMotion, *, order: str = "ZXY", unit: float = 0.01, turn: np.ndarray = Y_UP,
+    arms_down: float = 0.0, names: tuple[str, ...] | None = None,
+) -> Path:  # fmt: skip
+    """Write a motion as BVH.
+
+    Args:
+        path: the file.
+        known: the motion.
+        order: of the rotation channels.
+        unit: metres of the file's unit.
+        turn: rotation of the world to the file's axes.
+        arms_down: radians by which the arms hang at rest.
+        names: of the joints; the body's own if left out.
+    """
+    names = names or known.names
+    count = len(names)
+    B = np.tile(np.eye(3), (count, 1, 1))
+    for j, parent in enumerate(known.parents):
+        own = exp_so3(arms_down * np.array(_DOWN.get(j, (0, 0, 0)), float))
+        B[j] = own if parent < 0 else B[parent] @ own
+    offsets = np.zeros((count, 3))
+    for j, parent in enumerate(known.parents):
+        if parent >= 0:
+            offsets[j] = B[parent] @ (known.rest[j] - known.rest[parent]) / unit
+    G = turn @ known.posed.G[:, :count] @ B.swapaxes(1, 2)
+    local = G.copy()
+    for j, parent in enumerate(known.parents):
+        if parent >= 0:
+            local[:, j] = G[:, parent].swapaxes(1, 2) @ G[:, j]
+    root = known.posed.joints[:, 0] @ turn.T / unit
+    # Depth first, as the brackets have it: values follow the order in which joints are written.
+    lines, columns = ["HIERARCHY"], []
+    _write_joint(lines, columns, names, known.parents, offsets, order, 0, "")
+    angles = np.stack([Rotation.from_matrix(local[:, j]).as_euler(order, degrees=True) for j in columns], axis=1)
+    values = np.concatenate([root, angles.reshape(len(root), -1)], axis=1)
+    lines += ["MOTION", f"Frames: {len(values)}", f"Frame Time: {1 / known.fps:.7f}"]
+    lines += [" ".join(f"{value:.6f}" for value in row) for row in values]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def _write_joint(
+    lines: list[str], columns: list[int], names: tuple[str, ...], parents: tuple[int, ...], offsets: np.ndarray,
+    order: str, joint: int, indent: str,
+) -> None:  # fmt: skip
+    columns.append(joint)
+    kind = "ROOT" if parents[joint] < 0 else "JOINT"
+    turns = " ".join(f"{axis}rotation" for axis in order)
+    places = "6 Xposition Yposition Zposition" if kind == "ROOT" else "3"
+    lines += [f"{indent}{kind} {names[joint]}", f"{indent}{{"]
+    lines.append(f"{indent} OFFSET " + " ".join(f"{value:.6f}" for value in offsets[joint]))
+    lines.append(f"{indent} CHANNELS {places} {turns}")
+    below = [j for j, parent in enumerate(parents) if parent == joint]
+    for child in below:
+        _write_joint(lines, columns, names, parents, offsets, order, child, indent + " ")
+    if not below:
+        lines += [f"{indent} End Site", f"{indent} {{", f"{indent}  OFFSET 0 0 0", f"{indent} }}"]
+    lines.append(f"{indent}}}")
