@@ -99,10 +99,12 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     if args.verb in plain:
         return call([sys.executable, *plain[args.verb]])
     set_up()
-    if args.verb in ("test", "lint"):
-        pytest = [str(PYTHON), "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", *rest]
-        return checks([pytest] if args.verb == "test" else [], fix=getattr(args, "fix", False))
-    made = {"bench": ["-m", "tests.benchmarks", *rest], "build": ["build_addon.py"]}
+    made = {
+        "test": ["-m", "supply.checks", "test", *rest],
+        "lint": ["-m", "supply.checks", "lint", *(["--fix"] if getattr(args, "fix", False) else [])],
+        "bench": ["-m", "tests.benchmarks", *rest],
+        "build": ["build_addon.py"],
+    }
     if args.verb in made:
         return call([str(PYTHON), *made[args.verb]])
     if args.verb == "docs":
@@ -183,25 +185,6 @@ def blender_error() -> str:
     """Return the last line of what went wrong when the Blender module was imported, '' if nothing did."""
     done = subprocess.run([str(PYTHON), "-c", PROBE], capture_output=True, text=True, cwd=ROOT)
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["it crashed"])[-1]
-
-
-def checks(more: list[list[str]], fix: bool = False) -> int:
-    """Run the linters and ``more``; all of them run, and the failures are named at the end."""
-    python = [str(PYTHON), "-m"]
-    steps = [
-        [*python, "ruff", "check", *(["--fix"] if fix else []), "."],
-        [*python, "ruff", "format", *([] if fix else ["--check"]), "--quiet", "."],
-    ]
-    steps += [[str(BIN / "lint-imports")], [*python, "pyright"], *more]
-    failed = []
-    for step in steps if VERSION == "3.11" else more:  # the linters look into .venv
-        name = " ".join(part for part in step[1:] if part not in ("-m", "--quiet")) or "lint-imports"
-        print(f"── {name}", flush=True)
-        if call(step) != 0:
-            failed.append(name)
-    if failed:
-        raise Failed("Failed: " + "; ".join(failed))
-    return 0
 
 
 def demo(args: argparse.Namespace) -> int:

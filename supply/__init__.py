@@ -1,1 +1,1 @@
-"""What the project is made of: licences, locked versions, and the bill of materials of a build."""
+"""Tools around the product: what it is made of, its generated pages, its checks and its tests."""

@@ -1,0 +1,86 @@
+"""``python -m supply.checks test`` runs every check and every test, ``lint`` the checks alone; ``dev.py`` calls it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import IO
+
+ROOT = Path(__file__).resolve().parents[1]
+VENV = Path(sys.prefix)
+LINTERS_PYTHON = (3, 11)
+"""Whose environment the linters look into; under another Python the tests run alone."""
+WORKERS = 2
+"""Processes that run tests: as many as the machine has cores that this was made for."""
+
+
+def main(argv: list[str]) -> int:
+    """Run one verb, print the names of the steps that failed, and return the exit code."""
+    verb, *rest = argv
+    pytest = [sys.executable, "-m", "pytest", "-q", "-n", str(WORKERS), "--dist", "worksteal", *rest]
+    linters = lint_steps(fix="--fix" in rest) if sys.version_info[:2] == LINTERS_PYTHON else []
+    try:
+        failed = run_beside(linters, [pytest]) if verb == "test" else run_steps(linters)
+    except KeyboardInterrupt:
+        return 130
+    if failed:
+        sys.stderr.write(f"\n✗ Failed: {'; '.join(failed)}\n")
+    return int(bool(failed))
+
+
+def lint_steps(fix: bool) -> list[list[str]]:
+    """Return the commands of the linters, the longest last."""
+    python = [sys.executable, "-m"]
+    check = [*python, "ruff", "check", *(["--fix"] if fix else []), "."]
+    layout = [*python, "ruff", "format", *([] if fix else ["--check"]), "--quiet", "."]
+    contracts = str(Path(sys.executable).with_name("lint-imports"))
+    return [check, layout, [contracts], [*python, "pyright"]]
+
+
+def run_beside(linters: list[list[str]], tests: list[list[str]]) -> list[str]:
+    """Run the linters while the tests run, print what they found afterwards, and return the names of what failed."""
+    failed: list[str] = []
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as shown:
+        # A daemon: whoever cancels the tests does not wait for pyright.
+        beside = threading.Thread(target=lambda: failed.extend(run_steps(linters, shown)), daemon=True)
+        beside.start()
+        failed_tests = run_steps(tests)
+        beside.join()
+        shown.seek(0)
+        sys.stdout.write(shown.read())
+        sys.stdout.flush()
+    return failed + failed_tests
+
+
+def run_steps(steps: list[list[str]], out: IO[str] | None = None) -> list[str]:
+    """Run every step, printing to ``out`` where it is given, and return the names of those that failed."""
+    failed = []
+    for step in steps:
+        name = " ".join(part for part in step[1:] if part not in ("-m", "--quiet")) or "lint-imports"
+        print(f"── {name}", file=out, flush=True)
+        if call(step, out) != 0:
+            failed.append(name)
+    return failed
+
+
+def call(command: list[str], out: IO[str] | None) -> int:
+    """Run a command in the repository's root and return its exit code."""
+    stderr = subprocess.STDOUT if out else None
+    return subprocess.run(command, cwd=ROOT, env=compile_once(), stdout=out, stderr=stderr).returncode
+
+
+def compile_once() -> dict[str, str]:
+    """Return an environment in which Python keeps compiled modules, inside the virtual environment.
+
+    Compiling is more than half of what collecting the tests takes, and every program that they start imports anew.
+    """
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return {"PYTHONPYCACHEPREFIX": str(VENV / "compiled"), **env}
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
