@@ -92,7 +92,8 @@ def test_one_who_fails_does_not_stop_the_others(short_pair: Path, tmp_path: Path
 @pytest.mark.slow
 def test_a_session_is_one_batch(shared_data: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "session"
-    assert main(["solve", str(shared_data / SESSION), "--out", str(out), "--person", "all", "--json"]) == 0
+    quick = ["--person", "all", "--iterations", "2", "--json"]
+    assert main(["solve", str(shared_data / SESSION), "--out", str(out), *quick]) == 0
     result = last_event(capsys)
     assert len(result["takes"]) == 5 and not result["failed"]
     assert sorted(p.name for p in out.iterdir())[0] == "S00_P01_T00_StaticTrialParticipant1.npz"
@@ -111,7 +112,8 @@ def test_jobs_are_solved_one_after_another(short_pair: Path, tmp_path: Path, cap
     jobs = []
     for name in ("1", "2"):
         path = tmp_path / f"job{name}.json"
-        path.write_text(json.dumps({"version": 1, "capture": str(short_pair), "out": f"{name}.npz", "person": name}))
+        job = {"version": 1, "capture": str(short_pair), "out": f"{name}.npz", "person": name}
+        path.write_text(json.dumps(job | {"settings": {"iterations": 2}}))
         jobs += ["--job", str(path)]
     assert main(["solve", *jobs, "--json"]) == 0
     assert [t["person"] for t in last_event(capsys)["takes"]] == ["Person 1", "Person 2"]

@@ -18,7 +18,7 @@ from solver_backend.cli import spread
 from solver_backend.cli.main import main
 from solver_backend.cli.spread import ClusterStretches
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.fitters.keyframes.chunked import solve_long
+from solver_backend.fitters.keyframes.chunked import in_turn, solve_long
 from solver_backend.fitters.keyframes.optimise import Schedule
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import pose
@@ -41,12 +41,16 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tended]:
         gc.collect()
 
 
-@pytest.fixture
-def scene() -> StickScene:
+def finer_scene() -> StickScene:
     scene = StickScene()
     finer = KeyframeLayout.even(FRAMES, 4)
     scene.start, scene.layout = resampled(scene.start, scene.layout, finer), finer
     return scene
+
+
+@pytest.fixture
+def scene() -> StickScene:
+    return finer_scene()
 
 
 def points_of(scene: StickScene, each: object) -> np.ndarray:
@@ -54,11 +58,16 @@ def points_of(scene: StickScene, each: object) -> np.ndarray:
     return pose(scene.subject, scene.poses(found.keys)).points
 
 
-@pytest.mark.parametrize("kill", [False, True])
-def test_stretches_over_a_cluster_are_those_of_one_machine(cluster: Tended, scene: StickScene, kill: bool) -> None:
-    from solver_backend.fitters.keyframes.chunked import in_turn
+@pytest.fixture(scope="module")
+def here() -> np.ndarray:
+    """Return the points as this process finds them alone."""
+    return points_of(finer_scene(), in_turn)
 
-    here = points_of(scene, in_turn)
+
+@pytest.mark.parametrize("kill", [False, True])
+def test_stretches_over_a_cluster_are_those_of_one_machine(
+    cluster: Tended, scene: StickScene, here: np.ndarray, kill: bool
+) -> None:
     stretches = ClusterStretches(cluster.address)
     if kill:
         threading.Timer(0.2, cluster.kill, [1]).start()
@@ -71,10 +80,8 @@ def test_stretches_over_a_cluster_are_those_of_one_machine(cluster: Tended, scen
 
 
 def test_a_worker_of_another_version_solves_nothing(
-    cluster: Tended, scene: StickScene, monkeypatch: pytest.MonkeyPatch
+    cluster: Tended, scene: StickScene, here: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from solver_backend.fitters.keyframes.chunked import in_turn
-
     cluster.wait_for_workers(2)
     monkeypatch.setattr(spread, "VERSION", "7.8.9")
     stretches = ClusterStretches(cluster.address)
@@ -84,7 +91,7 @@ def test_a_worker_of_another_version_solves_nothing(
     finally:
         stretches.close()
     assert stretches.solved_there == 0 and time.monotonic() - start < 60
-    assert np.array_equal(there, points_of(scene, in_turn))
+    assert np.array_equal(there, here)
 
 
 def test_no_scheduler_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,3 +21,9 @@ class SolvedCapture:
     @property
     def files(self) -> SolveFiles:
         return SolveFiles(*(self.folder / name for name in ("take_01.npz", "capture.npz", "take_01.html", "job.json")))
+
+    def copied_to(self, folder: Path) -> SolvedCapture:
+        """Return the same in another folder, which what the solver said names too."""
+        shutil.copytree(self.folder, folder, dirs_exist_ok=True)
+        here, there = (json.dumps(str(place))[1:-1] for place in (self.folder, folder))
+        return SolvedCapture(folder, json.loads(json.dumps(self.read).replace(here, there)))

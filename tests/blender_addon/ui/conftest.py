@@ -18,9 +18,9 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.solved_capture import SolvedCapture
 
 
-@pytest.fixture(scope="module")
-def solved(tmp_path_factory: pytest.TempPathFactory) -> SolvedCapture:
-    """Read and solve the first half second of the demo capture once."""
+@pytest.fixture(scope="session")
+def solved_once(tmp_path_factory: pytest.TempPathFactory) -> SolvedCapture:
+    """Read and solve the first half second of the demo capture; nobody writes into its folder."""
     folder = tmp_path_factory.mktemp("gelöst – 1")
     whole = demo_capture()
     assert whole.keypoints is not None
@@ -34,6 +34,12 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> SolvedCapture:
     assert solver(["solve", str(folder / "capture.npz"), *out]) == 0
     (folder / "job.json").write_text("{}")
     return SolvedCapture(folder, run.result)
+
+
+@pytest.fixture(scope="module")
+def solved(solved_once: SolvedCapture, tmp_path_factory: pytest.TempPathFactory) -> SolvedCapture:
+    """Return a copy of the solved capture that the tests of a file may write beside."""
+    return solved_once.copied_to(tmp_path_factory.mktemp("gelöst – 1"))
 
 
 @pytest.fixture
