@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.opencv import opencv
 from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.io.footage.recording import parts_of
 from solver_backend.io.recognition.camera_names import natural_key
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")
@@ -60,15 +61,17 @@ def _of_pictures(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _of_video(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield pictures of a video, or of all chapters of a recording one after the other."""
     cv2 = opencv()
-    video = cv2.VideoCapture(str(path))
-    try:
-        number = 0
-        while video.grab():
-            if number % step == 0:
-                good, picture = video.retrieve()
-                if good:
-                    yield number, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-            number += 1
-    finally:
-        video.release()
+    number = 0
+    for part in parts_of(path):
+        video = cv2.VideoCapture(str(part))
+        try:
+            while video.grab():
+                if number % step == 0:
+                    good, picture = video.retrieve()
+                    if good:
+                        yield number, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+                number += 1
+        finally:
+            video.release()

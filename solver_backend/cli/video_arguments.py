@@ -52,7 +52,7 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
     road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
     road.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
-    add_settings(road, [name for name in ROWS if name != "layout"])
+    add_settings(road, [name for name in ROWS if name not in ("layout", "sync")])
 
     noise = verbs.add_parser(
         "detector-noise", parents=[writing, common], help="measure a detector's noise at each confidence"
@@ -68,12 +68,13 @@ def _detector() -> argparse.ArgumentParser:
         "--detector", default="mediapipe", metavar="NAME|MODEL.onnx",
         help="mediapipe (default), or an ONNX file of RTMPose, RTMO, YOLO-pose or MoveNet",
     )  # fmt: skip
+    options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
     options.add_argument("--people", type=int, default=1, metavar="N", help="people looked for in each view")
     options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
     options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
     options.add_argument(
-        "--sync", choices=("auto", "keypoints", "clap", "sound", "flash", "none"), default="auto",
+        "--sync", choices=("auto", "keypoints", "clap", "sound", "flash", "none"), default="auto", dest="clocks",
         help="how to synchronise the cameras (default: whatever the footage allows)",
     )  # fmt: skip
     return options

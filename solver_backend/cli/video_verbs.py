@@ -31,11 +31,11 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     overwrite, choice = bool(args.overwrite), _choice(args)
     check_output(args.out, overwrite=overwrite)
-    videos = _videos(args.videos)
+    footage = _footage(args.videos)
+    videos, names = list(footage.values()), list(footage)
     calibration = None
     if args.calibration is not None:
         calibration = read_calibration(args.calibration)
-        names = [path.stem for path in videos]
         order = match_names(names, calibration.cameras.names)
         if order is None:
             raise CommandLineInvalid(
@@ -44,8 +44,10 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
             )  # fmt: skip
         calibration = ordered(calibration, order)
     folder = args.work or args.out.parent / "detections"
-    found = detect_videos(videos, choice, folder, progress, jobs=args.jobs)
-    clocks = synchronise(found, calibration and calibration.cameras, args.sync, progress)
+    found = detect_videos(
+        videos, choice, folder, progress, jobs=args.jobs, cameras=names, pictures_fps=_pictures_fps(args)
+    )
+    clocks = synchronise(found, calibration and calibration.cameras, args.clocks, progress)
     capture = assembled(args.out.stem, found, clocks, calibration, progress)
     write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=overwrite)
     previews = write_previews(found, args.preview, progress, overwrite=overwrite) if args.preview else []
@@ -67,12 +69,12 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         names = ", ".join(take.name for take in found.takes)
         raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=f"There are: {names}.")
     plans = planned(replace(found, takes=takes), args.out or args.folder / "mocap")
-    lines = described(found, plans, args.detector, args.sync, args.until)
+    lines = described(found, plans, args.detector, args.clocks, args.until)
     data: dict[str, Any] = {"plan": lines, "takes": {}}
     if args.dry_run:
         return Outcome("\n".join(lines), data)
     settings = RoadSettings(
-        detector=_choice(args), sync=args.sync, until=args.until, jobs=args.jobs,
+        detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras),
     )  # fmt: skip
@@ -172,14 +174,24 @@ def _choice(args: argparse.Namespace) -> Any:
     return chosen_detector(args.detector, python=args.python, people=args.people, hands=args.hands)
 
 
-def _videos(given: list[Path]) -> list[Path]:
-    """Return the videos that were named, or those of the one folder that was."""
+def _pictures_fps(args: argparse.Namespace) -> float:
+    from solver_backend.job import positive_fps
+    from solver_backend.videos.files.probe import PICTURES_FPS
+
+    return PICTURES_FPS if args.fps is None else positive_fps(args.fps)
+
+
+def _footage(given: list[Path]) -> dict[str, Path]:
+    """Return the videos that were named, or those of the one folder that was, by the cameras' names."""
     if len(given) > 1 or not given[0].is_dir():
-        return given
+        from solver_backend.io.footage.recording import join_chapters
+
+        return {parts[0].stem: parts[0] for parts in join_chapters(given)}
     from solver_backend.videos.pipeline.layout import look_through
 
     takes = look_through(given[0]).takes
     if len(takes) > 1:
         names = ", ".join(take.name for take in takes)
         raise CommandLineInvalid("The folder holds several takes.", where=str(given[0]), hint=f"Choose one: {names}.")
-    return list(next(iter(takes)).videos)
+    [take] = takes
+    return dict(zip(take.cameras, take.videos, strict=True))

@@ -6,8 +6,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from solver_backend.camera_calibration.frames import PICTURES, VIDEOS, is_footage
+from solver_backend.camera_calibration.frames import VIDEOS, is_footage
 from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
+from solver_backend.io.footage.recording import join_chapters
 from solver_backend.io.recognition.camera_names import natural_key
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
@@ -27,7 +28,8 @@ class BoardFootage:
 def board_footage(folder: Path) -> BoardFootage:
     """Return the footage of a folder: ``intrinsics/`` and ``extrinsics/`` in it or below, or its videos themselves.
 
-    A camera is a video, or a folder of pictures; ``int_cam01_img`` is camera ``cam01``.
+    A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it;
+    ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video.
 
     Raises:
         FileMissing: there is no such folder.
@@ -60,13 +62,24 @@ def _below(folder: Path, names: tuple[str, ...], levels: int = 2) -> dict[str, P
 
 
 def _cameras(folder: Path) -> dict[str, Path]:
-    found: dict[str, Path] = {}
-    for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
-        if path.name.startswith(".") or path.suffix.lower() in PICTURES:
-            continue
-        if (path.suffix.lower() in VIDEOS and path.is_file()) or (path.is_dir() and is_footage(path)):
-            found[camera_name(path)] = path
+    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    videos = join_chapters(path for path in entries if path.suffix.lower() in VIDEOS and path.is_file())
+    found = {camera_name(parts[0]): parts[0] for parts in videos}
+    for path in entries:
+        if path.is_dir() and (footage := _footage_in(path)) is not None:
+            found.setdefault(camera_name(path), footage)
     return found
+
+
+def _footage_in(folder: Path) -> Path | None:
+    """Return the pictures or the one video of a camera's folder, or those of the one folder in it that has any."""
+    if is_footage(folder):
+        return folder
+    videos = join_chapters(path for path in folder.iterdir() if path.suffix.lower() in VIDEOS and path.is_file())
+    if len(videos) == 1:
+        return videos[0][0]
+    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and is_footage(path)]
+    return inner[0] if len(inner) == 1 else None
 
 
 def camera_name(path: Path) -> str:

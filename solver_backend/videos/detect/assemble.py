@@ -65,7 +65,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     stacked = np.stack(xy)
     seen = np.isfinite(stacked).all(-1)
     joined = Detections(
-        tuple(item.video.stem for item in found),
+        tuple(item.name for item in found),
         stacked.astype(np.float32),
         np.where(seen, np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32),
         sets.pop(),

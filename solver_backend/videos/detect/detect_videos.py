@@ -22,8 +22,8 @@ from solver_backend.videos.detect.errors import DetectorOutputsUnknown
 from solver_backend.videos.detect.process import DetectorProcess
 from solver_backend.videos.detect.tracking import tracked
 from solver_backend.videos.detect.video_detections import VideoDetections, read_detections, write_detections
-from solver_backend.videos.files.identity import file_hash, require_different
-from solver_backend.videos.files.probe import VideoInfo, probe
+from solver_backend.videos.files.identity import file_hash, recording_hash, require_different
+from solver_backend.videos.files.probe import PICTURES_FPS, VideoInfo, probe
 from solver_backend.videos.files.read import read_pictures
 
 _POLL_S = 0.2
@@ -37,6 +37,8 @@ def detect_videos(
     *,
     jobs: int = 0,
     again: bool = False,
+    cameras: Sequence[str] = (),
+    pictures_fps: float = PICTURES_FPS,
 ) -> list[VideoDetections]:
     """Return what is found in each video; a video that was done with this detector before is not done again.
 
@@ -50,14 +52,16 @@ def detect_videos(
         progress: called with the pictures that are done.
         jobs: processes at a time; 0 is one a core.
         again: also videos that were done before.
+        cameras: names of the cameras; those of the videos if left out.
+        pictures_fps: rate of folders of pictures.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
         BackendMissing, VideoUnreadable: see ``probe`` and ``read_pictures``.
         DetectorMissing, DetectorOutputsUnknown, DetectorFailed: see ``DetectorProcess``.
     """
-    infos = [probe(video) for video in videos]
-    hashes = {info.path: file_hash(info.path) for info in infos}
+    infos = [probe(video, pictures_fps) for video in videos]
+    hashes = {info.path: recording_hash(info.parts or (info.path,)) for info in infos}
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
     run = _Run(choice, sum(info.num_frames for info in infos), again)
@@ -72,7 +76,8 @@ def detect_videos(
         except BaseException:
             run.stop()
             raise
-    return [future.result() for future in futures]
+    found = [future.result() for future in futures]
+    return [replace(item, camera=name) for item, name in zip(found, cameras or [""] * len(found), strict=True)]
 
 
 def _watch(futures: list[Future[VideoDetections]], run: _Run, progress: Progress) -> None:

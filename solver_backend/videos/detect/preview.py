@@ -37,7 +37,7 @@ def write_previews(
     """
     written, total, done = [], sum(item.num_frames for item in found), 0
     for item in found:
-        path = folder / f"{item.video.stem}_detections.mp4"
+        path = folder / f"{item.name}_detections.mp4"
         progress("Drawing previews", done, total)
         write_video(path, _drawn(item), max(item.fps, 1.0), overwrite=overwrite)
         written.append(path)

@@ -42,8 +42,15 @@ class VideoDetections:
     """(F, P, K) in 0..1, 0 where missing."""
     track: np.ndarray
     """(F, P) number of the person over time, -1 where there is none."""
+    camera: str = ""
+    """Name of the camera, where it is not the video's."""
     hands: np.ndarray | None = None
     """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
+
+    @property
+    def name(self) -> str:
+        """Name of the camera."""
+        return self.camera or self.video.stem
 
     @property
     def num_frames(self) -> int:

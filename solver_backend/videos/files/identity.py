@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from solver_backend.videos.files.errors import SameVideoTwice
@@ -18,6 +18,13 @@ def file_hash(path: Path | str) -> str:
         while piece := stream.read(_PIECE):
             digest.update(piece)
     return digest.hexdigest()
+
+
+def recording_hash(parts: Sequence[Path]) -> str:
+    """Return the hash of a recording's files in their order; that of the file where it is one."""
+    if len(parts) == 1:
+        return file_hash(parts[0])
+    return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
 
 
 def require_different(hashes: Mapping[Path, str]) -> None:

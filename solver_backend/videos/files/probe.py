@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from solver_backend.io.footage.recording import parts_of
 from solver_backend.videos.files.container import AGAIN, opened, video_stream
 from solver_backend.videos.files.errors import VideoUnreadable
 
@@ -21,7 +22,7 @@ class VideoInfo:
     """A video of F pictures."""
 
     path: Path
-    """The file."""
+    """The file, the first of several chapters, or a folder of pictures."""
     size: tuple[int, int]
     """Width and height in pixels as a player shows it, that is, after the rotation."""
     rotation_deg: int
@@ -32,6 +33,10 @@ class VideoInfo:
     """Whether there is a stream of sound."""
     codec: str
     """Name of the pictures' code, such as h264."""
+    parts: tuple[Path, ...] = ()
+    """Its files in order, see ``parts_of``; () where it is one file."""
+    timed: bool = True
+    """Whether the file times its pictures; else they are taken as even, at the rate that it states."""
 
     @property
     def num_frames(self) -> int:
@@ -58,17 +63,46 @@ class VideoInfo:
         return float(self.times_s[-1] - self.times_s[0])
 
 
-def probe(path: Path | str) -> VideoInfo:
+UNTIMED_SHARE = 0.5
+"""A file whose pictures have at most this share of different times, such as 0 for all, does not time them."""
+PICTURES_FPS = 30.0
+"""Pictures a second of a folder of pictures, which says nothing about it."""
+
+
+def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
     """Return what a video is; its packets are counted and its first picture is decoded.
+
+    Chapters of one recording are one video, and so are the pictures of a folder.
+
+    Args:
+        path: a video, the first chapter of a recording, or a folder of pictures.
+        pictures_fps: rate of pictures.
 
     Raises:
         BackendMissing: PyAV is not installed.
         VideoUnreadable: the file is missing, empty, broken, holds no pictures or none that can be decoded.
     """
     path = Path(path)
+    parts = parts_of(path)
+    if path.is_dir():
+        if not parts:
+            raise VideoUnreadable("The folder holds no picture.", where=str(path), hint="Check the path.")
+        first = _probe_file(parts[0])
+        return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, has_sound=False, parts=parts)
+    found = [_probe_file(part) for part in parts]
+    if any(item.size != found[0].size for item in found):
+        raise VideoUnreadable("Its chapters differ in size.", where=str(path), hint="Keep recordings apart.")
+    times = [found[0].times_s]
+    for item in found[1:]:
+        times.append(item.times_s - item.times_s[0] + times[-1][-1] + 1.0 / max(found[0].fps, 1.0))
+    return replace(found[0], times_s=np.concatenate(times), parts=parts if len(parts) > 1 else ())
+
+
+def _probe_file(path: Path) -> VideoInfo:
     with opened(path) as container:
         stream = video_stream(container)
         base, sound, codec = stream.time_base, bool(container.streams.audio), stream.codec_context.name
+        stated = float(stream.codec_context.framerate or stream.base_rate or 0.0)
         stamps = [packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size]
     if not stamps:
         raise VideoUnreadable("The video holds no picture.", where=str(path), hint=AGAIN)
@@ -79,6 +113,8 @@ def probe(path: Path | str) -> VideoInfo:
     rotation = quarter_turn(first.rotation)
     size = (first.height, first.width) if rotation % 180 else (first.width, first.height)
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
+    if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
+        return VideoInfo(path, size, rotation, np.arange(len(stamps)) / stated, sound, codec, timed=False)
     return VideoInfo(path, size, rotation, times, sound, codec)
 
 

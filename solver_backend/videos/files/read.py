@@ -39,9 +39,39 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
     Raises:
         VideoUnreadable: more than ``LOST_SHARE`` of the pictures are broken or missing.
     """
-    invalid = library().error.InvalidDataError
     number = 0
-    with opened(info.path) as container:
+    for time_s, rgb in _pictures_of_folder(info) if info.path.is_dir() else _pictures_of_files(info):
+        yield Picture(number, time_s, rgb)
+        number += 1
+    if number < (1.0 - LOST_SHARE) * info.num_frames:
+        raise VideoUnreadable(
+            f"Only {number} of the video's {info.num_frames} pictures can be decoded.", where=str(info.path), hint=AGAIN
+        )
+
+
+def _pictures_of_folder(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
+    for part, time_s in zip(info.parts, info.times_s.tolist(), strict=True):
+        yield from ((time_s, rgb) for _, rgb in _pictures_of_file(part))
+
+
+def _pictures_of_files(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times and pictures of files one after the other, a picture's time after the last of the file before."""
+    gap_s, count = 1.0 / max(info.fps, 1.0), 0
+    late_s = last_s = 0.0
+    for part in info.parts or (info.path,):
+        begun = count
+        for time_s, rgb in _pictures_of_file(part):
+            if begun and count == begun:
+                late_s = last_s + gap_s - time_s
+            last_s = time_s + late_s if info.timed else float(info.times_s[min(count, info.num_frames - 1)])
+            yield last_s, rgb
+            count += 1
+
+
+def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times and pictures of one file; what cannot be decoded is passed over."""
+    invalid = library().error.InvalidDataError
+    with opened(path) as container:
         stream = video_stream(container)
         stream.thread_type = "AUTO"
         for packet in container.demux(stream):
@@ -50,14 +80,8 @@ def read_pictures(info: VideoInfo) -> Iterator[Picture]:
             except invalid:
                 continue
             for frame in frames:
-                if frame.time is None:
-                    continue
-                yield Picture(number, float(frame.time), upright(frame.to_ndarray(format="rgb24"), frame.rotation))
-                number += 1
-    if number < (1.0 - LOST_SHARE) * info.num_frames:
-        raise VideoUnreadable(
-            f"Only {number} of the video's {info.num_frames} pictures can be decoded.", where=str(info.path), hint=AGAIN
-        )
+                if frame.time is not None:
+                    yield float(frame.time), upright(frame.to_ndarray(format="rgb24"), frame.rotation)
 
 
 def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:

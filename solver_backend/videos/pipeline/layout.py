@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.search import find_calibration, is_calibration_folder
 from solver_backend.io.footage.footage import IMAGES, VIDEOS
+from solver_backend.io.footage.recording import chapter_of
 from solver_backend.io.recognition.camera_names import name_key, natural_key
+from solver_backend.videos.pipeline.camera_footage import recordings_beside, recordings_by_folder
 from solver_backend.videos.pipeline.errors import NoVideos
 
 VIDEO_FOLDERS = (
@@ -19,6 +22,8 @@ VIDEO_FOLDERS = (
     "raw_videos", "videos_raw", "videosraw", "footage",
 )  # fmt: skip
 """Folders of a take that hold its videos; synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
+_PICTURE_FOLDERS = ("images", "frames")
+"""Folders of a take that hold a folder of pictures a camera (EasyMocap)."""
 _LEVELS = 4
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
@@ -34,12 +39,9 @@ class FoundTake:
     folder: Path
     """The take's own folder."""
     videos: tuple[Path, ...]
-    """One a camera, in natural order."""
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras, those of the videos."""
-        return tuple(path.stem for path in self.videos)
+    """One a camera, in natural order: a file, the first chapter of a recording, or a folder of pictures."""
+    cameras: tuple[str, ...]
+    """Names of the cameras: of the videos, or of the folders that hold them."""
 
     def calibration(self, session: Path) -> Calibration | None:
         """Return the calibration that knows this take's cameras: from its folders, or from the session's; or None.
@@ -49,9 +51,11 @@ class FoundTake:
             CalibrationMismatch: there are some, all of other cameras.
         """
         other: CalibrationMismatch | None = None
-        for root in (self.folder, session):
+        numbers = tuple(_last_number(name) for name in self.cameras)
+        tried = (self.cameras, numbers) if all(map(chapter_of, self.videos)) else (self.cameras,)
+        for root, names in product((self.folder, session), tried):
             try:
-                return find_calibration(root, self.cameras)
+                return find_calibration(root, names)
             except CalibrationMissing:
                 continue
             except CalibrationMismatch as error:
@@ -96,8 +100,10 @@ def look_through(root: Path) -> FoundFolder:
     takes = tuple(_takes(root, _LEVELS))
     if not takes:
         raise NoVideos(
-            "The folder holds no take: videos of two cameras or more side by side.", where=str(root),
-            hint="Put one video a camera into a folder 'videos', and those of the board into 'calibration'.",
+            "The folder holds no take: videos of two cameras or more side by side, or in a folder each.",
+            where=str(root),
+            hint="Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
+            "such as GX010001 and GX020001 are one recording of one camera.",
         )  # fmt: skip
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))
@@ -105,16 +111,37 @@ def look_through(root: Path) -> FoundFolder:
 
 def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
     below = {path.name.lower(): path for path in _folders(folder)}
-    for name in (*VIDEO_FOLDERS, "."):
+    for name in (*VIDEO_FOLDERS, *_PICTURE_FOLDERS, "."):
         place = folder if name == "." else below.get(name)
-        if place is not None and len(videos := _videos(place)) >= 2:
-            own = folder.parent if name == "." and folder.name.lower() in VIDEO_FOLDERS else folder
-            yield FoundTake(own.name, own, videos)
+        if place is None:
+            continue
+        own = folder.parent if name == "." and folder.name.lower() in VIDEO_FOLDERS else folder
+        takes = {"": found} if len(found := recordings_beside(place)) >= 2 else _by_camera_folder(place)
+        for take, cameras in takes.items():
+            yield FoundTake(take or own.name, own, tuple(cameras.values()), tuple(cameras))
+        if takes:
             return
     if levels > 0:
         for path in below.values():
-            if not (is_calibration_folder(path) or _PASSED_OVER.fullmatch(path.name) or _kind(path)):
+            if not _is_other(path):
                 yield from _takes(path, levels - 1)
+
+
+def _by_camera_folder(place: Path) -> dict[str, dict[str, Path]]:
+    """Return the takes of a folder that holds a folder a camera, by name; those of boards are none."""
+    takes = recordings_by_folder([path for path in _folders(place) if not _is_other(path)])
+    boards = [take for take in takes if take and (_kind(Path(take)) or is_calibration_folder(Path(take)))]
+    return {take: cameras for take, cameras in takes.items() if take not in boards}
+
+
+def _is_other(path: Path) -> bool:
+    """Whether a folder holds something else than takes: boards, detections, results."""
+    return is_calibration_folder(path) or bool(_PASSED_OVER.fullmatch(path.name)) or _kind(path) is not None
+
+
+def _last_number(name: str) -> str:
+    """Return the last two digits of an action camera's recording, which people count their cameras by."""
+    return name[-2:]
 
 
 def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
@@ -129,7 +156,7 @@ def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
                 yield CalibrationFootage(what, place, cameras)
     if deep:
         for path in _folders(folder):
-            if not (is_calibration_folder(path) or _PASSED_OVER.fullmatch(path.name) or _kind(path)):
+            if not _is_other(path):
                 yield from _footage(path, deep=False)
 
 
@@ -140,18 +167,11 @@ def _kind(path: Path) -> str | None:
 
 
 def _cameras(folder: Path) -> dict[str, Path]:
-    found = {" ".join(name_key(path.stem)): path for path in _videos(folder)}
+    found = {" ".join(name_key(name)): path for name, path in recordings_beside(folder).items()}
     for path in _folders(folder):
         if any(item.suffix.lower() in IMAGES + VIDEOS for item in path.iterdir()):
             found.setdefault(" ".join(name_key(path.name)), path)
     return found
-
-
-def _videos(folder: Path) -> tuple[Path, ...]:
-    if not folder.is_dir():
-        return ()
-    found = [p for p in folder.iterdir() if p.suffix.lower() in VIDEOS and p.is_file() and not p.name.startswith(".")]
-    return tuple(sorted(found, key=lambda p: natural_key(p.name)))
 
 
 def _folders(folder: Path) -> list[Path]:

@@ -45,7 +45,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
         step = max(1, min(item.size) // 540)
         drawn.append(draw_people(np.ascontiguousarray(picture.rgb[::step, ::step]), item, number, step))
         seen = float((item.confidence > 0).any((-1, -2)).mean()) if item.confidence.size else 0.0
-        titles.append(f"{item.video.stem}: somebody in {seen:.0%}")
+        titles.append(f"{item.name}: somebody in {seen:.0%}")
     return mosaic(drawn, titles).save(path)
 
 

@@ -28,6 +28,7 @@ from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import assembled
 from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.detect_videos import detect_videos
+from solver_backend.videos.files.probe import PICTURES_FPS
 from solver_backend.videos.pipeline import pictures
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.videos.pipeline.layout import FoundFolder
@@ -50,6 +51,8 @@ class RoadSettings:
     """The last step."""
     jobs: int = 0
     """Detectors at a time; 0 is one a core."""
+    pictures_fps: float = PICTURES_FPS
+    """Rate of cameras whose footage is a folder of pictures."""
     redo: tuple[str, ...] = ()
     """Steps that are done again even if nothing has changed."""
     overwrite: bool = False
@@ -91,7 +94,8 @@ class _Road:
         self._detections = tuple(
             detect_videos(
                 self._plan.take.videos, settings.detector, self._plan.folder / "detections", self._progress,
-                jobs=settings.jobs, again="detect" in settings.redo,
+                jobs=settings.jobs, again="detect" in settings.redo, cameras=self._plan.take.cameras,
+                pictures_fps=settings.pictures_fps,
             )
         )  # fmt: skip
         self._seen = [(item.video_hash, item.detector) for item in self._detections]
@@ -105,6 +109,8 @@ class _Road:
             for item in self._detections
             if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE
         ]
+        if any(video.is_dir() for video in self._plan.take.videos):
+            doubts.append(f"Pictures are taken to be filmed at {settings.pictures_fps:g} a second; else --fps.")
         self.steps.tell("detect", "made", [f"{count} pictures by {self._detections[0].detector}"], doubts, [drawn])
 
     def sync(self) -> None:

@@ -53,7 +53,7 @@ def synchronise(
         SyncUnknown: nothing tells the clocks that way.
         VideoWithoutSound: by sound, and a video has none.
     """
-    names = tuple(item.video.stem for item in found)
+    names = tuple(item.name for item in found)
     if way not in WAYS:
         raise CommandLineInvalid(f"'{way}' is no way to synchronise.", hint=f"One of {', '.join(WAYS)}.")
     if way == "none":
@@ -81,7 +81,7 @@ def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) ->
         try:
             return by_sound(found)
         except (SyncUnknown, VideoWithoutSound):
-            names = tuple(item.video.stem for item in found)
+            names = tuple(item.name for item in found)
             return replace(Clocks.alike(names), findings=(f"The clocks are taken to agree: {why.message}",))
 
 
@@ -91,7 +91,7 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
     Raises:
         SyncUnknown: nobody moves enough, or the views do not agree.
     """
-    names = tuple(item.video.stem for item in found)
+    names = tuple(item.name for item in found)
     tracks = [item.of_track(item.main_track())[0] for item in found]
     times = [item.times_s - item.times_s[0] for item in found]
     if any(len(when) < 2 for when in times):
@@ -130,10 +130,10 @@ def by_claps(found: Sequence[VideoDetections]) -> Clocks:
     if not set(WRISTS) <= set(found[0].joint_set.keypoints):
         raise SyncUnknown("The detector finds no wrists, so no clap.", hint="Use sound: --sync sound.")
     if any(item.num_frames < 2 for item in found):
-        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(i.video.stem for i in found))
+        raise SyncUnknown("A video of a single picture has no clock.", where=", ".join(i.name for i in found))
     tracks = [item.of_track(item.main_track())[0] for item in found]
     signals = [claps(t, item.times_s - item.times_s[0], item.joint_set) for t, item in zip(tracks, found, strict=True)]
-    return clocks_by_claps(tuple(item.video.stem for item in found), signals, REACH_S)
+    return clocks_by_claps(tuple(item.name for item in found), signals, REACH_S)
 
 
 def by_flash(found: Sequence[VideoDetections]) -> Clocks:
@@ -155,7 +155,7 @@ def _of_signals(
         lag = pair_lag(signals[i], signals[j], reach_s=REACH_S, piece_s=piece_s, floor_s=floor_s)
         if lag is not None:
             pairs[i, j] = lag
-    return clocks_of_pairs(tuple(item.video.stem for item in found), pairs, method)
+    return clocks_of_pairs(tuple(item.name for item in found), pairs, method)
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:

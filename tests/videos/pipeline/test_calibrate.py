@@ -39,7 +39,7 @@ def request_of(capture: Capture, folder: Path, *footage: CalibrationFootage) -> 
         )
         for c, name in enumerate(cameras.names)
     )  # fmt: skip
-    take = FoundTake("walk", folder, tuple(one.video for one in seen))
+    take = FoundTake("walk", folder, tuple(one.video for one in seen), tuple(one.name for one in seen))
     found = FoundFolder(folder, (take,), footage)
     return CalibrationRequest(found, take, seen, Clocks.alike(cameras.names), folder / "made.toml")
 
