@@ -17,8 +17,19 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-READING = ("fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person")
-"""Fields that say how a capture is read."""
+READING = (
+    "fps",
+    "trim",
+    "as_calibrated",
+    "joint_set",
+    "unit",
+    "up_axis",
+    "subject_prefix",
+    "person",
+    "offset",
+    "by_order",
+)
+"""Fields that say how a capture is read, beside its frames."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
@@ -94,6 +105,9 @@ class Job(JobFile):
             subject=None if subject is None else folder / subject,
             told=None if told is None else folder / told,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
+            offset=tuple(_typed(values, "offset", list) or ()),
+            by_order=bool(_typed(values, "by_order", bool)),
+            frames=_frames(_typed(values, "frames", list)),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
         )
 
@@ -112,7 +126,7 @@ class Job(JobFile):
 
     def reading(self) -> dict[str, Any]:
         """Return the arguments that reading the capture takes."""
-        return {name: getattr(self, name) for name in READING}
+        return {name: getattr(self, name) for name in (*READING, "frames")} | {"sync": self.settings.sync}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the job as plain values, which ``from_dict`` reads back."""
@@ -156,6 +170,14 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
+
+
+def _frames(values: list[Any] | None) -> tuple[int, int] | None:
+    if values is None:
+        return None
+    if len(values) != 2 or not all(isinstance(value, int) and not isinstance(value, bool) for value in values):
+        raise JobInvalid(f"frames is {values!r}; first and last frame are expected.", where="frames")
+    return values[0], values[1]
 
 
 def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:

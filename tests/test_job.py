@@ -49,7 +49,7 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
     [
         (
             {"methd": "frame"},
-            r"Unknown key methd\..*Known keys: as_calibrated, capture, fps, joint_set, out, overwrite",
+            r"Unknown key methd\..*Known keys: as_calibrated, by_order, capture, fps, frames, joint_set",
         ),
         ({"settings": {"windw": 3}}, r"Unknown setting windw\. Known settings: method, window, refine_window"),
         ({"settings": {"window": 3}}, r"window = 3 is not valid; a whole number from 4 to 240"),
@@ -113,3 +113,20 @@ def test_the_path_of_a_body_is_relative_to_the_job_file(tmp_path):
         job = Job.from_dict({**values, "settings": {"body": body}}, tmp_path)
         assert job.settings.body == expected
         assert Job.from_dict(job.as_dict()) == job
+
+
+def test_time_of_cameras_is_read_back(tmp_path):
+    values = {
+        "version": 1,
+        "capture": "take",
+        "out": "m.npz",
+        "offset": ["cam2=60"],
+        "by_order": True,
+        "frames": [5, 9],
+    }
+    job = Job.from_dict(values, tmp_path)
+    assert (job.offset, job.by_order, job.frames) == (("cam2=60",), True, (5, 9))
+    assert Job.from_dict(job.as_dict()) == job
+    for wrong in ({"offset": ["cam2"]}, {"frames": [9, 5]}, {"frames": [1]}, {"offset": [3]}):
+        with pytest.raises(JobInvalid):
+            Job.from_dict(values | wrong, tmp_path)

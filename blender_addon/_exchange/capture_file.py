@@ -16,7 +16,8 @@ from .schema import Fields
 FORMAT, VERSION = "manifold_mocap_capture", 1
 _CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
 _SHOWN = (
-    "format", "version", "name", "camera_names", *_CAMERA_SHAPES, "distortion", "distortion_model", "footage", "fps",
+    "format", "version", "name", "camera_names", *_CAMERA_SHAPES, "distortion", "distortion_model", "footage",
+    "footage_first", "fps",
     "xy", "confidence", "joint_set", "marker_positions", "marker_fps", "marker_labels",
 )  # fmt: skip
 
@@ -41,6 +42,8 @@ class CameraFile:
     """'opencv' or 'fisheye'."""
     footage: Path | None
     """Video file or folder of images; it may not exist."""
+    footage_first: int = 0
+    """Picture of the footage that belongs to the first frame, from 0; negative where the camera started later."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,9 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
             where=where,
             hint="One entry a camera ('' for none) and the model 'opencv' or 'fisheye' are expected.",
         )
+    firsts = np.zeros(len(names))
+    if "footage_first" in fields:
+        firsts = fields.shaped("footage_first", (len(names),), CaptureInvalid)
     distortion = np.zeros((len(names), 8))
     if "distortion" in fields:
         given = fields.shaped("distortion", (len(names), "coefficients"), CaptureInvalid)[:, :8]
@@ -142,6 +148,7 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
             distortion=distortion[c],
             distortion_model=model,
             footage=footage_path(footage[c], fields.path),
+            footage_first=int(np.nan_to_num(firsts[c])),
         )
         for c, name in enumerate(names)
     )

@@ -27,6 +27,12 @@ BACKENDS = (
     Choice("cuda", "CUDA", "Needs a Python with torch for CUDA and an NVIDIA graphics processor"),
 )
 """Their results agree to 0.1 mm."""
+SYNC_AUTO, SYNC_ON, SYNC_OFF = "auto", "on", "off"
+SYNCS = (
+    Choice(SYNC_AUTO, "Where Sure", "Move cameras in time where the views agree clearly better then"),
+    Choice(SYNC_ON, "Required", "The same, and refuse a capture whose synchronisation the views do not confirm"),
+    Choice(SYNC_OFF, "As Recorded", "Move no camera in time"),
+)
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,10 @@ class SolveSettings:
         low=0.1, high=5,
     )  # fmt: skip
     """Beyond 5 the equations grow too stiff, and feet slip again."""
+    sync: str = setting(
+        "choice", SYNC_AUTO, "Synchronise", "Whether cameras that started apart are moved in time", group=RECORDING,
+        choices=SYNCS, metavar="NAME",
+    )  # fmt: skip
     estimate_sync: bool = setting(
         "switch", False, "Correct Delays", "Where some camera is late, move the others by their delays too; "
         "without, only sure delays from 0.3 frames on are corrected", group=RECORDING,

@@ -57,7 +57,7 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
-    """Show the footage behind the camera's view, by time, its first image on the take's first frame.
+    """Show the footage behind the camera's view, by time, the picture that belongs to it on the take's first frame.
 
     Args:
         camera: from ``create_camera``.
@@ -81,8 +81,10 @@ def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, tim
     background.frame_method = "STRETCH"
     user = background.image_user
     user.frame_start = int(timing.start)
-    user.frame_duration = max(1, image.frame_duration if footage.is_video else len(footage.files))
-    user.frame_offset = 0 if footage.is_video else _first_number(footage.files[0]) - 1
+    pictures = image.frame_duration if footage.is_video else len(footage.files)
+    user.frame_duration = max(1, pictures - source.footage_first)
+    first = 0 if footage.is_video else _first_number(footage.files[0]) - 1
+    user.frame_offset = first + source.footage_first
     user.use_auto_refresh = True
     camera.data.show_background_images = True
     remember_footage(camera.data, fps)

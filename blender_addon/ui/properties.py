@@ -69,6 +69,14 @@ class MocapReading(bpy.types.PropertyGroup):
     trim: bpy.props.BoolProperty(
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
     )
+    by_order: bpy.props.BoolProperty(
+        name="Frames by Order", description="Count each camera's frames from its first, whatever their numbers are"
+    )
+    offset: bpy.props.StringProperty(
+        name="Start Offsets",
+        description="Frames by which cameras started later than the take, such as cam02=60, cam03=-4; nothing is then "
+        "estimated",
+    )
     as_calibrated: bpy.props.BoolProperty(
         name="Calibration as Written",
         description="Read the calibration as it is written, even where the views agree far better when it is read "
@@ -92,7 +100,8 @@ class MocapReading(bpy.types.PropertyGroup):
                 options.append(f"--{name.replace('_', '-')}={value}")  # one word, as -y is no option
         if self.subject_prefix:
             options.append(f"--subject-prefix={self.subject_prefix}")
-        switches = {"--trim": self.trim, "--as-calibrated": self.as_calibrated}
+        options += [f"--offset={text.strip()}" for text in self.offset.split(",") if text.strip()]
+        switches = {"--trim": self.trim, "--by-order": self.by_order, "--as-calibrated": self.as_calibrated}
         return [*options, *(flag for flag, chosen in switches.items() if chosen)]
 
 

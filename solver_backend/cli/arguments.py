@@ -14,7 +14,7 @@ from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
-from solver_backend.cli.setting_options import add_settings
+from solver_backend.cli.setting_options import ROWS, TIME_ROWS, add_settings
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.verb_guide import show_guide
 from solver_backend.cli.video_arguments import add_video_verbs
@@ -111,6 +111,11 @@ def _reading() -> _Parser:
         "--subject-prefix", metavar="NAME[,NAME…]",
         help="label prefix of the person, when a file holds several; several prefixes are parts of one person",
     )  # fmt: skip
+    options.add_argument(
+        "--frames", type=int, nargs=2, metavar=("FIRST", "LAST"),
+        help="only these frames of the take, from 0; with --resolve the range that is solved again",
+    )  # fmt: skip
+    add_settings(options, ("sync", *TIME_ROWS))
     return options
 
 
@@ -141,16 +146,13 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     )
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a range of an earlier motion again")
     solve.add_argument(
-        "--frames", type=int, nargs=2, metavar=("FIRST", "LAST"), help="first and last frame of the range, from 0"
-    )
-    solve.add_argument(
         "--scheduler", metavar="ADDRESS", help="spread a long solve over the workers of a Dask scheduler"
     )
     solve.add_argument(
         "--job", type=Path, action="append", metavar="JOB.json",
         help="read the arguments from a job file; may be repeated",
     )  # fmt: skip
-    add_settings(solve)
+    add_settings(solve, [name for name in ROWS if name != "sync"])
 
 
 def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:

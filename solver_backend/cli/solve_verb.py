@@ -230,9 +230,10 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         return [Job.read(path) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
+    read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
     job = {
         "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite),
-        "strict": bool(args.strict), **reading(args), "settings": SolveSettings.from_dict(settings),
+        "strict": bool(args.strict), **read, "settings": SolveSettings.from_dict(settings),
         "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
@@ -254,10 +255,8 @@ def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Path | N
 
 
 def _resolve(args: argparse.Namespace) -> Resolve | None:
-    if args.resolve is None and args.frames is None:
+    if args.resolve is None:
         return None
-    if args.resolve is None or args.frames is None:
-        raise CommandLineInvalid(
-            "--resolve and --frames belong together.", hint="--resolve MOTION.npz --frames FIRST LAST"
-        )
+    if args.frames is None:
+        raise CommandLineInvalid("--resolve needs --frames.", hint="--resolve MOTION.npz --frames FIRST LAST")
     return Resolve(args.resolve, FrameRange(*args.frames))

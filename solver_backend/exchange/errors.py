@@ -75,6 +75,12 @@ class FrameCountMismatch(MocapError):
     code = "frame_count_mismatch"
 
 
+class NotSynchronised(MocapError):
+    """Synchronisation is required, and the views do not confirm any."""
+
+    code = "not_synchronised"
+
+
 class KeypointCountMismatch(MocapError):
     """The number of keypoints does not fit the joint set."""
 

@@ -190,8 +190,9 @@ def prepare(
             return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
         return marker_problem(capture.markers, body, prior, like, settings, progress, person)
     views = measure_views(
-        without_views(meant, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync
-    )
+        without_views(meant, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync,
+        sync=settings.sync,
+    )  # fmt: skip
     return Problem.of(body, prior, views)
 
 

@@ -14,6 +14,7 @@ from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.motion_checks import checked_motion
 from solver_backend.io.recognition.range_checks import checked
 from solver_backend.io.registry import CAPTURES, MOTIONS
@@ -35,7 +36,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
 
     Raises:
         CaptureNotRecognised: no reader knows the path.
-        JobInvalid: the frame rate is not positive.
+        JobInvalid: the frame rate is not positive, or the take lacks the frames that are asked for.
         PersonUnknown: the capture does not show the person who was asked for.
         CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
         MocapError: whatever else the reader raises.
@@ -45,6 +46,8 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     if reader is None:
         raise _no_capture(path, readers)
     capture = reader.read(path, chosen)
+    if chosen.frames is not None:
+        capture = cut_frames(capture, *chosen.frames)
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:

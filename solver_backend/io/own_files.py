@@ -8,6 +8,7 @@ from pathlib import Path
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.types import Capture
 
 
@@ -26,7 +27,8 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
         capture = replace(capture, people=people)
     if markers is not None:
         markers = replace(markers, fps=options.fps or markers.fps)
-    return replace(capture, keypoints=found, markers=markers, sources=capture.sources or (str(path),))
+    capture = replace(capture, keypoints=found, markers=markers, sources=capture.sources or (str(path),))
+    return bring_capture_to_one_time(capture, options)
 
 
 CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)

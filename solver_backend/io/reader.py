@@ -9,13 +9,15 @@ from typing import Generic, TypeVar
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.solve_settings import SYNC_AUTO
+from solver_backend.exchange.time_settings import TimeSettings
 from solver_backend.types import JointSet
 
 Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(TimeSettings):
     """What the caller knows better than the file; a reader takes what concerns it."""
 
     fps: float | None = None
@@ -30,6 +32,8 @@ class ReadOptions:
     """Axis of the file's world that points up; None is the format's own."""
     as_calibrated: bool = False
     """Keep the calibration as it is written, whatever the views say."""
+    sync: str = SYNC_AUTO
+    """Whether cameras that started apart are moved in time, see ``SolveSettings``."""
     subject_prefix: str | None = None
     """Whose markers are read, by the prefix of their labels; None takes the only subject."""
     person: str | None = None
@@ -38,6 +42,7 @@ class ReadOptions:
     """Called with how far reading has come."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise JobInvalid(f"The frame rate must be a positive number, not {self.fps}.", where="fps")
 

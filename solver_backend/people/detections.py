@@ -23,6 +23,10 @@ class Detections:
     """Names of the keypoints."""
     first_frame: int = 0
     """The number of the first frame in the files' own numbering."""
+    first_frames: tuple[int, ...] = ()
+    """The same of each camera, where each was read from its own first; () where all begin with ``first_frame``."""
+    lengths: tuple[int, ...] = ()
+    """Frames from each camera's first to its last, then; () where all have as many."""
     notes: tuple[str, ...] = ()
     """What was found and assumed."""
     problems: tuple[str, ...] = ()

@@ -131,6 +131,8 @@ class Capture:
     """Optical markers."""
     footage: tuple[Path | None, ...] = ()
     """Video file or image folder of each camera, None where there is none."""
+    footage_first: tuple[int, ...] = ()
+    """Picture of each camera's footage that belongs to the first frame, from 0; () where all begin with it."""
     sources: tuple[str, ...] = ()
     """Files the capture was read from."""
     notes: tuple[str, ...] = ()

@@ -152,4 +152,4 @@ def test_joint_set_from_config(trial: Path) -> None:
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
     assert "Config.toml names HALPE_26, but the keypoints are BODY_25B's." in found.problems
-    assert "Config.toml restricts the frames to 3-9; all are read." in found.problems
+    assert found.num_frames == 6 and any(note.startswith("Frames 3 to 8 of 20, as Config.toml") for note in found.notes)

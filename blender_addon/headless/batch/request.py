@@ -18,7 +18,7 @@ READING = {
     "subject_prefix": "--subject-prefix", "person": "--person",
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
-SWITCHES = {"trim": "--trim", "as_calibrated": "--as-calibrated"}
+SWITCHES = {"trim": "--trim", "by_order": "--by-order", "as_calibrated": "--as-calibrated"}
 """The same of options without a value."""
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *SWITCHES, *READING})
 

@@ -89,6 +89,7 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     given = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
     reading = [text for option in given.items() for text in option]
     reading += [flag for key, flag in SWITCHES.items() if shared.get(key)]
+    reading += [f"--sync={value}" for value in [(shared.get("settings") or {}).get("sync")] if value]
     watch = TakeWatch(request.limits)
     solver = partial(
         run_solver,

@@ -64,7 +64,8 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         if not settings.capture.file:
             settings.capture.source = stored(source)  # so that Read Again works where reading fails
         self._source = source
-        return self.launch(context, "convert", [str(source), *out, *settings.reading.arguments()], folder)
+        reading = [*settings.reading.arguments(), f"--sync={settings.solve.sync}"]
+        return self.launch(context, "convert", [str(source), *out, *reading], folder)
 
     def _chosen(self) -> Path:
         """Return the first file that was dropped, or what was chosen: a file or a folder."""

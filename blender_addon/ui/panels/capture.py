@@ -67,6 +67,8 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "unit",
             "up_axis",
             "trim",
+            "by_order",
+            "offset",
             "as_calibrated",
             "footage_anywhere",
             "subject_prefix",

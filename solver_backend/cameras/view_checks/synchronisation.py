@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,13 +53,17 @@ class Delays:
     drift: np.ndarray
     """(C,) frames by which the delay is larger at the last frame than in the middle, and smaller at the first; 0 where
     it is not sure."""
+    beyond: np.ndarray
+    """(C,) whether the views agree best at the end of what was looked for, so that the delay is larger or another."""
 
     def at(self, num_frames: int) -> np.ndarray:
         """Return (C, F) the delay in every frame."""
         return self.frames[:, None] + self.drift[:, None] * place_in_take(np.arange(num_frames), num_frames)
 
 
-def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> Delays:
+def estimate_delays(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D] = ()
+) -> Delays:
     """Estimate the delays of all cameras against each other, in one.
 
     Whole frames first, by epipolar lines (``whole_lags``), then the rest by Gauss-Newton steps on the reprojection
@@ -69,32 +74,33 @@ def estimate_delays(cameras: Cameras, keypoints: Keypoints2D, triangulation: Tri
         cameras: C cameras.
         keypoints: detections of one person.
         triangulation: of these detections.
+        others: detections of everybody else, in the same joint set: a delay is a camera's, whomever it films.
     """
     frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
     names = keypoints.joint_set.keypoints
     limbs = np.array([k for k, name in enumerate(names) if name.endswith(compared)])
-    tracks = smoothed_tracks(keypoints.xy[:, :, limbs])
+    tracks = smoothed_tracks(np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2))
     usual = LAG_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
-    sigma_px = np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual)
+    sigma_px = np.tile(np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual), 1 + len(others))
     moving = _moving(tracks, frames, sigma_px)
     if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
-        return Delays(*np.full((3, len(cameras)), np.nan))
-    lags = np.zeros(len(cameras))
-    joints = np.array([not names[k].endswith(FEET) for k in limbs])
+        return Delays(*np.full((3, len(cameras)), np.nan), np.zeros(len(cameras), bool))
+    lags, beyond = np.zeros(len(cameras)), np.zeros(len(cameras), bool)
+    joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
     seen = cameras.subset(np.flatnonzero(moving).tolist())
-    lags[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual)
-    if lags.any():
+    lags[moving], beyond[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual)
+    if lags.any() or others:
         xy = tracks_at(tracks, frames + lags[:, None])
         points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
     else:
         points = triangulation.of_keypoints(limbs).points[frames]
     search = _Search(cameras, tracks, frames, sigma_px)
     delay, drift, sigma = search.settled(lags, np.asarray(points))
-    known = moving & (sigma < LARGEST_SIGMA_FRAMES)
+    known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES)
     told = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     told[1][np.abs(told[1]) < LEAST_DRIFT_FRAMES] = 0.0
-    return Delays(told[0], np.where(known, sigma, np.nan), told[1])
+    return Delays(told[0], np.where(known, sigma, np.nan), told[1], beyond)
 
 
 @dataclass(frozen=True)
@@ -158,8 +164,8 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
     return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0))
 
 
-def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) -> np.ndarray:
-    """Return (C,) whole frames by which cameras lag, their median 0."""
+def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C,) whole frames by which cameras lag, their median 0, and which of them are at the search's end."""
     num_frames = tracks.shape[1]
     reach = min(max(round(REACH_S * fps), LEAST_REACH_FRAMES), num_frames // 3)
     pairs = len(cameras) * (len(cameras) - 1) // 2
@@ -168,7 +174,8 @@ def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) ->
     near = LAG_STEP * (np.arange(count // LAG_STRETCHES) - count // LAG_STRETCHES // 2)
     frames = np.unique(np.clip(middles[:, None] + near, 0, num_frames - 1))
     lags = whole_lags(cameras, tracks, frames, np.full(tracks.shape[2], sigma_px), reach)
-    return lags - _median(lags)
+    lags = lags - _median(lags)
+    return lags, np.abs(lags) >= reach
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:

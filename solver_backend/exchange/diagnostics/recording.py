@@ -66,6 +66,12 @@ RECORDING: dict[str, Entry] = {
         "A delay is measured by movement, and this view shows too little of it.",
         "If the recordings are not synchronised, let the person wave or step before all cameras.",
     ),
+    "delay_beyond": warning(
+        "Camera {camera} may have started long before or after the others",
+        "At its start times within the usual reach it agrees with the others nowhere: it started further apart, or is "
+        "of another recording. It is not moved.",
+        "Give its start with --offset CAMERA=FRAMES, or check that its files belong to this take.",
+    ),
     "delays_unknown": note(
         "Whether the cameras are synchronised is unknown, for too little moves",
         "A delay is measured by movement, and the take has too little of it.",

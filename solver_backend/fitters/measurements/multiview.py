@@ -12,6 +12,7 @@ from solver_backend.cameras.triangulation.triangulate import Triangulation, tria
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SYNC_AUTO
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
 from solver_backend.fitters.measurements.model_error import fit_sigma_px
 from solver_backend.fitters.measurements.sanitise import check_capture
@@ -22,7 +23,13 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 
 
 def measure_views(
-    capture: Capture, body: Body, like: Array, progress: Progress, *, estimate_sync: bool = False
+    capture: Capture,
+    body: Body,
+    like: Array,
+    progress: Progress,
+    *,
+    estimate_sync: bool = False,
+    sync: str = SYNC_AUTO,
 ) -> Measurements:
     """Return what the views of a capture measure, after faults of single views were found and repaired.
 
@@ -32,15 +39,17 @@ def measure_views(
         like: array that says kind, type and device.
         progress: called as stages advance.
         estimate_sync: see ``check_capture``.
+        sync: see ``check_capture``.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
+        NotSynchronised: see ``check_capture``.
     """
     cameras, keypoints = capture.require_multiview()
     progress("Triangulating", 0, 1)
     triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     progress("Triangulating", 1, 1)
-    checked = check_capture(capture, triangulation, progress, estimate_sync=estimate_sync)
+    checked = check_capture(capture, triangulation, progress, estimate_sync=estimate_sync, sync=sync)
     return measurements_of(checked.capture, checked.triangulation, body, like, checked.diagnostics)
 
 

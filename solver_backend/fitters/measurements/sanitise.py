@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,10 @@ from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, est
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
+from solver_backend.exchange.diagnostics.wording import sentence
+from solver_backend.exchange.errors import NotSynchronised
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
 from solver_backend.fitters.measurements.base import seen_frames
 from solver_backend.geometry.runs import true_runs
 from solver_backend.people.bystanders import exclude_bystanders
@@ -27,6 +31,8 @@ LEAST_DELAY_SIGMAS = 8.0
 """... nor those that are not sure: a detector errs alike for longer than the deviation knows."""
 LEAST_REPEATED = 1.0
 """Per cent of a view's frames that are shown again; fewer are bridged without a word."""
+_UNKNOWN = ("delay_unknown", "delays_unknown", "delay_beyond")
+"""What is not confirmed where synchronisation is required."""
 AWAY_S = 0.25
 """Shorter absences are not named, only bridged and flagged."""
 
@@ -44,7 +50,12 @@ class CheckedCapture:
 
 
 def check_capture(
-    capture: Capture, triangulation: Triangulation, progress: Progress, *, estimate_sync: bool = False
+    capture: Capture,
+    triangulation: Triangulation,
+    progress: Progress,
+    *,
+    estimate_sync: bool = False,
+    sync: str = SYNC_AUTO,
 ) -> CheckedCapture:
     """Find faults of single views and repair them.
 
@@ -56,6 +67,10 @@ def check_capture(
         triangulation: of that capture.
         progress: called as the checks advance.
         estimate_sync: where some camera is late, move the others by their delays too, however small.
+        sync: "off" moves no camera in time; see ``SolveSettings``.
+
+    Raises:
+        NotSynchronised: it is "on", and delays cannot be estimated.
     """
     cameras, keypoints = capture.require_multiview()
     progress(STAGE, 0, STEPS)
@@ -65,7 +80,16 @@ def check_capture(
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     views = repair_views(cameras, keypoints, triangulation)
     progress(STAGE, 1, STEPS)
-    timed, triangulation, late = _in_time(cameras, views.keypoints, views.triangulation, estimate_sync)
+    timed, triangulation, late = views.keypoints, views.triangulation, list[Diagnostic]()
+    if sync != SYNC_OFF:
+        others = _others(capture, again | skipped, views.found)
+        timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync)
+    if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
+        raise NotSynchronised(
+            sentence(unknown[0]),
+            where=capture.name,
+            hint="Pass --sync auto to solve it as it is, or --sync off.",
+        )
     progress(STAGE, 2, STEPS)
     alone = exclude_bystanders(cameras, timed, triangulation)
     progress(STAGE, 3, STEPS)
@@ -85,11 +109,26 @@ def check_capture(
     return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
 
 
+def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault]) -> list[Keypoints2D]:
+    """Return the detections of everybody else with the faults of whole views undone, in the views that take part."""
+    cameras, chosen = capture.require_multiview()
+    seeing = (chosen.confidence > 0).any(axis=(1, 2))[:, None, None]
+    others: list[Keypoints2D] = []
+    for person in capture.people:
+        if person.name != capture.person:
+            keypoints = replace(person.keypoints, confidence=np.where(seeing, person.keypoints.confidence, 0.0))
+            keypoints = without_repeats(keypoints, repeated) if repeated.any() else keypoints
+            for fault in faults:
+                keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
+            others.append(keypoints)
+    return others
+
+
 def _in_time(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, every: bool
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D], every: bool
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
     """Return the detections, those of late (or all) cameras moved, their triangulation, and what is late or unknown."""
-    delays = estimate_delays(cameras, keypoints, triangulation)
+    delays = estimate_delays(cameras, keypoints, triangulation, others)
     late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
     drifting = np.nan_to_num(delays.drift) != 0
     moved = late | drifting
@@ -104,11 +143,15 @@ def _in_time(
         ]
 
     seeing = (keypoints.confidence > 0).any(axis=(1, 2))
-    unknown = np.isnan(delays.frames) & seeing & (keypoints.num_frames >= LEAST_FRAMES)
-    found = diagnose("camera_late", late & ~drifting & (delays.frames > 0), delays.frames)
+    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (keypoints.num_frames >= LEAST_FRAMES)
+    found = [
+        diagnostic("delay_beyond", cameras=[cameras.names[v]], frames=whole)
+        for v in np.flatnonzero(delays.beyond & seeing)
+    ]
+    found += diagnose("camera_late", late & ~drifting & (delays.frames > 0), delays.frames)
     found += diagnose("camera_early", late & ~drifting & (delays.frames < 0), delays.frames)
     found += diagnose("rate_differs", drifting, 2 * delays.drift)
-    if unknown[seeing].all():
+    if unknown[seeing].all() and unknown.any():
         found.append(diagnostic("delays_unknown", frames=whole))
     else:
         names = [cameras.names[v] for v in np.flatnonzero(unknown)]

@@ -13,6 +13,7 @@ from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.files import read_text, read_toml
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.joint_sets import choose_joint_set
+from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_check import placed
 from solver_backend.types import Capture, JointSet, Keypoints2D
 
@@ -71,7 +72,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     columns = slice(0, chosen.num_keypoints)
     keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
     cameras, world, turned = placed(calibration.cameras, keypoints, options.up_axis)
-    return Capture(
+    capture = Capture(
         name=source.parent.parent.name if source.parent.name in source.stem else source.stem,
         cameras=cameras,
         keypoints=keypoints,
@@ -79,6 +80,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
         notes=(*calibration.notes, *notes, *rate_note, *world.notes()),
         problems=(*calibration.problems, *problems, *rate_problems, *turned, *world.problems()),
     )
+    return bring_capture_to_one_time(capture, options)
 
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:

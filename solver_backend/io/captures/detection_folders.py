@@ -18,6 +18,8 @@ from solver_backend.io.footage.footage import find_footage, headers, with_sizes_
 from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.frame_choice import cut_frames
+from solver_backend.io.recognition.start_times import bring_to_one_time, reads_apart
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.io.recognition.world_check import placed
 from solver_backend.people.calibration_fit import fit_calibration
@@ -42,7 +44,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
     Raises:
         CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
-        FrameCountMismatch, KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
+        KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
+        FrameCountMismatch, NotSynchronised, JobInvalid: see ``bring_to_one_time``.
         TooFewViews, NoDetections: fewer than two views hold detections, or no two agree on anybody.
     """
     sources = camera_sources(root)
@@ -60,29 +63,56 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         joint_set=options.joint_set,
         configured=config.joint_set,
         trim=options.trim,
+        apart=reads_apart(options),
         progress=options.progress,
     )
     footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
+    in_time = bring_to_one_time(calibration.cameras, detections, rate, options)
+    detections = in_time.detections
     calibration = _as_meant(calibration, detections, options)
     people = select_people(calibration.cameras, detections, rate, options.progress)
     person = people[0]
     cameras, world, turned = placed(calibration.cameras, person.keypoints, options.up_axis)
-    length_problems = _length_problems(config, videos, detections.num_frames)
-    problems = calibration.problems, detections.problems, rate_problems, length_problems, person.problems
-    return Capture(
+    length_problems = () if in_time.first_rows else _length_problems(videos, detections.num_frames)
+    problems = (
+        calibration.problems,
+        detections.problems,
+        rate_problems,
+        length_problems,
+        in_time.problems,
+        person.problems,
+    )
+    capture = Capture(
         name=root.name,
         cameras=cameras,
         keypoints=person.keypoints,
         footage=footage if any(footage) else (),
+        footage_first=in_time.first_rows if any(footage) else (),
         sources=(*listed_paths(tuple(sources.values())), str(calibration.source), *config.sources),
         people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if len(people) > 1 else (),
         person=person.name if len(people) > 1 else "",
-        notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),
+        notes=calibration.notes + detections.notes + rate_notes + in_time.notes + person.notes + world.notes(),
         problems=sum(problems, ()) + turned + world.problems(),
     )
+    return capture if options.frames is not None else _configured_frames(capture, config)
+
+
+def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
+    """Return the frames that Config.toml asks for: from the first to the one before the last, as Pose2Sim counts."""
+    if not config.frame_range:
+        return capture
+    first, stop = max(config.frame_range[0], 0), min(config.frame_range[1], capture.num_frames)
+    if (first, stop) == (0, capture.num_frames):
+        return capture
+    if first >= stop:
+        asked = "-".join(str(n) for n in config.frame_range)
+        problem = f"Config.toml restricts the frames to {asked}, which the take lacks; all are read."
+        return replace(capture, problems=(*capture.problems, problem))
+    note = f"Frames {first} to {stop - 1} of {capture.num_frames}, as Config.toml says; others: --frames FIRST LAST."
+    return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
 
 
 def _as_meant(calibration: Calibration, detections: Detections, options: ReadOptions) -> Calibration:
@@ -118,14 +148,11 @@ def _frame_rate(
     return DEFAULT_FPS, (), tuple(problems)
 
 
-def _length_problems(config: TrialConfig, videos: Sequence[VideoHeader | None], frames: int) -> tuple[str, ...]:
+def _length_problems(videos: Sequence[VideoHeader | None], frames: int) -> tuple[str, ...]:
     problems: list[str] = []
     lengths = sorted({header.num_frames for header in videos if header is not None})
     if lengths and lengths != [frames]:
         problems.append(f"The videos have {listing(str(n) for n in lengths)} frames, the detections {frames}.")
-    if config.frame_range:
-        first, last = config.frame_range
-        problems.append(f"Config.toml restricts the frames to {first}-{last}; all are read.")
     return tuple(problems)
 
 

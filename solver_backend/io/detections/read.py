@@ -40,6 +40,7 @@ def read_detections(
     joint_set: JointSet | None = None,
     configured: JointSet | None = None,
     trim: bool = False,
+    apart: bool = False,
     progress: Progress = silent,
 ) -> Detections:
     """Read everybody in every frame of every camera.
@@ -51,19 +52,24 @@ def read_detections(
         joint_set: what the keypoints are; None takes the names in the files or ``configured``, or recognises it.
         configured: what the recording's settings say they are, believed unless the keypoints clearly contradict.
         trim: cut to the frames every camera has.
+        apart: read each camera from its own first frame to its last, where they differ.
         progress: called with how many frames were read.
 
     Raises:
         FileDamaged: a file is truncated, or of no program that is known.
-        FrameCountMismatch: the cameras' frames differ and ``trim`` is off.
+        FrameCountMismatch: the cameras' frames differ, and both ``trim`` and ``apart`` are off.
         KeypointCountMismatch: people differ in their number of keypoints, or no joint set fits it.
         NoDetections: no file holds anybody.
         NonFiniteData: a coordinate is infinite.
     """
     listed = {name: source.frames() for name, source in sources.items()}
-    first, last = shared_range({n: (int(f.numbers[0]), int(f.numbers[-1])) for n, f in listed.items()}, trim=trim)
+    spans = {name: (int(frames.numbers[0]), int(frames.numbers[-1])) for name, frames in listed.items()}
+    apart = apart and len(set(spans.values())) > 1
+    if not apart:
+        spans = dict.fromkeys(spans, shared_range(spans, trim=trim))
+    lengths = tuple(last - first + 1 for first, last in spans.values())
     where = str(next(iter(sources.values())).path.parent)
-    pictures = _pictures(list(listed.values()), first, last, progress)
+    pictures = _pictures(list(listed.values()), list(spans.values()), progress)
     named = _match_names(list(listed.values()), joint_set)
     if named is not None:
         pictures = [replace(p, people=[named.ordered(person) for person in p.people]) for p in pictures]
@@ -75,14 +81,14 @@ def read_detections(
         )
     require_known_count(count, joint_set, where=where)
     _require_finite(pictures)
-    xy, confidence, notes, problems = _arrays(len(sources), pictures, (last - first + 1, count))
+    xy, confidence, notes, problems = _arrays(len(sources), pictures, (max(lengths), count))
     chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
     if named is not None:
         found = (f"Joint set {chosen.value}, by the names of the keypoints.",)
         if named.unknown:
             found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(named.unknown)}.",)
     columns = slice(0, chosen.num_keypoints)
-    missing = (last - first + 1) * len(sources) - len(pictures)
+    missing = sum(lengths) - len(pictures)
     if missing:
         doubts += (f"{missing} frame files are missing; nobody is seen there.",)
     return Detections(
@@ -90,22 +96,26 @@ def read_detections(
         xy[..., columns, :],
         confidence[..., columns],
         chosen,
-        first,
+        min(first for first, _ in spans.values()),
+        tuple(first for first, _ in spans.values()) if apart else (),
+        lengths if apart else (),
         (*notes, *found),
         (*problems, *doubts),
     )
 
 
-def _pictures(cameras: list[CameraFrames], first: int, last: int, progress: Progress) -> list[_Picture]:
-    """Read the frames from the first to the last number of every camera."""
+def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progress: Progress) -> list[_Picture]:
+    """Read the frames from the first to the last number of each camera."""
     used = [
-        (c, row, int(number)) for c, frames in enumerate(cameras) for row, number in enumerate(frames.numbers)
+        (c, row, int(number) - first)
+        for c, (frames, (first, last)) in enumerate(zip(cameras, spans, strict=True))
+        for row, number in enumerate(frames.numbers)
         if first <= number <= last
-    ]  # fmt: skip
+    ]
     pictures = []
-    for done, (c, row, number) in enumerate(used):
+    for done, (c, row, frame) in enumerate(used):
         frames = cameras[c]
-        pictures.append(_Picture(c, number - first, frames.where(row), _strongest(frames.people(row))))
+        pictures.append(_Picture(c, frame, frames.where(row), _strongest(frames.people(row))))
         if done % _PROGRESS_STEP == 0:
             progress("Reading the detections", done, len(used))
     progress("Reading the detections", len(used), len(used))

@@ -18,9 +18,9 @@ _TRUTH = "truth_"
 ROUNDING = 1e-5
 """Share of its largest variance by which a covariance in single precision may be negative."""
 _STORED = (
-    "format", "version", "name", "notes", "problems", "sources", "footage", "camera_names", "K", "distortion",
-    "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set", "marker_positions",
-    "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
+    "format", "version", "name", "notes", "problems", "sources", "footage", "footage_first", "camera_names", "K",
+    "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set",
+    "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
     "people", "people_xy", "people_confidence", "person",
 )  # fmt: skip
 
@@ -50,6 +50,8 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         }  # fmt: skip
     if capture.footage:
         arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
+    if capture.footage_first:
+        arrays["footage_first"] = np.array(capture.footage_first)
     if capture.keypoints is not None:
         keypoints = capture.keypoints
         arrays |= {
@@ -96,6 +98,7 @@ def read_capture(path: Path | str) -> Capture:
         keypoints=keypoints,
         markers=_markers(fields) if "marker_positions" in fields else None,
         footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
+        footage_first=_footage_first(fields),
         sources=fields.texts("sources"),
         notes=fields.texts("notes"),
         problems=fields.texts("problems"),
@@ -103,6 +106,12 @@ def read_capture(path: Path | str) -> Capture:
         person=fields.text("person", "") if people else "",
         truth={key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)},
     )
+
+
+def _footage_first(fields: Fields) -> tuple[int, ...]:
+    if "footage_first" not in fields:
+        return ()
+    return tuple(int(n) for n in fields.numbers("footage_first", (len(fields.texts("footage")),)))
 
 
 def _strings(items: tuple[str, ...]) -> np.ndarray:

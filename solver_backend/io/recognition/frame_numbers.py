@@ -86,18 +86,30 @@ def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[i
     firsts, lasts = zip(*spans.values(), strict=True)
     if len(set(spans.values())) == 1:
         return firsts[0], lasts[0]
-    listing = "; ".join(
-        f"{name}: {last - first + 1} (numbers {first} to {last})" for name, (first, last) in spans.items()
-    )
     first, last = max(firsts), min(lasts)
-    if first > last:
-        raise FrameCountMismatch(
-            f"The cameras have no frame number in common. {listing}.",
-            hint="Number the frames of all cameras from the same moment.",
-        )
-    if not trim:
-        raise FrameCountMismatch(
-            f"The cameras recorded different numbers of frames. {listing}.",
-            hint=f"Synchronise them, or pass --trim to keep the {last - first + 1} frames that all have.",
-        )
+    if first > last or not trim:
+        raise different_frames(spans)
     return first, last
+
+
+def different_frames(spans: Mapping[str, tuple[int, int]], why: str = "") -> FrameCountMismatch:
+    """Return the error about cameras with different frames, and what to do.
+
+    Args:
+        spans: first and last frame number of each camera.
+        why: a sentence on why they could not be synchronised.
+    """
+    listing = "; ".join(f"{name}: {b - a + 1} (numbers {a} to {b})" for name, (a, b) in spans.items())
+    common = min(b for _, b in spans.values()) - max(a for a, _ in spans.values()) + 1
+    more = f" {why}" if why else ""
+    if common < 1:
+        return FrameCountMismatch(
+            f"The cameras have no frame number in common. {listing}.{more}",
+            hint="Number the frames of all cameras from the same moment, or pass --by-order to count them from each "
+            "camera's first, or --offset CAMERA=FRAMES.",
+        )  # fmt: skip
+    return FrameCountMismatch(
+        f"The cameras recorded different numbers of frames. {listing}.{more}",
+        hint=f"Synchronise them, or pass --trim to keep the {common} frames that all have, --by-order to count them "
+        "from each camera's first, or --offset CAMERA=FRAMES.",
+    )  # fmt: skip

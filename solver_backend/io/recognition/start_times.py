@@ -1,0 +1,210 @@
+"""Cameras that started apart, or are numbered differently, brought to one time: found, given, or as numbered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.exchange.errors import JobInvalid, NotSynchronised
+from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
+from solver_backend.exchange.time_settings import offsets_by_camera
+from solver_backend.io.reader import ReadOptions
+from solver_backend.io.recognition.camera_names import listing, name_key
+from solver_backend.io.recognition.frame_choice import cut_frames
+from solver_backend.io.recognition.frame_numbers import different_frames
+from solver_backend.people.camera_starts import CameraStarts, Evidence, find_starts
+from solver_backend.people.common_time import align_rows, common_rows
+from solver_backend.people.detections import Detections
+from solver_backend.types import Cameras, Capture
+
+SOLVED_S, SOLVED_FRAMES = 0.2, 10
+"""Smaller delays, or of fewer frames, are left to the solve's own check, which knows parts of frames."""
+
+
+@dataclass(frozen=True)
+class InTime:
+    """Detections of which a row is one moment in all cameras."""
+
+    detections: Detections
+    """Of the frames that are kept."""
+    first_rows: tuple[int, ...] = ()
+    """The row of each camera's own frames that comes first; () where all begin with their first."""
+    notes: tuple[str, ...] = ()
+    """What was assumed."""
+    problems: tuple[str, ...] = ()
+    """What the user should know."""
+
+
+def reads_apart(options: ReadOptions) -> bool:
+    """Return whether cameras with different frames are read each from its own first, to be brought to one time."""
+    return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
+
+
+def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
+    """Return the detections at moments that all cameras recorded.
+
+    Offsets that the user gives bind. Else cameras are moved where they agree far better at other offsets than as
+    numbered, and only there (``find_starts``); whatever is not sure stays as numbered and is said.
+
+    Args:
+        cameras: C calibrated cameras.
+        detections: as read, each camera from its own first frame where they differ.
+        fps: frames a second.
+        options: how the capture is read.
+
+    Raises:
+        JobInvalid: an offset names no recorded camera.
+        NotSynchronised: synchronisation is required, and the views do not confirm any.
+        FrameCountMismatch: the cameras' frames differ and nothing tells which belong together.
+    """
+    firsts = np.array(detections.first_frames or [detections.first_frame] * len(cameras))
+    numbered = np.zeros(len(cameras), int) if options.by_order else firsts[0] - firsts
+    given = _given_offsets(detections.cameras, options.offset)
+    if given is not None:
+        words = tuple(f"{name} started {_late(by)}, as given." for name, by in _named(detections, given))
+        return _aligned(detections, numbered - given, options, words, ())
+    if options.sync == SYNC_OFF:
+        return _aligned(detections, numbered, options, (), ())
+    found = find_starts(cameras, detections, fps, numbered)
+    if found.evidence is Evidence.APART:
+        if np.abs(found.offsets - numbered).max() > max(SOLVED_S * fps, SOLVED_FRAMES):
+            return _moved(detections, found, numbered, options)
+    elif found.evidence is not Evidence.IN_STEP:
+        why = _doubt(detections, found)
+        if options.sync == SYNC_ON:
+            raise NotSynchronised(
+                why, where=listing(detections.cameras), hint="Give --offset CAMERA=FRAMES, or --sync auto."
+            )
+        if detections.first_frames and not (options.trim or options.by_order):
+            raise different_frames(_spans(detections), why)
+        notes, problems = ((why,), ()) if found.evidence is Evidence.STILL else ((), (f"{why} {_REMEDY}",))
+        silent = found.evidence is Evidence.STILL and len(found.doubtful) < len(cameras)
+        return _aligned(detections, numbered, options, () if silent else notes, problems)
+    return _aligned(detections, numbered, options, (), ())
+
+
+def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture:
+    """Return a capture of keypoints with its cameras brought to one time, on the first camera's clock.
+
+    Args:
+        capture: as its file holds it, everybody's.
+        options: how it is read.
+
+    Raises:
+        JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
+    """
+    if capture.cameras is None or capture.keypoints is None:
+        return capture
+    everybody = [person.keypoints for person in capture.people] or [capture.keypoints]
+    detections = Detections(
+        capture.cameras.names,
+        np.stack([person.xy for person in everybody], axis=2),
+        np.stack([person.confidence for person in everybody], axis=2),
+        capture.keypoints.joint_set,
+    )
+    found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
+    capture = replace(capture, notes=(*capture.notes, *found.notes), problems=(*capture.problems, *found.problems))
+    if not found.first_rows:
+        return capture
+    first = max(found.first_rows[0], 0)
+    stop = min(found.first_rows[0] + found.detections.num_frames, capture.num_frames)
+    rows = slice(first - found.first_rows[0], stop - found.first_rows[0])
+    cut = cut_frames(capture, first, stop - 1)
+    moved = [
+        replace(person, xy=found.detections.xy[:, rows, p], confidence=found.detections.confidence[:, rows, p])
+        for p, person in enumerate(everybody)
+    ]
+    people = tuple(replace(person, keypoints=moved[p]) for p, person in enumerate(capture.people))
+    solved = next((p for p, person in enumerate(capture.people) if person.name == capture.person), 0)
+    late = [row - found.first_rows[0] for row in found.first_rows]
+    pictures = [picture + by for picture, by in zip(cut.footage_first, late, strict=False)]
+    return replace(cut, keypoints=moved[solved], people=people, footage_first=tuple(pictures))
+
+
+_REMEDY = "None is moved: give --offset CAMERA=FRAMES, or --sync off if they started together."
+
+
+def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
+    """Return cameras that started apart, moved; those of which nothing tells when are left out."""
+    late = numbered - found.offsets
+    late = late - late[0]
+    parts = [f"{name} {_late(by)}" for name, by in _named(detections, late)]
+    problems = [
+        f"The cameras did not start together: against {detections.cameras[0]}, {listing(parts)}. They are moved; to "
+        "keep them as recorded: --sync off."
+    ]
+    if found.doubtful:
+        names = [detections.cameras[c] for c in found.doubtful]
+        problems.append(f"When {listing(names)} started is unknown, for it shows too little; it is left out.")
+        confidence = detections.confidence.copy()
+        confidence[list(found.doubtful)] = 0.0
+        lengths = np.array(detections.lengths or [detections.num_frames] * len(late))
+        lengths[list(found.doubtful)] = 0
+        detections = replace(detections, confidence=confidence, lengths=tuple(lengths.tolist()))
+    return _aligned(detections, found.offsets, options, (), tuple(problems))
+
+
+def _doubt(detections: Detections, found: CameraStarts) -> str:
+    """Return why nothing was moved, for a person."""
+    names = listing(detections.cameras[c] for c in found.doubtful)
+    if found.evidence is Evidence.STILL:
+        return (
+            f"Whether {names} started with the others is unknown: too little moves there, or the views agree at no "
+            "offset."
+        )
+    one, other = (-offset for offset in found.rivals)
+    return (
+        f"The cameras may have started apart, but agree alike at several offsets, as in movement that repeats: "
+        f"{detections.cameras[found.doubtful[0]]} by {one:+d} or {other:+d} frames against {detections.cameras[0]}."
+    )
+
+
+def _aligned(
+    detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[str, ...], problems: tuple[str, ...]
+) -> InTime:
+    """Return the rows that belong together; the detections as they are where all have the same."""
+    if not detections.first_frames and not (offsets - offsets[0]).any():
+        return InTime(detections, (), notes, problems)
+    lengths = np.array(detections.lengths or [detections.num_frames] * len(offsets))
+    first, stop = common_rows(offsets, lengths, every=options.trim)
+    if stop <= first:
+        raise different_frames(_spans(detections), "At their offsets no two recorded at the same time.")
+    rows = tuple(int(first + offset) for offset in offsets)
+    starts = [f"{row} of {name}" for name, row in zip(detections.cameras, rows, strict=True)]
+    kept = f"The take is the {stop - first} frames that the cameras recorded together: it begins at frame "
+    notes = (*notes, f"{kept}{listing(starts)}, counted from each camera's first.")
+    return InTime(align_rows(detections, offsets, first, stop), rows, notes, problems)
+
+
+def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:
+    """Return (C,) frames by which cameras started late, as the user says; None where nothing is said."""
+    given = offsets_by_camera(texts)
+    late = np.zeros(len(cameras), int)
+    keys = [name_key(name) for name in cameras]
+    for name, frames in given.items():
+        same = [c for c, camera in enumerate(cameras) if camera == name or keys[c] == name_key(name)]
+        if len(same) != 1:
+            raise JobInvalid(
+                f"The offset of '{name}' is of no camera.", where="offset", hint=f"Cameras are {listing(cameras)}."
+            )
+        late[same[0]] = frames
+    return late if given else None
+
+
+def _named(detections: Detections, late: np.ndarray) -> list[tuple[str, int]]:
+    return [(name, int(by)) for name, by in zip(detections.cameras, late, strict=True) if by]
+
+
+def _late(frames: int) -> str:
+    return f"{abs(frames)} frames {'later' if frames > 0 else 'earlier'}"
+
+
+def _spans(detections: Detections) -> dict[str, tuple[int, int]]:
+    firsts = detections.first_frames or (detections.first_frame,) * len(detections.cameras)
+    lengths = detections.lengths or (detections.num_frames,) * len(detections.cameras)
+    return {
+        name: (first, first + length - 1)
+        for name, first, length in zip(detections.cameras, firsts, lengths, strict=True)
+    }

@@ -1,0 +1,131 @@
+"""What each offset between two views gains in agreement, over all offsets that leave a stretch in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.people.frame_agreement import ViewPeople, disagreements
+from solver_backend.types import Cameras
+
+MOST_PEOPLE = 4
+"""People of a picture that are compared: the largest."""
+_SAMPLES, _FEWEST_SAMPLES, _SAMPLED_PAIRS = 160, 40, 6
+"""Frames of a view that are compared with all of another, and fewer of each where there are more pairs than this."""
+_MOST_CELLS = 4_000_000
+"""Comparisons of a pair that are held at once, 32 MB: of longer takes every second, third, ... frame is compared."""
+_NEIGHBOURS = 3
+"""In arrays of more than 8 cameras each is compared with so many around on either side."""
+_EACH = 8
+
+
+@dataclass(frozen=True)
+class PairGains:
+    """Gains of the pairs of C views at the offsets -(F-1) .. F-1, in frames that match.
+
+    A frame's gain is how much less it disagrees with the one at an offset than with most frames of the other view, so
+    that a view in which nothing moves gains nothing anywhere.
+    """
+
+    tables: dict[tuple[int, int], np.ndarray]
+    """(2 F - 1,) for the pairs i < j: row ``o + F - 1`` where frame f of i goes with frame f + o of j."""
+    possible: dict[tuple[int, int], np.ndarray]
+    """(2 F - 1,) what would be gained if every frame in common matched exactly."""
+    num_frames: int
+    """F."""
+    step: int
+    """Frames between the offsets that were compared; those between have the gain of the nearest."""
+
+    def profile(self, camera: int, others: dict[int, int]) -> np.ndarray:
+        """Return (4 F - 3,) what offsets -2 (F-1) .. 2 (F-1) of a camera gain with others at their offsets."""
+        reach = self.num_frames - 1
+        total = np.zeros(4 * reach + 1)
+        for other, offset in others.items():
+            table = self.tables.get((other, camera))
+            if table is None:
+                table = self.tables[camera, other][::-1] if (camera, other) in self.tables else None
+            if table is not None and abs(offset) <= reach:
+                total[reach + offset : 3 * reach + offset + 1] += table
+        return total
+
+    def of_cameras(self, offsets: np.ndarray, among: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return (C,) what each camera gains with all others, or those among (C,), and what was possible there."""
+        reach = self.num_frames - 1
+        gained, possible = np.zeros((2, len(offsets)))
+        for (i, j), table in self.tables.items():
+            row = int(offsets[j] - offsets[i]) + reach
+            if among is not None and not (among[i] and among[j]):
+                continue
+            if 0 <= row <= 2 * reach:
+                gained[[i, j]] += table[row]
+                possible[[i, j]] += self.possible[i, j][row]
+        return gained, possible
+
+
+def pair_gains(cameras: Cameras, xy: np.ndarray) -> PairGains:
+    """Return the gains of all pairs of views, those of neighbours in large arrays.
+
+    Args:
+        cameras: C cameras.
+        xy: (C, F, P, J, 2) normalised points of everybody, NaN where missing.
+    """
+    views = people_of_views(xy)
+    count, num_frames = len(views), xy.shape[1]
+    pairs = compared_pairs(count)
+    samples = int(np.clip(_SAMPLES * _SAMPLED_PAIRS // max(len(pairs), 1), _FEWEST_SAMPLES, _SAMPLES))
+    rows = [lively_frames(view, samples) for view in views]
+    people = views[0].extent.shape[1]
+    step = max(1, -(-samples * num_frames * people**2 // _MOST_CELLS))
+    columns = np.arange(0, num_frames, step)
+    thinned = [view.rows(columns) for view in views]
+    tables, possible = {}, {}
+    for i, j in pairs:
+        share = disagreements(cameras, i, j, views[i].rows(rows[i]), thinned[j])
+        tables[i, j], possible[i, j] = _gains(share, rows[i], num_frames, step)
+    return PairGains(tables, possible, num_frames, step)
+
+
+def people_of_views(xy: np.ndarray) -> list[ViewPeople]:
+    """Return the largest people of each view of (C, F, P, J, 2) normalised points."""
+    return [ViewPeople.of(_largest(view)) for view in xy]
+
+
+def compared_pairs(count: int) -> list[tuple[int, int]]:
+    """Return the pairs i < j of so many views that are compared: all, or those of neighbours in large arrays."""
+    near = range(1, count if count <= _EACH else _NEIGHBOURS + 1)
+    return sorted({(min(c, d), max(c, d)) for c in range(count) for k in near if (d := (c + k) % count) != c})
+
+
+def _gains(share: np.ndarray, rows: np.ndarray, num_frames: int, step: int) -> np.ndarray:
+    """Return (2, 2 F - 1) gains, and what was possible, from (N, G) disagreements of N frames with each ``step``-th."""
+    known = np.isfinite(share)
+    usual = np.full(len(share), np.nan)
+    seen = known.any(axis=1)
+    usual[seen] = np.nanmedian(share[seen], axis=1)
+    gain = np.stack([np.where(known, usual[:, None] - share, 0.0), np.where(known, usual[:, None], 0.0)])
+    table = np.zeros((2, 2 * num_frames - 1))
+    offsets = np.arange(2 * num_frames - 1) - (num_frames - 1)
+    for row, frame in enumerate(rows):
+        at = frame + offsets
+        inside = (at >= 0) & (at < num_frames)
+        table[:, inside] += gain[:, row, np.minimum((at[inside] + step // 2) // step, gain.shape[-1] - 1)]
+    return table
+
+
+def lively_frames(view: ViewPeople, count: int) -> np.ndarray:
+    """Return numbers of frames spread over the take, of each stretch the one in which most moves."""
+    points = np.where(view.seen[..., None] > 0, view.points[..., :2], np.nan)
+    step = np.abs(np.diff(points, axis=0, prepend=points[:1])).sum(-1)
+    speed = np.nan_to_num(step).sum(axis=(1, 2)) + 1e-9 * view.seen.sum(axis=(1, 2))
+    parts = np.array_split(np.arange(len(speed)), min(count, len(speed)))
+    return np.array([part[np.argmax(speed[part])] for part in parts])
+
+
+def _largest(xy: np.ndarray) -> np.ndarray:
+    """Return (F, P, J, 2) the largest people of each frame, at most ``MOST_PEOPLE``."""
+    if xy.shape[1] <= MOST_PEOPLE:
+        return xy
+    extent = ViewPeople.of(xy).extent
+    order = np.argsort(np.where(np.isfinite(extent), -extent, 0.0), axis=1, kind="stable")[:, :MOST_PEOPLE]
+    return np.take_along_axis(xy, order[..., None, None], axis=1)

@@ -1,0 +1,145 @@
+"""Folders whose cameras started apart or are numbered differently, read as one take."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import FrameCountMismatch, JobInvalid, NotSynchronised
+from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Capture
+from tests.support.calibration_files import toml_text
+from tests.support.trial_files import frame_text
+
+LENGTH = 200
+STARTS = (0, 45, 90, 20)
+
+
+@pytest.fixture(scope="module")
+def demo() -> Capture:
+    return demo_capture()
+
+
+def write_apart(
+    root: Path, capture: Capture, starts: tuple[int, ...], *, lengths: tuple[int, ...] = (LENGTH,) * 4,
+    numbers: tuple[int, ...] = (0, 0, 0, 0),
+) -> Path:  # fmt: skip
+    """Write what cameras recorded that started at these frames, numbered from these numbers."""
+    cameras, keypoints = capture.require_multiview()
+    (root / "calibration").mkdir(parents=True)
+    (root / "calibration" / "Calib.toml").write_text(toml_text(cameras))
+    for c, name in enumerate(cameras.names):
+        folder = root / "pose" / f"{name}_json"
+        folder.mkdir(parents=True)
+        for row in range(lengths[c]):
+            f = starts[c] + row
+            person = np.concatenate([keypoints.xy[c, f], keypoints.confidence[c, f][:, None]], axis=1)
+            (folder / f"{name}_{row + numbers[c]:012d}_keypoints.json").write_text(frame_text([person]))
+    return root
+
+
+def error_m(capture: Capture, demo: Capture, first: int) -> float:
+    """Return how far triangulated points are from the truth, the capture beginning at this frame of the demo."""
+    from solver_backend.cameras.triangulation.triangulate import triangulate
+
+    cameras, keypoints = capture.require_multiview()
+    points = triangulate(cameras, keypoints.xy, keypoints.confidence).points
+    truth = demo.truth["keypoints3d"][first : first + capture.num_frames]
+    return float(np.nanmedian(np.linalg.norm(points - truth, axis=-1)))
+
+
+def read(path: Path, **options: Any) -> Capture:
+    return load_capture(path, fps=60.0, **options)
+
+
+def test_cameras_started_by_hand_are_brought_together_and_it_is_said(tmp_path, demo):
+    capture = read(write_apart(tmp_path / "take", demo, STARTS))
+    assert capture.num_frames == LENGTH - 90
+    assert error_m(capture, demo, 90) < 0.02
+    [problem] = [p for p in capture.problems if "did not start together" in p]
+    assert "cam02 45 frames later" in problem and "--sync off" in problem
+
+
+def test_off_keeps_them_as_recorded(tmp_path, demo):
+    capture = read(write_apart(tmp_path / "take", demo, STARTS), sync="off")
+    assert capture.num_frames == LENGTH and not any("start together" in p for p in capture.problems)
+
+
+def test_given_offsets_bind(tmp_path, demo):
+    root = write_apart(tmp_path / "take", demo, STARTS)
+    capture = read(root, offset=("cam2=45", "cam03=90", "cam_04=20"))
+    assert capture.num_frames == LENGTH - 90 and error_m(capture, demo, 90) < 0.02
+    with pytest.raises(JobInvalid, match="'cam9' is of no camera"):
+        read(root, offset=("cam9=4",))
+    with pytest.raises(JobInvalid, match="'cam02=half' is not CAMERA=FRAMES"):
+        read(root, offset=("cam02=half",))
+
+
+def test_other_numbers_and_lengths_are_no_obstacle_where_the_views_tell(tmp_path, demo):
+    root = write_apart(
+        tmp_path / "take", demo, STARTS, lengths=(200, 190, 200, 180), numbers=(0, 7000, 1, 100000)
+    )  # fmt: skip
+    capture = read(root)
+    assert error_m(capture, demo, 90) < 0.02
+    with pytest.raises(FrameCountMismatch, match=r"no frame number in common.*--by-order"):
+        read(root, sync="off")
+
+
+def test_by_order_counts_from_each_cameras_first(tmp_path, demo):
+    root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0), numbers=(0, 1, 500, 1000))
+    capture = read(root, sync="off", by_order=True)
+    assert capture.num_frames == LENGTH and error_m(capture, demo, 0) < 0.02
+
+
+def test_numbers_that_agree_are_kept_where_a_camera_has_fewer(tmp_path, demo):
+    root = write_apart(tmp_path / "take", demo, (0, 0, 5, 0), lengths=(200, 198, 195, 200), numbers=(0, 0, 5, 0))
+    capture = read(root)
+    assert capture.num_frames == 193 and error_m(capture, demo, 5) < 0.02
+
+
+def test_required_synchronisation_is_refused_where_nothing_moves(tmp_path, demo):
+    _, keypoints = demo.require_multiview()
+    first = (a[:, :1].repeat(360, 1) for a in (keypoints.xy, keypoints.confidence))
+    held = replace(keypoints, **dict(zip(("xy", "confidence"), first, strict=True)))
+    root = write_apart(tmp_path / "take", replace(demo, keypoints=held), STARTS)
+    with pytest.raises(NotSynchronised, match="too little moves"):
+        read(root, sync="on")
+    assert any("too little moves" in note for note in read(root).notes)
+
+
+def test_a_synchronous_take_is_not_touched(tmp_path, demo):
+    root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0))
+    one, other = read(root), read(root, sync="off")
+    np.testing.assert_array_equal(one.keypoints.xy, other.keypoints.xy)
+    assert (one.notes, one.problems) == (other.notes, other.problems)
+
+
+def test_capture_files_too_with_truth_and_footage(tmp_path, demo):
+    cameras, keypoints = demo.require_multiview()
+    late = np.stack([np.roll(view, -start, axis=0) for view, start in zip(keypoints.xy, STARTS, strict=True)])
+    path = write_capture(tmp_path / "take.npz", replace(
+        demo, keypoints=replace(keypoints, xy=late), footage=tuple(Path(f"{name}.mp4") for name in cameras.names)
+    ))  # fmt: skip
+    capture = load_capture(path)
+    assert capture.truth["joints"].shape[0] == capture.num_frames
+    assert capture.footage_first == (90, 45, 0, 70)
+    assert error_m(capture, demo, 90) < 0.02
+
+
+def test_frames_of_a_take(tmp_path, demo):
+    root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0))
+    capture = read(root, frames=(50, 119))
+    assert capture.num_frames == 70 and error_m(capture, demo, 50) < 0.02
+    with pytest.raises(JobInvalid, match="Frames 150 to 200 are no range of a take of 200 frames"):
+        read(root, frames=(150, 200))
+    (root / "Config.toml").write_text("[project]\nframe_range = [10, 60]\n")
+    configured = read(root)
+    assert configured.num_frames == 50 and error_m(configured, demo, 10) < 0.02
+    assert any("as Config.toml says" in note for note in configured.notes)
+    assert read(root, frames=(0, 199)).num_frames == 200
