@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 from solver_backend.exchange.errors import CaptureNotRecognised, MotionInvalid
 from solver_backend.io.captures.pose2sim import trials_below
+from solver_backend.io.detections.search import DETECTION_FOLDERS
+from solver_backend.io.detections.unsupported import name_unsupported
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.reader import Reader, ReadOptions
@@ -94,4 +96,8 @@ def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRec
     if trials := trials_below(path):
         what, hint = "The folder is not a recording but holds several.", f"Choose one: {listing(trials)}."
         return CaptureNotRecognised(what, where=str(path), hint=hint)
+    folders = [path, *(path / name for name in DETECTION_FOLDERS)]
+    if (known := name_unsupported(folders)) is not None:
+        what, how = known
+        return CaptureNotRecognised(f"The detections are {what}", where=str(path), hint=how)
     return CaptureNotRecognised("The folder holds no folders of detections.", where=str(path), hint=hint)

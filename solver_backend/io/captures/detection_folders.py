@@ -12,6 +12,7 @@ from solver_backend.exchange.errors import TooFewViews
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.search import find_calibration, levels_above
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
+from solver_backend.io.detections.own_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources, listed_paths
 from solver_backend.io.footage.footage import find_footage, headers, with_sizes_of
@@ -64,6 +65,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         configured=config.joint_set,
         trim=options.trim,
         apart=reads_apart(options),
+        own=find_own_keypoints(levels),
         progress=options.progress,
     )
     footage = find_footage(levels[:2], tuple(sources))

@@ -59,7 +59,8 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
     if known[best] < LEAST_KNOWN:
         raise KeypointCountMismatch(
             f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}.", where=where,
-            hint=f"Rename them as a joint set does, such as {', '.join(JointSet.COCO_17.keypoints)}.",
+            hint="Say what they are in a file keypoints.json beside the recording, such as "
+            f'{{"landmarks": {{"{names[0]}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...',
         )  # fmt: skip
     columns = tuple(plain.index(name) if name in plain else -1 for name in best.keypoints)
     return NamedKeypoints(best, columns, tuple(n for n, p in zip(names, plain, strict=True) if p not in best.keypoints))

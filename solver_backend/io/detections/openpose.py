@@ -18,15 +18,16 @@ from solver_backend.io.recognition.frame_numbers import frame_numbers
 
 _PADDING = re.compile(r"del_(\d{1,18})_\d+")
 """Files that Pose2Sim writes, without people, where a camera that it moved in time has no frame."""
+_OWN_NAMES = "keypoints.json"
 _FLAT = re.compile(r"(.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
 """Camera and frame number in a file's name where all cameras share a folder: ``cam01_000000000012_keypoints``."""
 
 
 def json_files(folder: Path) -> list[Path]:
-    """Return the JSON files of a folder by name, without hidden ones."""
+    """Return the JSON files of a folder by name, without hidden ones and the user's names of keypoints."""
     with os.scandir(folder) as entries:
         names = [e.name for e in entries if e.name.lower().endswith(".json") and not e.name.startswith(".")]
-    return [folder / name for name in sorted(names)]
+    return [folder / name for name in sorted(names) if name.lower() != _OWN_NAMES]
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:

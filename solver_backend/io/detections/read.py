@@ -11,6 +11,7 @@ from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, 
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_keypoints
+from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
@@ -41,6 +42,7 @@ def read_detections(
     configured: JointSet | None = None,
     trim: bool = False,
     apart: bool = False,
+    own: OwnKeypoints | None = None,
     progress: Progress = silent,
 ) -> Detections:
     """Read everybody in every frame of every camera.
@@ -53,6 +55,7 @@ def read_detections(
         configured: what the recording's settings say they are, believed unless the keypoints clearly contradict.
         trim: cut to the frames every camera has.
         apart: read each camera from its own first frame to its last, where they differ.
+        own: what the user's own keypoint names mean.
         progress: called with how many frames were read.
 
     Raises:
@@ -63,6 +66,8 @@ def read_detections(
         NonFiniteData: a coordinate is infinite.
     """
     listed = {name: source.frames() for name, source in sources.items()}
+    if own is not None:
+        listed = {name: own.apply(frames) for name, frames in listed.items()}
     spans = {name: (int(frames.numbers[0]), int(frames.numbers[-1])) for name, frames in listed.items()}
     apart = apart and len(set(spans.values())) > 1
     if not apart:
@@ -84,7 +89,7 @@ def read_detections(
     xy, confidence, notes, problems = _arrays(len(sources), pictures, (max(lengths), count))
     chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
     if named is not None:
-        found = (f"Joint set {chosen.value}, by the names of the keypoints.",)
+        found = (f"Joint set {chosen.value}, by the names of the keypoints{f' and {own.where}' if own else ''}.",)
         if named.unknown:
             found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(named.unknown)}.",)
     columns = slice(0, chosen.num_keypoints)

@@ -11,7 +11,7 @@ from pathlib import Path
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.io.calibration.search import is_calibration_folder
-from solver_backend.io.detections import deeplabcut, freemocap
+from solver_backend.io.detections import deeplabcut, freemocap, sleap
 from solver_backend.io.detections.camera_frames import CameraFrames
 from solver_backend.io.detections.openpose import cameras_of_flat_files, frames_in_files, json_files
 from solver_backend.io.detections.take_documents import frames_in_document
@@ -20,7 +20,7 @@ from solver_backend.io.recognition.camera_names import natural_key
 
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that hold one folder a camera; the latest stage of its pipeline comes first."""
-_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "annotations", "keypoints", "detections")
+DETECTION_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "annotations", "keypoints", "detections")
 """With those of EasyMocap, of MMPose's inferencer and of COCO's tools."""
 _ENDINGS = re.compile(r"[_\-. ](json|keypoints|openpose|alphapose)$", re.IGNORECASE)
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
@@ -47,7 +47,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
     They lie in one of the folders that programs make, or in the folder itself: a folder or a file a camera, or the
     files of all cameras together. Nothing but names is read, and the first bytes of tables.
     """
-    for parent in (folder for name in (*_FOLDERS, "") if (folder := root / name).is_dir()):
+    for parent in (folder for name in (*DETECTION_FOLDERS, "") if (folder := root / name).is_dir()):
         if found := _folders(parent) or _camera_files(parent) or _flat_files(parent):
             return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
     return _array(root)
@@ -80,10 +80,13 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _camera_files(parent: Path) -> dict[str, CameraSource]:
-    """Return the files of cameras that have one each: DeepLabCut's tables, or JSON of whole takes."""
+    """Return the files of cameras that have one each: DeepLabCut's tables, SLEAP's HDF5, or JSON of whole takes."""
     tables = [p for p in parent.iterdir() if p.suffix.lower() == ".csv" and deeplabcut.is_table(p)]
     if tables:
         return {deeplabcut.camera_name(p): CameraSource(p, partial(deeplabcut.read_table, p)) for p in tables}
+    files = [p for p in parent.iterdir() if sleap.is_sleap(p) and p.is_file()]
+    if files:
+        return {sleap.camera_name(p): CameraSource(p, partial(sleap.read_sleap, p)) for p in files}
     paths = json_files(parent)
     if not 1 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
         return {}
