@@ -193,5 +193,5 @@ def _footage(given: list[Path]) -> dict[str, Path]:
     if len(takes) > 1:
         names = ", ".join(take.name for take in takes)
         raise CommandLineInvalid("The folder holds several takes.", where=str(given[0]), hint=f"Choose one: {names}.")
-    [take] = takes
+    take = next(iter(takes))
     return dict(zip(take.cameras, take.videos, strict=True))

@@ -137,7 +137,7 @@ def _rivals(gains: PairGains, best: np.ndarray, sure: np.ndarray, near: int) -> 
     alone = [(int(c),) for c in sure]
     for group in alone + list(combinations(sure.tolist(), 2)) * (len(sure) > 3):
         others = {int(o): int(best[o]) for o in sure if o not in group}
-        total = sum(_shifted(gains.profile(c, others), int(best[c])) for c in group)
+        total = np.sum([_shifted(gains.profile(c, others), int(best[c])) for c in group], axis=0)
         rival = int(np.where(np.abs(changes) > near, total, -np.inf).argmax())
         if total[rival] > RIVAL_SHARE * total[reach]:
             shown = group[0] if group[0] else next(iter(others))

@@ -85,7 +85,8 @@ def estimate_delays(
     sigma_px = np.tile(np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual), 1 + len(others))
     moving = _moving(tracks, frames, sigma_px)
     if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
-        return Delays(*np.full((3, len(cameras)), np.nan), np.zeros(len(cameras), bool))
+        unknown = np.full(len(cameras), np.nan)
+        return Delays(unknown, unknown, unknown, np.zeros(len(cameras), bool))
     lags, beyond = np.zeros(len(cameras)), np.zeros(len(cameras), bool)
     joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
     seen = cameras.subset(np.flatnonzero(moving).tolist())

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def read_sleap(path: Path) -> CameraFrames:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     try:
-        import h5py
+        h5py = import_module("h5py")
     except ModuleNotFoundError as error:
         raise BackendMissing(
             "SLEAP's files are read with h5py, which is not installed.", where=str(path),
