@@ -17,6 +17,12 @@ class BodyMismatch(MocapError):
     code = "body_mismatch"
 
 
+class BodyUnreachable(MocapError):
+    """The body is in the scene and cannot be selected: its collection is hidden or excluded."""
+
+    code = "body_unreachable"
+
+
 class NothingToExport(MocapError):
     """There is no armature, motion or frame to export, or the format asks for more than the armature has."""
 

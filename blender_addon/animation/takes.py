@@ -119,6 +119,12 @@ def mark_as_asset(action: bpy.types.Action) -> None:
         data.tags.new(tag, skip_if_exists=True)
 
 
+def measured_key(action: bpy.types.Action) -> str:
+    """Return which of ``PATHS`` a take was solved from: its capture or, where it came alone, its own motion."""
+    return "capture_file" if action.get("capture_file") else "motion_file"
+
+
 def _is_of(action: bpy.types.Action, capture_file: str) -> bool:
-    own = action.get("capture_file")
-    return bool(own) and (own == capture_file or take_file(action, "capture_file") == file_of(capture_file))
+    key = measured_key(action)
+    own = action.get(key)
+    return bool(own) and (own == capture_file or take_file(action, key) == file_of(capture_file))

@@ -13,27 +13,40 @@ from ..body.armature import bone_axes, deform_bone
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
 from ..body.mesh import positions
-from ..body.rig import Rig
 from ..body.shape import get_betas
 from ..body.sliders import sliders
 from ..conventions.skeleton import JOINTS, PARENTS
 
 
-def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
+def plain_copy(
+    armature: bpy.types.Object, mesh: bpy.types.Object | None, collection: bpy.types.Collection
+) -> tuple[bpy.types.Object, ...]:
     """Copy a body without shape keys, drivers and deform bones; rotations mean the same on both.
 
     Blender must be in object mode.
 
     Args:
-        rig: the body.
+        armature: of the body.
+        mesh: its skin, None for the skeleton alone.
         collection: where the copy is linked; it must be part of the current view layer.
+
+    Returns:
+        The armature and, where there is a skin, the mesh.
 
     Raises:
         BodyInvalid: the mesh is no body of ours.
     """
-    vertices = _shaped_vertices(rig.mesh)
-    armature = _copy_armature(rig.armature, collection)
-    mesh = local_copy(rig.mesh, collection)
+    vertices = None if mesh is None else _shaped_vertices(mesh)
+    bones = _copy_armature(armature, collection)
+    if mesh is None or vertices is None:
+        return (bones,)
+    return bones, _copy_skin(mesh, vertices, bones, collection)
+
+
+def _copy_skin(
+    source: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    mesh = local_copy(source, collection)
     keys = mesh.data.shape_keys.name
     mesh.shape_key_clear()
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
@@ -50,7 +63,7 @@ def plain_copy(rig: Rig, collection: bpy.types.Collection) -> Rig:
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE":
             modifier.object = armature
-    return Rig(armature, mesh)
+    return mesh
 
 
 def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:

@@ -15,7 +15,6 @@ from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_columns
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..body.armature import bone_axes, deform_bone
-from ..body.rig import Rig
 from ..conventions.skeleton import JOINTS, PARENTS
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
@@ -44,21 +43,19 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     active = bpy.context.view_layer.objects.active
     collection = bpy.data.collections.new("Export")
     take.scene.collection.children.link(collection)
-    action, originals = None, (take.armature, take.meshes[0])
+    action, originals = None, (take.armature, *take.meshes)
     names = [obj.name for obj in originals]
     try:
-        copy = plain_copy(Rig(*originals), collection)
-        copy.armature.parent = None
-        copy.armature.matrix_world.identity()
+        armature, *skins = copies = plain_copy(take.armature, next(iter(take.meshes), None), collection)
+        armature.parent = None
+        armature.matrix_world.identity()
         scale = take.metres_a_unit * uniform_scale(take)
         if scale != 1.0:
-            copy.armature.data.transform(Matrix.Scale(scale, 4))
-            copy.mesh.data.transform(Matrix.Scale(scale, 4))
-        action = _bake(copy.armature, pose, take)
-        _swap_names(originals, (copy.armature, copy.mesh), names)
-        yield replace(
-            take, armature=copy.armature, meshes=(copy.mesh,), first=take.frame_start, step=1.0, is_plain=True
-        )
+            for copy in copies:
+                copy.data.transform(Matrix.Scale(scale, 4))
+        action = _bake(armature, pose, take)
+        _swap_names(originals, copies, names)
+        yield replace(take, armature=armature, meshes=tuple(skins), first=take.frame_start, step=1.0, is_plain=True)
     finally:
         _remove(collection, action)
         for obj, name in zip(originals, names, strict=True):
@@ -68,9 +65,9 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
 
 
 def is_body(take: ExportTake) -> bool:
-    """Return whether the take is a body of this add-on, skin included."""
+    """Return whether the take is a body of this add-on, with one skin or none."""
     bones = take.armature.data.bones
-    return len(take.meshes) == 1 and all(name in bones for j in JOINTS for name in (j, deform_bone(j)))
+    return len(take.meshes) <= 1 and all(name in bones for j in JOINTS for name in (j, deform_bone(j)))
 
 
 def _bake(armature: bpy.types.Object, pose: PoseSamples, take: ExportTake) -> bpy.types.Action:

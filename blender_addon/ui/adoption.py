@@ -5,19 +5,29 @@ What the panels keep about a capture is put together from what the body's take a
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 from bpy.app.handlers import persistent
 
-from ..conventions.file_paths import stored
+from ..conventions.file_paths import file_of, stored
+from .former_pointers import release_pointers
+from .tags import tag_of
+
+_counts: dict[str, int] = {}
+"""How many objects each scene had when it was looked at last."""
 
 
 def adopt(scene: bpy.types.Scene) -> int:
     """Give each solved body of a scene that no capture knows a capture of its own, and return how many there were."""
-    known = [review.armature for capture in scene.mocap.captures for review in capture.reviews]
-    found = [obj for obj in scene.objects if obj.type == "ARMATURE" and obj not in known and _is_solved(obj)]
-    for body in found:
-        _adopt(scene, body)
-    return len(found)
+    known = {review.body_tag for capture in scene.mocap.captures for review in capture.reviews} - {""}
+    count = 0
+    for body in [obj for obj in scene.objects if obj.type == "ARMATURE" and _is_solved(obj)]:
+        if tag_of(body) not in known:
+            _adopt(scene, body)
+            known.add(tag_of(body))
+            count += 1
+    return count
 
 
 def _is_solved(obj: bpy.types.Object) -> bool:
@@ -32,25 +42,25 @@ def _adopt(scene: bpy.types.Scene, body: bpy.types.Object) -> None:
     from .._exchange.motion_file import is_motion
     from ..animation.curves import current_action
     from ..animation.retiming import laid_rate
-    from ..animation.takes import PERSON, take_file
+    from ..animation.takes import PERSON, measured_key, take_file
 
     action = current_action(body)
     assert action is not None
-    source = take_file(action, "capture_file")
+    source = take_file(action, measured_key(action))
     is_alone = not action.get("capture_file") or (source.is_file() and is_motion(source))
-    if is_alone:
-        action["capture_file"] = action["motion_file"]
-    former = next((item for item in scene.mocap.captures if _same(item, action, is_alone)), None)
-    if former is not None and former.review.armature is None:
-        former.review.armature = body
-        return
+    former = next((item for item in scene.mocap.captures if _is_from(item, source)), None)
+    if former is not None:
+        review = former.review_of(former.person_named(action.get(PERSON, "")))
+        if review.armature is None:
+            review.armature = body
+            return
     capture = scene.mocap.captures.add()
     scene.mocap.show(len(scene.mocap.captures) - 1)
     capture.name = body.name
-    capture.file = "" if is_alone else stored(source)
-    capture.source = action["motion_file"] if is_alone else stored(source)
+    capture.file, capture.source = "" if is_alone else stored(source), stored(source)
     capture.frames, capture.fps, capture.frame_start = int(action["frames"]), action["fps"], int(action["frame_start"])
-    capture.collection = _collection_of(scene, body)
+    collection = _collection_of(scene, body)
+    capture.collection = collection
     review = capture.review
     if PERSON in action:
         person = capture.people.add()
@@ -58,25 +68,27 @@ def _adopt(scene: bpy.types.Scene, body: bpy.types.Object) -> None:
         person.frames = capture.frames
     review.armature, review.first = body, capture.frame_start
     review.last = round(capture.frame_start + (capture.frames - 1) * laid_rate(action) / capture.fps)
-    if capture.collection is not None:
-        _adopt_cameras(capture)
+    if collection is not None:
+        _adopt_cameras(capture, collection)
 
 
-def _adopt_cameras(capture: bpy.types.PropertyGroup) -> None:
+def _adopt_cameras(capture: bpy.types.PropertyGroup, collection: bpy.types.Collection) -> None:
     from ..scene.cameras import CAMERA_NAME
     from ..scene.overlay import POINTS, seen_share
 
-    for obj in capture.collection.all_objects:
+    for obj in collection.all_objects:
         if obj.type == "CAMERA" and CAMERA_NAME in obj.data:
             item = capture.cameras.add()
             item.name, item.object = obj.data[CAMERA_NAME], obj
             item.has_footage = bool(obj.data.background_images)
-            item.detections = next((child for child in obj.children if POINTS in child), None)
-            item.seen_percent = 100.0 * seen_share(item.detections) if item.detections is not None else 0.0
+            detections = next((child for child in obj.children if POINTS in child), None)
+            item.detections = detections
+            item.seen_percent = 100.0 * seen_share(detections) if detections is not None else 0.0
 
 
-def _same(capture: bpy.types.PropertyGroup, action: bpy.types.Action, is_alone: bool) -> bool:
-    return not is_alone and bool(capture.file) and capture.file == action.get("capture_file")
+def _is_from(capture: bpy.types.PropertyGroup, source: Path) -> bool:
+    own = capture.file or capture.source
+    return bool(own) and file_of(own) == source
 
 
 def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.Collection | None:
@@ -92,5 +104,26 @@ def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.
 @persistent
 def on_load(*_: object) -> None:
     """Adopt what a file that was opened holds."""
+    _counts.clear()
     for scene in bpy.data.scenes:
-        adopt(scene)
+        settle(scene)
+
+
+@persistent
+def on_update(scene: bpy.types.Scene, *_: object) -> None:
+    """Adopt what was appended, linked or pasted, once a scene has other objects than before."""
+    count = len(scene.objects)
+    if _counts.get(scene.name_full) != count:
+        _counts[scene.name_full] = count
+        settle(scene)
+
+
+def settle(scene: bpy.types.Scene) -> None:
+    """Take over what former versions pointed to, let go of what was deleted, and adopt what came without the panels."""
+    if scene.library is not None:
+        return
+    release_pointers(scene)
+    target = scene.mocap.retarget.target
+    if target is not None and not target.users_scene:
+        scene.mocap.retarget.target = None
+    adopt(scene)

@@ -6,6 +6,7 @@ import bpy
 
 from .locations import RELATIVE
 from .marker_properties import NAME_ITEMS, MocapMarker, MocapToldPoint
+from .tags import TaggedObject, active_name, active_object, find_collection, give_tag, tag_of
 
 
 class MocapMessage(bpy.types.PropertyGroup):
@@ -25,8 +26,10 @@ class MocapCamera(bpy.types.PropertyGroup):
     use: bpy.props.BoolProperty(name="Use", description="Solve with what this camera sees", default=True)
     before_px: bpy.props.FloatProperty(name="Before", description="Median distance of its detections as calibrated, px")
     after_px: bpy.props.FloatProperty(name="After", description="The same with the refined cameras, px")
-    object: bpy.props.PointerProperty(type=bpy.types.Object, name="Camera")
-    detections: bpy.props.PointerProperty(type=bpy.types.Object, name="Detections")
+    camera_tag: bpy.props.StringProperty(name="Camera")
+    detections_tag: bpy.props.StringProperty(name="Detections")
+    object = TaggedObject("camera_tag")
+    detections = TaggedObject("detections_tag")
 
 
 class MocapLeftOut(bpy.types.PropertyGroup):
@@ -52,14 +55,16 @@ def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None
 
 def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     """Lay the floor offset on the body's own offset, which no key touches."""
-    if self.armature is not None:
-        self.armature.delta_location.z = self.floor_offset
+    armature = self.armature
+    if armature is not None:
+        armature.delta_location.z = self.floor_offset
 
 
 class MocapReview(bpy.types.PropertyGroup):
     """What is looked at."""
 
-    armature: bpy.props.PointerProperty(type=bpy.types.Object, name="Body", description="Armature of the solved body")
+    body_tag: bpy.props.StringProperty(name="Body", description="Tag of the solved body's armature")
+    armature = TaggedObject("body_tag", prefer_active=True)
     colours: bpy.props.BoolProperty(
         name="Colour Bones",
         description="Paint each bone by its joint's confidence on the current frame; shown in pose mode",
@@ -78,13 +83,14 @@ class MocapReview(bpy.types.PropertyGroup):
     pins: bpy.props.CollectionProperty(type=MocapPin)
 
     def plays(self, obj: bpy.types.Object) -> bool:
-        """Return whether an object is the body or its skin."""
-        return self.armature is not None and (obj == self.armature or obj.find_armature() == self.armature)
+        """Return whether an object is the body, a copy of it, or the skin of one."""
+        return bool(self.body_tag) and self.body_tag in (tag_of(obj), tag_of(obj.find_armature()))
 
     @property
     def take(self) -> bpy.types.Action | None:
         """The solved action that the body plays now."""
-        animation = self.armature.animation_data if self.armature is not None else None
+        armature = self.armature
+        animation = armature.animation_data if armature is not None else None
         action = animation.action if animation is not None else None
         return action if action is not None and "motion_file" in action else None
 
@@ -97,7 +103,7 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
             other.select_set(False)
         body.select_set(True)
         context.view_layer.objects.active = body
-    self.person_at = active_object(self.id_data)
+    self.person_active = active_name(self.id_data)
 
 
 class MocapPerson(bpy.types.PropertyGroup):
@@ -139,7 +145,8 @@ class MocapCapture(bpy.types.PropertyGroup):
         items=NAME_ITEMS, default="C7",
     )  # fmt: skip
     subjects: bpy.props.StringProperty(name="Subjects", description="Prefixes of the markers' labels")
-    cloud: bpy.props.PointerProperty(type=bpy.types.Object, name="Marker Object")
+    cloud_tag: bpy.props.StringProperty(name="Marker Object")
+    cloud = TaggedObject("cloud_tag")
     show_names: bpy.props.BoolProperty(name="Names", description="Show the markers' names beside them in the viewport")
     show_residuals: bpy.props.BoolProperty(
         name="Residuals", default=True, update=_colour_markers,
@@ -154,12 +161,22 @@ class MocapCapture(bpy.types.PropertyGroup):
         subtype="FILE_PATH", options=RELATIVE,
     )  # fmt: skip
     messages: bpy.props.CollectionProperty(type=MocapMessage)
-    collection: bpy.props.PointerProperty(type=bpy.types.Collection, name="Collection")
-    floor: bpy.props.PointerProperty(type=bpy.types.Object, name="Floor")
+    collection_tag: bpy.props.StringProperty(name="Collection")
+    floor_tag: bpy.props.StringProperty(name="Floor")
+    floor = TaggedObject("floor_tag")
     review: bpy.props.PointerProperty(type=MocapReview)
     people: bpy.props.CollectionProperty(type=MocapPerson)
     person_shown: bpy.props.IntProperty(name="Person", description="Who is solved and reviewed", update=_show_person)
-    person_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when they were chosen")
+    person_active: bpy.props.StringProperty(name="Active Object when they were chosen")
+
+    @property
+    def collection(self) -> bpy.types.Collection | None:
+        """The capture's collection, None where it was deleted."""
+        return find_collection(self.id_data, self.collection_tag)
+
+    @collection.setter
+    def collection(self, collection: bpy.types.Collection | None) -> None:
+        self.collection_tag = give_tag(collection)
 
     def refined_text(self) -> str:
         """Return before and after of a refined calibration, "" where it is the recording's own."""
@@ -202,7 +219,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     def person_index(self) -> int:
         """Return which person panels and operators are about: whose body is active, or who was chosen last."""
         active = active_object(self.id_data)
-        if active is not None and active != self.person_at:
+        if active is not None and active.name_full != self.person_active:
             for person, review in enumerate(self.reviews):
                 if review.plays(active):
                     return person
@@ -221,14 +238,8 @@ class MocapCapture(bpy.types.PropertyGroup):
         """Return whether an object is the capture's body, its skin, or anything else in its collection."""
         if any(review.plays(obj) for review in self.reviews):
             return True
-        return self.collection is not None and self.collection.all_objects.get(obj.name) == obj
-
-
-def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the active object of a scene, in the window's view layer where the scene is shown."""
-    shown = getattr(bpy.context, "scene", None) == scene
-    layer = bpy.context.view_layer if shown else scene.view_layers[0]
-    return layer.objects.active if layer is not None else None
+        collection = self.collection
+        return collection is not None and collection.all_objects.get(obj.name) == obj
 
 
 CAPTURE_CLASSES = (

@@ -7,12 +7,13 @@ from typing import Any
 import bpy
 
 from ..solving.presets import PRESETS
-from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview, active_object
+from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
 from .rig_properties import RIG_CLASSES, MocapRig
 from .setting_properties import CHOSEN_BY_PRESETS, DEFAULTS, ROWS, SettingProperties, panel_values
 from .studio_properties import MocapStudio
+from .tags import active_name, active_object
 from .video_properties import VIDEO_CLASSES, MocapVideos
 
 AUTO = "AUTO"
@@ -159,7 +160,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     captures: bpy.props.CollectionProperty(type=MocapCapture)
     blank: bpy.props.PointerProperty(type=MocapCapture)
     shown: bpy.props.IntProperty(name="Shown Capture", description="Capture that was imported or chosen last")
-    shown_at: bpy.props.PointerProperty(type=bpy.types.Object, name="Active Object when it was chosen")
+    shown_active: bpy.props.StringProperty(name="Active Object when it was chosen")
     held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
     solve: bpy.props.PointerProperty(type=MocapSolve)
     live: bpy.props.PointerProperty(type=MocapLive)
@@ -178,7 +179,7 @@ class MocapSettings(bpy.types.PropertyGroup):
         if self.held >= 0:
             return min(self.held, last)
         active = active_object(self.id_data)
-        if active is not None and active != self.shown_at:
+        if active is not None and active.name_full != self.shown_active:
             for index, capture in enumerate(self.captures):
                 if capture.owns(active):
                     return index
@@ -197,7 +198,7 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     def show(self, index: int) -> None:
         """Let panels be about a capture until an object of another one is made active."""
-        self.shown, self.shown_at = index, active_object(self.id_data)
+        self.shown, self.shown_active = index, active_name(self.id_data)
 
 
 CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, *RIG_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)

@@ -145,6 +145,7 @@ TABLE: tuple[Entry, ...] = (
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, adoption.on_load),
+    _handler(bpy.app.handlers.depsgraph_update_post, adoption.on_update),
     _handler(bpy.app.handlers.save_pre, project_files.before_save),
     _handler(bpy.app.handlers.save_post, project_files.after_save),
     _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),

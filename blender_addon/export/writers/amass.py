@@ -72,7 +72,7 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
             hint="AMASS describes a body's shape: export an armature that this add-on baked.",
         )
     solved, rest_pelvis = np.array(take.armature["betas"]), np.array(take.armature["rest_pelvis"])
-    betas = get_betas(take.meshes[0]) if is_body(take) else solved
+    betas = get_betas(take.meshes[0]) if take.meshes and is_body(take) else solved
     if np.allclose(betas, solved, atol=1e-4):
         return solved, rest_pelvis
     body = read_body(body_path_of(take.armature.get("provenance", "")))

@@ -42,19 +42,23 @@ class MocapOperator(Operator):
 class NeedsBody(MocapOperator):
     """Mixin of operators on the solved body."""
 
+    edits_body = False
+    """Whether the body is changed, which one that is linked from another file does not allow."""
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a body."""
         return _there(cls, context.scene.mocap.review.armature)
 
 
-class NeedsTake(MocapOperator):
+class NeedsTake(NeedsBody):
     """Mixin of operators on the take the body plays."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a solved take."""
-        return _there(cls, context.scene.mocap.review.take)
+        review = context.scene.mocap.review
+        return _there(cls, review.armature, review.take)
 
 
 class ViewportDrop(FileHandler):
@@ -66,7 +70,11 @@ class ViewportDrop(FileHandler):
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-def _there(operator: type[MocapOperator], needed: bpy.types.ID | None) -> bool:
-    if needed is None:
+def _there(operator: type[NeedsBody], armature: bpy.types.Object | None, *more: bpy.types.ID | None) -> bool:
+    if armature is None or None in more:
         operator.poll_message_set("Solve a capture first")
-    return needed is not None
+        return False
+    if operator.edits_body and not armature.is_editable:
+        operator.poll_message_set("This body is linked: choose Object > Library Override > Make first")
+        return False
+    return True

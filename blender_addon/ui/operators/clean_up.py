@@ -19,6 +19,7 @@ class MOCAP_OT_feet_to_floor(NeedsTake, bpy.types.Operator):
     bl_idname = "mocap.feet_to_floor"
     bl_label = "Feet to Floor"
     bl_description = "Set Floor Offset so that the lower sole stands on the floor in half of the take's frames"
+    edits_body = True
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Measure the skin on some frames and lift or lower the body."""

@@ -29,6 +29,7 @@ class MOCAP_OT_switch_limbs(NeedsBody, bpy.types.Operator):
         "Pose limbs from their ends (IK) or joint by joint (FK), keyed so that the motion stays as it is. Without an "
         "action the pose alone is set"
     )
+    edits_body = True
 
     to: bpy.props.EnumProperty(name="To", items=_MODES, default="IK")
     limb: bpy.props.EnumProperty(name="Limb", items=_LIMBS, default="ALL")

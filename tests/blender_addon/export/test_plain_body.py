@@ -25,7 +25,7 @@ def test_reshaped_body_is_copied_as_it_stands(scene: bpy.types.Scene, rig: Rig, 
     betas, rotvec = rng.normal(size=10), 0.5 * rng.normal(size=(24, 3))
     set_betas(rig.mesh, betas)
     bpy.context.view_layer.update()
-    copy = plain_copy(rig, scene.collection)
+    copy = Rig(*plain_copy(rig.armature, rig.mesh, scene.collection))
     assert sorted(copy.armature.data.bones.keys()) == sorted(JOINTS)
     assert copy.mesh.data.shape_keys is None and copy.armature.animation_data is None
     assert sorted(group.name for group in copy.mesh.vertex_groups) == sorted(JOINTS)
@@ -42,7 +42,7 @@ def test_reshaped_body_is_copied_as_it_stands(scene: bpy.types.Scene, rig: Rig, 
 
 
 def test_copy_of_a_take_plays_its_action(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:
-    copy = plain_copy(Rig(take.armature, take.mesh), take.body)
+    copy = Rig(*plain_copy(take.armature, take.mesh, take.body))
     assert copy.armature.animation_data.action is take.action
     plain = replace(files.body, posedirs=None)
     for frame in (0, 31, 59):
@@ -57,6 +57,6 @@ def test_the_body_itself_is_left_alone(scene: bpy.types.Scene, files: Any) -> No
     take = bake_take(scene, files.motion, files.body)
     keys, bones = len(take.mesh.data.shape_keys.key_blocks), len(take.armature.data.bones)
     before = evaluated_vertices(scene, take.mesh, 20)
-    plain_copy(Rig(take.armature, take.mesh), take.body)
+    plain_copy(take.armature, take.mesh, take.body)
     assert (len(take.mesh.data.shape_keys.key_blocks), len(take.armature.data.bones)) == (keys, bones)
     np.testing.assert_array_equal(evaluated_vertices(scene, take.mesh, 20), before)

@@ -1,0 +1,88 @@
+"""Tags: what belongs to a capture is found by a tag on it, among the objects of a scene.
+
+A pointer of the scene would keep alive whatever its user deletes.
+"""
+
+from __future__ import annotations
+
+from uuid import uuid4
+
+import bpy
+
+TAG = "mocap_tag"
+"""Custom property of an object or a collection; the captures of scenes keep its value."""
+
+_names: dict[str, str] = {}
+"""Name under which a tag was found last, tried first: a scene may have thousands of objects."""
+
+
+def tag_of(owner: bpy.types.ID | None) -> str:
+    """Return the tag of an object or a collection, "" without one; what is linked untagged has its full name."""
+    if owner is None:
+        return ""
+    return owner.get(TAG, "" if owner.library is None else owner.name_full)
+
+
+def give_tag(owner: bpy.types.ID | None) -> str:
+    """Return the tag of an object or a collection, a new one if it has none; "" for None."""
+    tag = tag_of(owner)
+    if owner is not None and not tag:
+        tag = owner[TAG] = uuid4().hex
+    return tag
+
+
+def find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
+    """Return an object of a scene by its tag, None where it was deleted; of copies a local one, found before if any."""
+    if not tag:
+        return None
+    known = scene.objects.get(_names.get(tag, ""))
+    if known is not None and known.library is None and tag_of(known) == tag:
+        return known
+    found = [obj for obj in scene.objects if tag_of(obj) == tag]
+    chosen = next((obj for obj in found if obj.library is None), found[0] if found else None)
+    if chosen is not None:
+        _names[tag] = chosen.name
+    return chosen
+
+
+def find_collection(scene: bpy.types.Scene, tag: str) -> bpy.types.Collection | None:
+    """Return a collection of a scene by its tag, None where it was deleted."""
+    return next((child for child in scene.collection.children_recursive if tag_of(child) == tag), None) if tag else None
+
+
+def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the active object of a scene, in the window's view layer where the scene is shown."""
+    shown = getattr(bpy.context, "scene", None) == scene
+    layer = bpy.context.view_layer if shown else scene.view_layers[0]
+    return layer.objects.active if layer is not None else None
+
+
+def active_name(scene: bpy.types.Scene) -> str:
+    """Return the full name of a scene's active object, "" without one."""
+    active = active_object(scene)
+    return "" if active is None else active.name_full
+
+
+class TaggedObject:
+    """An object that a group of a scene's settings finds by the tag in one of its text properties.
+
+    Args:
+        key: name of that property.
+        prefer_active: take the active object, or the armature of the active skin, where it is a copy with that tag.
+    """
+
+    def __init__(self, key: str, *, prefer_active: bool = False) -> None:
+        self._key, self._prefer_active = key, prefer_active
+
+    def __get__(self, group: bpy.types.PropertyGroup | None, owner: type) -> bpy.types.Object | None:
+        if group is None:
+            return None
+        tag, scene = getattr(group, self._key), group.id_data
+        active = active_object(scene) if tag and self._prefer_active else None
+        for obj in (active, active and active.find_armature()):
+            if obj is not None and tag_of(obj) == tag and scene.objects.get(obj.name) is not None:
+                return obj
+        return find_object(scene, tag)
+
+    def __set__(self, group: bpy.types.PropertyGroup, obj: bpy.types.Object | None) -> None:
+        setattr(group, self._key, give_tag(obj))
