@@ -19,6 +19,9 @@ from .curves import CurveTarget, create_action, key_type_values, write_curves, w
 from .few_keys import thin_channels
 from .retiming import RATE
 
+_EDITED = 1e-4
+"""Difference of a channel (metres, or parts of a quaternion) from the motion's that was made by hand."""
+
 
 def bake_action(
     name: str,
@@ -28,6 +31,7 @@ def bake_action(
     timing: TakeTiming,
     keys_per_second: float | None = None,
     tolerance_mm: float | None = None,
+    edited: np.ndarray | None = None,
 ) -> bpy.types.Action:
     """Write the motion as one new action of the armature.
 
@@ -40,6 +44,7 @@ def bake_action(
         keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
             the full take is noted on the action. None for a key on every frame.
         tolerance_mm: instead of that, as few keys as leave every joint so near to the full take.
+        edited: (F, 99) channels of the take with what was changed by hand, to be thinned; None for the motion's own.
     """
     target = create_action(name, armature)
     action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
@@ -52,7 +57,11 @@ def bake_action(
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
     else:
         count = 1 + round((keys_per_second or 0.0) * motion.num_frames / motion.fps)
-        curves, deviation = thin_channels(channels, armature, motion.keyframes, count, tolerance_mm)
+        places = motion.keyframes
+        if edited is not None and places is not None:
+            places = places | (np.abs(edited - channels).max(axis=1) > _EDITED)
+        wanted = channels if edited is None else edited
+        curves, deviation = thin_channels(wanted, armature, places, count, tolerance_mm)
         slopes = curves.slopes * motion.fps / timing.scene_fps
         for path, joint, part in pose_columns():
             write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])

@@ -1,4 +1,4 @@
-"""A take with few keys: how an action is thinned, and how far the result is from the full take."""
+"""A take with few keys: how an action is thinned, and how far the result is from the take."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class KeyDeviation:
     def __str__(self) -> str:
         return (
             f"{self.keys} keys are left: joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° "
-            "from the full take."
+            "from the take."
         )
 
 
@@ -49,12 +49,12 @@ def thin_channels(
     """
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
-    heads, axes = _rest(armature)
-    joints = _joints(channels, heads, axes)
+    heads, axes = rest_of(armature)
+    joints = posed_joints(channels, heads, axes)[1]
 
     def apart(first: int, found: np.ndarray) -> np.ndarray:
         """Return (n,) metres by which the joint farthest off is off."""
-        off = _joints(found, heads, axes) - joints[first : first + len(found)]
+        off = posed_joints(found, heads, axes)[1] - joints[first : first + len(found)]
         return np.linalg.norm(off, axis=-1).max(axis=1)
 
     if tolerance_mm is None:
@@ -70,7 +70,7 @@ def thin_channels(
     )
 
 
-def _rest(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     """Return heads (24, 3) and axes (24, 3, 3) of the bones at rest, in the armature's frame."""
     rest = np.array([armature.data.bones[joint].matrix_local for joint in JOINTS], dtype=np.float64)
     return rest[:, :3, 3], rest[:, :3, :3]
@@ -82,8 +82,16 @@ def _quaternions(channels: np.ndarray) -> np.ndarray:
     return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
 
 
-def _joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Return the (F, 24, 3) joints: ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``."""
+def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations (F, 24, 3, 3) and places (F, 24, 3) of bones in the armature's frame.
+
+    ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``.
+
+    Args:
+        channels: (F, 99), see ``thin_channels``.
+        heads: (24, 3) h at rest.
+        axes: (24, 3, 3) A at rest.
+    """
     R = matrix_from_quat(_quaternions(channels))
     G, p = np.empty_like(R), np.empty(R.shape[:3])
     G[:, 0], p[:, 0] = axes[0] @ R[:, 0], heads[0] + channels[:, :3] @ axes[0].T
@@ -92,4 +100,4 @@ def _joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> np.nda
         rotated = G[:, parent] @ axes[parent].T
         G[:, j] = rotated @ axes[j] @ R[:, j]
         p[:, j] = p[:, parent] + rotated @ (heads[j] - heads[parent])
-    return p
+    return G, p

@@ -61,6 +61,11 @@ def capture_frame(action: bpy.types.Action, frame: float) -> int:
     return round((frame - action["frame_start"]) * action["fps"] / laid_rate(action))
 
 
+def scene_frame(action: bpy.types.Action, frame: int) -> int:
+    """Return the whole scene frame that lies nearest to a frame of the capture, from 0."""
+    return round(action["frame_start"] + frame * laid_rate(action) / action["fps"])
+
+
 def pinned_values(armature: bpy.types.Object) -> str:
     """Return the pose an armature stands in now as the job file wants it, as JSON text."""
     mesh = body_mesh(armature)

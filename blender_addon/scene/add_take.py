@@ -9,11 +9,17 @@ import bpy
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
 from ..animation.curves import current_action
+from ..animation.range_merge import RangeTimes, merge_range
+from ..animation.retiming import laid_rate, relay_take, same_rate
 from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
 from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .bake import BakeSettings, bake_take
+from .hand_edits import played_channels, take_times
+
+FEW = " few keys"
+"""How names of thinned takes end."""
 
 
 def add_take(
@@ -46,7 +52,7 @@ def add_take(
         BodyMismatch: the motion belongs to another body.
     """
     require_body(motion, body)
-    if armature is not None and not plays_body(armature, motion.body):
+    if armature is not None and (not armature.is_editable or not plays_body(armature, motion.body)):
         armature = None
     if armature is None:
         settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
@@ -72,6 +78,8 @@ def thinned_take(
 ) -> bpy.types.Action:
     """Add a take of smooth curves through about so many keys a second, or as few as a tolerance asks for, and play it.
 
+    What is thinned is the take as it plays, hand edits included.
+
     Raises:
         MocapError: the take's motion or body can no longer be read.
     """
@@ -80,13 +88,44 @@ def thinned_take(
     require_body(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
-    action = bake_action(f"{take.name} few keys", motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm)
+    edited = played_channels(scene, armature, take_times(take, motion))
+    name = f"{take.name.removesuffix(FEW)}{FEW}"
+    action = bake_action(name, motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm, edited)
     for key in (*PATHS, BETAS, PERSON):
         if key in take:
             action[key] = take[key]
     show_take(armature, action)
     show_frame(scene)
     return action
+
+
+def keep_edits(
+    armature: bpy.types.Object, former: bpy.types.Action, solved: bpy.types.Action, first: int, last: int
+) -> bpy.types.Action:
+    """Return a take of which frames first to last, from 0, are as solved and all others as edited, and play it.
+
+    Args:
+        armature: the body.
+        former: the take whose range was solved again; it stays.
+        solved: the solved motion, laid over all frames; it goes.
+        first: first frame of the range.
+        last: last frame of the range.
+    """
+    rate, start = laid_rate(solved), float(solved["frame_start"])
+    step = rate / float(solved["fps"])
+    merged = former.copy()
+    if not same_rate(laid_rate(former), rate):
+        relay_take(merged, rate)
+    merge_range(merged, solved, RangeTimes(start + first * step, start + last * step, step))
+    for key in ("keys_deviation", "keys_deviation_mm", "keys_deviation_degrees"):
+        merged.pop(key, None)
+    for key, value in solved.items():
+        merged[key] = value
+    name = solved.name
+    bpy.data.actions.remove(solved)
+    merged.name, merged.use_fake_user = name, True
+    show_take(armature, merged)
+    return merged
 
 
 def plays_body(armature: bpy.types.Object, body: str) -> bool:

@@ -19,7 +19,7 @@ from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...conventions.file_paths import file_of, stored
 from ...conventions.timing import scene_frame_rate
-from ...scene.add_take import add_take, plays_body
+from ...scene.add_take import add_take, keep_edits, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.cameras import CAMERA_NAME
 from ...scene.capture_stage import CaptureStage, set_stage
@@ -31,6 +31,7 @@ from ..adoption import adopt
 from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
+from .solve import SolvedAgain
 
 
 def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | None = None) -> CaptureStage:
@@ -52,11 +53,12 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
     known = next((i for i, capture in enumerate(settings.captures) if file_of(capture.file) == path), None)
     former = None if known is None else settings.captures[known]
     take_over = takes_over(scene, scene.mocap.reading.scene_setup)
-    again = former if former is not None and former.collection is not None else None
+    home = None if former is None else former.collection
+    again = None if home is None else former
     start = scene.frame_start if again is None or take_over else again.frame_start
     stage = set_stage(scene, file, frame_start=start, take_over=take_over)
-    if again is not None:
-        stage = replace_stage(scene, stage, _former(again, stage), again.collection)
+    if again is not None and home is not None:
+        stage = replace_stage(scene, stage, _former(again, stage), home)
     capture = former or settings.captures.add()  # which moves the others: no earlier reference to one is valid
     settings.show(len(settings.captures) - 1 if known is None else known)
     capture.name, capture.file = plain(result["name"]), stored(result["capture"])
@@ -79,8 +81,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
         item.has_footage = bool(camera.data.background_images)
     take_people(capture, result["people"])
     for review in capture.reviews:
-        if again is None:
-            review.armature = None
+        if review.armature is None:
             review.pins.clear()
         review.first = start
         review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
@@ -135,7 +136,10 @@ def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) 
 
 
 def take_motion(
-    context: bpy.types.Context, files: SolveFiles, of: bpy.types.PropertyGroup | None = None
+    context: bpy.types.Context,
+    files: SolveFiles,
+    of: bpy.types.PropertyGroup | None = None,
+    again: SolvedAgain | None = None,
 ) -> bpy.types.Action:
     """Add the solved motion to the scene, to the body of the person it is of.
 
@@ -143,6 +147,7 @@ def take_motion(
         context: anywhere.
         files: what the solve wrote.
         of: one of the scene's captures; None for the one panels are about.
+        again: which frames of which take were solved again; all others stay as edited. None for a whole take.
 
     Raises:
         MocapError: the motion or the body cannot be read, or do not belong together.
@@ -157,9 +162,14 @@ def take_motion(
     who = f" {capture.people[index].name}" if capture.people else ""
     name = f"{capture.name}{who} {files.motion.stem.replace('_', ' ')}"
     armature, start, parent = review.armature, capture.frame_start, capture.collection
-    needs_body = armature is None or not plays_body(armature, motion.body)
+    former = None if again is None else bpy.data.actions.get(again.take)
+    if former is not None:
+        start = int(former["frame_start"])
+    needs_body = armature is None or not armature.is_editable or not plays_body(armature, motion.body)
     with undisturbed(context) if needs_body else nullcontext():
         armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
+    if former is not None and again is not None and not needs_body:
+        action = keep_edits(armature, former, action, again.first, again.last)
     files.write(action)
     if whom:
         action[PERSON] = whom

@@ -7,6 +7,7 @@ import math
 import bpy
 
 from ..._exchange.errors import FileDamaged, FileMissing
+from ...errors import BodyUnreachable
 from ..bone_colours import colour_bones
 from .base import MocapOperator, NeedsBody, NeedsTake
 
@@ -50,15 +51,20 @@ class MOCAP_OT_pin_pose(NeedsTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Keep the pose."""
-        from ...review.pinning import pinned_values
-
         review, frame = context.scene.mocap.review, context.scene.frame_current
-        values = pinned_values(review.armature)
-        pin = next((pin for pin in review.pins if pin.frame == frame), None) or review.pins.add()
-        pin.frame, pin.job_values = frame, values
+        pin_frame(review, frame)
         review.first, review.last = min(review.first, frame), max(review.last, frame)
         self.report({"INFO"}, f"Frame {frame} is pinned")
         return {"FINISHED"}
+
+
+def pin_frame(review: bpy.types.PropertyGroup, frame: int) -> None:
+    """Pin the pose that the body stands in now, at a scene frame."""
+    from ...review.pinning import pinned_values
+
+    values = pinned_values(review.armature)
+    pin = next((pin for pin in review.pins if pin.frame == frame), None) or review.pins.add()
+    pin.frame, pin.job_values = frame, values
 
 
 class MOCAP_OT_unpin(MocapOperator, bpy.types.Operator):
@@ -82,6 +88,7 @@ class MOCAP_OT_show_confidence(NeedsTake, bpy.types.Operator):
     bl_idname = "mocap.show_confidence"
     bl_label = "Show Confidence"
     bl_description = "Select the body in pose mode, with each bone painted by its joint's confidence on every frame"
+    edits_body = True
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Enter pose mode and paint, or take the paint off."""
@@ -136,7 +143,19 @@ class MOCAP_OT_open_report(NeedsTake, bpy.types.Operator):
 
 
 def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Go to object mode and make an object the only selected one and the active one."""
+    """Go to object mode and make an object the only selected one and the active one; a hidden one is shown again.
+
+    Raises:
+        BodyUnreachable: its collection is hidden or excluded from the view layer.
+    """
+    if context.view_layer.objects.get(obj.name) == obj:
+        obj.hide_set(False)
+        obj.hide_viewport = obj.hide_select = False
+    if not obj.visible_get(view_layer=context.view_layer):
+        raise BodyUnreachable(
+            "The body's collection is hidden or excluded from this view layer.", where=obj.name,
+            hint="Show the collection in the outliner.",
+        )  # fmt: skip
     if context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     for other in context.selected_objects:

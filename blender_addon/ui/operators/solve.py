@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..._exchange.errors import MocapError
 from ...conventions.counting import counted
 from .solver_operator import SolverOperator, current
 
@@ -14,8 +15,22 @@ if TYPE_CHECKING:
     from ...review.pinning import FrameRange
 
 
+@dataclass(frozen=True)
+class SolvedAgain:
+    """A range of a take that was solved again."""
+
+    take: str
+    """Name of the action."""
+    first: int
+    """First frame of the capture, from 0."""
+    last: int
+    """Last frame of the capture."""
+
+
 class _Solves(SolverOperator):
     """What solving a take and solving a range of its frames have in common."""
+
+    _again: SolvedAgain | None = None
 
     def solve(self, context: bpy.types.Context, frames: FrameRange | None) -> set[str]:
         """Write the job and start the solver."""
@@ -26,13 +41,15 @@ class _Solves(SolverOperator):
         job, path = prepare_job(context.scene, frames)
         write_job(path, portable_job(job, path.parent))
         self._files = SolveFiles(job.out, job.capture, job.report, path)
+        if frames is not None and job.resolve is not None:
+            self._again = SolvedAgain(frames.action.name, job.resolve.first, job.resolve.last)
         return self.launch(context, "solve", ["--job", str(path)], path.parent)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Bake the motion as a new action."""
         from .import_results import take_motion
 
-        action = take_motion(context, self._files)
+        action = take_motion(context, self._files, again=self._again)
         doubtful = result["unseen_frames"] + result["unsure_frames"]
         look = f"; look at {counted(doubtful, 'frame')}" if doubtful else ""
         self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
@@ -44,7 +61,7 @@ class _Solves(SolverOperator):
 
         if not self._files.motion.is_file():
             return ""
-        action = take_motion(context, replace(self._files, report=None))
+        action = take_motion(context, replace(self._files, report=None), again=self._again)
         return f"The motion itself is whole: it arrived as '{action.name}'."
 
 
@@ -73,7 +90,24 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
 
     bl_idname = "mocap.resolve_range"
     bl_label = "Solve Range Again"
-    bl_description = "Solve the frames from First to Last again, with the pinned poses kept; the rest stays as it is"
+    bl_description = (
+        "Solve the frames from First to Last again, with the pinned poses kept; all other frames stay as they are, "
+        "with your edits"
+    )
+
+    edits: bpy.props.EnumProperty(
+        name="Edits in the Range",
+        items=(
+            ("PIN", "Pin Them", "Keep the poses of the edited frames; the frames between are solved to meet them"),
+            (
+                "DROP",
+                "Solve Over Them",
+                "Solve these frames as if nobody had edited them; the former take stays",
+            ),
+        ),
+        options={"SKIP_SAVE"},
+    )
+    edited: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -83,13 +117,64 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
             return False
         return super().poll(context)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start."""
-        from ...review.pinning import FrameRange
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask what becomes of edits inside the range, where there are any."""
+        try:
+            frames = edited_in_range(context)
+        except MocapError:
+            return self.execute(context)  # which reports it
+        if not frames:
+            return self.execute(context)
+        self.edited = f"{counted(len(frames), 'frame')} edited by hand: {spans(frames)}"
+        return context.window_manager.invoke_props_dialog(self, width=360)
 
-        review = context.scene.mocap.review
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the question."""
+        self.layout.label(text=self.edited, icon="QUESTION", translate=False)
+        self.layout.prop(self, "edits", expand=True)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Pin what was edited, if it is to stay, and start."""
+        from ...review.pinning import FrameRange
+        from .review import pin_frame
+
+        scene, review = context.scene, context.scene.mocap.review
+        if self.edits == "PIN" and (frames := edited_in_range(context)):
+            shown = scene.frame_current, scene.frame_subframe
+            for frame in frames:
+                scene.frame_set(frame)
+                pin_frame(review, frame)
+            scene.frame_set(shown[0], subframe=shown[1])
         pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
         return self.solve(context, FrameRange(review.take, review.first, review.last, pins))
+
+
+def edited_in_range(context: bpy.types.Context) -> list[int]:
+    """Return the scene frames of the chosen range that were edited by hand and are not pinned yet.
+
+    Raises:
+        MocapError: the take's motion or body can no longer be read.
+    """
+    from ...review.pinning import capture_frame, scene_frame
+    from ...scene.hand_edits import edited_frames
+
+    review = context.scene.mocap.review
+    take = review.take
+    ends = (capture_frame(take, frame) for frame in (review.first, review.last))
+    frames = edited_frames(context.scene, review.armature, take, *ends)
+    pinned = {pin.frame for pin in review.pins}
+    return sorted({scene_frame(take, int(frame)) for frame in frames} - pinned)
+
+
+def spans(frames: list[int]) -> str:
+    """Return frames as ranges, "50-52, 60"."""
+    parts: list[list[int]] = []
+    for frame in frames:
+        if parts and frame == parts[-1][-1] + 1:
+            parts[-1].append(frame)
+        else:
+            parts.append([frame])
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
 class MOCAP_OT_show_log(bpy.types.Operator):

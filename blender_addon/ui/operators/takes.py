@@ -15,6 +15,7 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
     bl_idname = "mocap.show_take"
     bl_label = "Show Take"
     bl_description = "Play this take"
+    edits_body = True
 
     name: bpy.props.StringProperty(options={"HIDDEN"})
 
@@ -43,9 +44,10 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
     bl_idname = "mocap.thin_take"
     bl_label = "Keep Few Keys"
     bl_description = (
-        "Add a take of smooth curves through a few of the solver's keys, to edit by hand, and say how far it is from "
-        "the full one; edits of the full take's curves are not taken over"
+        "Add a take of smooth curves through a few keys of this one, your edits included, and report how far it is "
+        "from this one"
     )
+    edits_body = True
 
     by: bpy.props.EnumProperty(
         name="Keep by",
@@ -84,6 +86,7 @@ class MOCAP_OT_push_down(NeedsTake, bpy.types.Operator):
     bl_idname = "mocap.push_down"
     bl_label = "Push Down to NLA"
     bl_description = "Lay this take aside as a strip on a muted NLA track of its name"
+    edits_body = True
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Lay it aside."""

@@ -1,0 +1,119 @@
+"""A take of which a range was solved again: inside the range the new motion, outside it the former keys to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..body.controls.limbs import LIMBS, switch_path
+from .curves import action_curves
+from .key_columns import Keys, join_keys, linear_keys, make_linear, read_keys, select_keys, times_of, write_keys
+
+_NEAR = 1e-3
+"""Scene frames within which a key lies on a frame."""
+_SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
+
+
+@dataclass(frozen=True)
+class RangeTimes:
+    """A range of a take, in scene frames."""
+
+    first: float
+    last: float
+    step: float
+    """Between two frames of the take."""
+
+    def holds(self, times: np.ndarray) -> np.ndarray:
+        """Return which of (K,) times lie inside."""
+        return (times > self.first - _NEAR) & (times < self.last + _NEAR)
+
+    def between(self, after: float, before: float) -> np.ndarray:
+        """Return the take's frames between two times, without these."""
+        low, high = (int(np.ceil(round((t - self.first) / self.step, 3))) for t in (after, before))
+        frames = self.first + self.step * np.arange(low, high)
+        return frames[(frames > after + _NEAR) & (frames < before - _NEAR)]
+
+
+def merge_range(edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes) -> None:
+    """Let an edited action play what was solved again inside a range.
+
+    Limbs that it poses from their ends (IK) are posed joint by joint inside the range.
+
+    Args:
+        edited: the take; its keys outside the range stay to the bit.
+        solved: the whole solved motion as it was baked.
+        times: the range.
+    """
+    new = {(curve.data_path, curve.array_index): curve for curve in action_curves(solved)}
+    old = {(curve.data_path, curve.array_index): curve for curve in action_curves(edited)}
+    signs = _signs(old, new, times)
+    for place, curve in old.items():
+        if curve.data_path in _SWITCHES:
+            _switch_off(curve, times)
+        elif place in new:
+            _replace(curve, new[place], times, signs.get(curve.data_path, 1.0))
+
+
+def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
+    """Return by which sign each rotation is multiplied to go on from the former one: q and -q are the same."""
+    before = times.first - times.step
+    products: dict[str, float] = {}
+    for (path, index), curve in new.items():
+        if path.endswith("rotation_quaternion") and (path, index) in old:
+            product = curve.evaluate(times.first) * old[path, index].evaluate(before)
+            products[path] = products.get(path, 0.0) + product
+    return {path: -1.0 if product < 0 else 1.0 for path, product in products.items()}
+
+
+def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
+    """Put the solved keys of a range between the former ones; where those lie far apart, samples fill the way there."""
+    old, new = read_keys(curve), _inside(solved, times, sign)
+    if not len(old["co"]) or _is_constant(old, new):
+        return
+    at = times_of(old)
+    left, right = select_keys(old, at < times.first - _NEAR), select_keys(old, at > times.last + _NEAR)
+    parts = [left, _bridge(curve, times, left, before=True), new, _bridge(curve, times, right, before=False), right]
+    write_keys(curve, join_keys(*parts))
+
+
+def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> Keys:
+    keys = read_keys(solved)
+    inside = select_keys(keys, times.holds(times_of(keys)))
+    if not len(inside["co"]) or len(keys["co"]) == 1:  # nothing ever changes
+        ends = np.unique([times.first, times.last])
+        inside = linear_keys(ends, np.array([solved.evaluate(time) for time in ends]), keys)
+    for name in ("co", "handle_left", "handle_right"):
+        inside[name][:, 1] *= sign
+    return inside
+
+
+def _is_constant(old: Keys, new: Keys) -> bool:
+    """Return whether one former key holds what was solved, too, as of hands that nobody saw."""
+    return len(old["co"]) == 1 and bool((new["co"][:, 1] == old["co"][0, 1]).all())
+
+
+def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: Keys, *, before: bool) -> Keys:
+    """Return keys on the frames between the range and the former key next to it, which keep what was seen there."""
+    near = times.first if before else times.last
+    if len(kept["co"]):
+        far = float(times_of(kept)[-1 if before else 0])
+        frames = times.between(far, near) if before else times.between(near, far)
+        if before and len(frames):
+            make_linear(kept, -1)
+    else:  # a curve goes on level beyond its outermost key
+        frames = np.array([near - times.step if before else near + times.step])
+    return linear_keys(frames, np.array([curve.evaluate(frame) for frame in frames]), read_keys(curve))
+
+
+def _switch_off(curve: bpy.types.FCurve, times: RangeTimes) -> None:
+    """Let a limb be posed joint by joint inside the range and as it was outside."""
+    ends = np.array([times.first - times.step, times.first, times.last, times.last + times.step])
+    values = np.array([curve.evaluate(ends[0]), 0.0, 0.0, curve.evaluate(ends[3])])
+    old = read_keys(curve)
+    if not len(old["co"]) or not (old["co"][:, 1].any() or values.any()):
+        return
+    at = times_of(old)
+    left, right = at < ends[0] - _NEAR, at > ends[3] + _NEAR
+    write_keys(curve, join_keys(select_keys(old, left), linear_keys(ends, values, old), select_keys(old, right)))

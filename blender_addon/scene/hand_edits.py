@@ -1,0 +1,107 @@
+"""What was changed by hand in a take: where the body stands otherwise than its motion file says."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .._exchange.motion_file import MotionFile, read_motion
+from .._exchange.so3 import quat_from_matrix, sign_continuous
+from ..animation.action import pose_channels, pose_columns
+from ..animation.curves import action_curves
+from ..animation.few_keys import posed_joints, rest_of
+from ..animation.retiming import laid_rate
+from ..animation.sparse_curves import SparseCurves
+from ..animation.takes import take_file
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
+from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
+from ..conventions.skeleton import JOINTS
+from ..conventions.timing import TakeTiming
+from .limb_modes.samples import own_channels, sample_bones
+
+_TURN = 2.5e-3
+"""Frobenius norm between two rotations that is an edit: 0.1 degrees; single precision and IK stay below a tenth."""
+_MOVE_M = 5e-4
+"""Distance of the pelvis that is an edit."""
+
+
+def edited_frames(
+    scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
+) -> np.ndarray:
+    """Return which of a take's frames, first to last from 0, show another pose than was solved.
+
+    Curves, controls of limbs and constraints count alike: what is compared is what is seen.
+
+    Raises:
+        MocapError: the take's motion or body can no longer be read.
+    """
+    motion = read_motion(take_file(take, "motion_file"))
+    frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
+    if not len(frames):
+        return frames
+    seen = sample_bones(armature, scene, JOINTS, take_times(take, motion)[frames])
+    found = np.stack([seen[joint] for joint in JOINTS], axis=1)
+    channels = _baked_channels(take, motion, armature)[frames]
+    G, p = posed_joints(channels, *rest_of(armature))
+    turned = np.linalg.norm(found[..., :3, :3] - G, axis=(-2, -1)).max(axis=1)
+    moved = np.linalg.norm(found[:, 0, :3, 3] - p[:, 0], axis=-1)
+    return frames[(turned > _TURN) | (moved > _MOVE_M)]
+
+
+def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
+    """Return the (F,) scene frames of a take's frames."""
+    return TakeTiming(float(take["frame_start"]), laid_rate(take)).scene_frames(motion.num_frames, motion.fps)
+
+
+def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
+    """Return the (F, 99) channels of ``pose_channels`` with which joints alone stand as the body does.
+
+    Args:
+        scene: the scene.
+        armature: the body, which plays an action.
+        times: (F,) scene frames.
+    """
+    curves = {(curve.data_path, curve.array_index): curve for curve in action_curves(armature.animation_data.action)}
+    if not _poses_from_ends(armature, curves):
+        columns = [(path, index) for path, _, part in pose_columns() for index in range(part.stop - part.start)]
+        return np.array([[curves[place].evaluate(time) for place in columns] for time in times])
+    return _seen_channels(scene, armature, times)
+
+
+def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
+    """Return the (F, 99) channels that the solved motion has at the frames, through the keys that the take has."""
+    rest_pelvis = read_body(body_path_of(motion.provenance)).rest_joints(motion.betas)[0]
+    channels = pose_channels(motion, armature, rest_pelvis)
+    path, _, _ = next(pose_columns())
+    curve = next((c for c in action_curves(take) if c.data_path == path), None)
+    keys = () if curve is None else [point.co.x for point in curve.keyframe_points]
+    step = take_times(take, motion)[:2]
+    at = np.rint((np.array(keys) - step[0]) / np.ptp(step)).astype(int) if len(step) > 1 else np.zeros(0, int)
+    at = np.unique(at[(at >= 0) & (at < motion.num_frames)])
+    if len(at) < 2 or len(at) == motion.num_frames:
+        return channels
+    at = np.union1d(at, [0, motion.num_frames - 1])
+    return SparseCurves.fitted(channels, at).sampled(motion.num_frames)
+
+
+def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
+    """Return whether any limb is posed from its end in any frame, or a joint has no curve to be read."""
+    if any((path, 0) not in curves for path, _, _ in pose_columns()):
+        return True
+    if not has_limbs(armature):
+        return False
+    switches = [(limb, curves.get((switch_path(limb), 0))) for limb in LIMBS]
+    return any(
+        armature.pose.bones[ROOT][limb.switch] > 0 if curve is None else any(p.co.y > 0 for p in curve.keyframe_points)
+        for limb, curve in switches
+    )
+
+
+def _seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
+    bones = armature.data.bones
+    seen = sample_bones(armature, scene, JOINTS, times)
+    root = np.linalg.inv(np.array(bones[JOINTS[0]].matrix_local, np.float64)) @ seen[JOINTS[0]]
+    local = [root, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in JOINTS[1:])]
+    quaternions = sign_continuous(quat_from_matrix(np.stack(local, axis=1)[..., :3, :3]))
+    return np.concatenate([root[:, :3, 3], quaternions.reshape(len(times), -1)], axis=1)

@@ -1,0 +1,145 @@
+"""Hand edits stay: outside a range that is solved again to the bit, inside it as pins or after a question."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Quaternion
+
+from blender_addon.animation.curves import action_curves
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.ui.operators.solve import edited_in_range, spans
+
+ELBOW = 'pose.bones["left_elbow"].rotation_quaternion'
+
+
+def turn_elbow(review: bpy.types.PropertyGroup, frame: int) -> None:
+    """Bend an elbow on a frame and key it, as an animator does."""
+    bpy.context.scene.frame_set(frame)
+    bone = review.armature.pose.bones["left_elbow"]
+    bone.rotation_quaternion = bone.rotation_quaternion @ Quaternion((0.0, 0.0, 1.0), 0.9)
+    bone.keyframe_insert("rotation_quaternion")
+
+
+def keys_of(action: bpy.types.Action) -> dict[tuple[str, int], np.ndarray]:
+    found = {}
+    for curve in action_curves(action):
+        points = curve.keyframe_points
+        rows = [(*p.co, len(p.interpolation), len(p.type)) for p in points]  # automatic handles follow neighbours
+        found[curve.data_path, curve.array_index] = np.array(rows)
+    return found
+
+
+def outside(keys: np.ndarray, first: int, last: int) -> np.ndarray:
+    return keys[(keys[:, 0] < first) | (keys[:, 0] > last)]
+
+
+def resolve(review: bpy.types.PropertyGroup, first: int, last: int, **given: str) -> None:
+    review.first, review.last = first, last
+    assert bpy.ops.mocap.resolve_range(**given) == {"FINISHED"}
+
+
+def test_edits_outside_the_range_stay_to_the_bit(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    turn_elbow(review, 25)
+    armature = review.armature
+    armature.pose.bones["head"].keyframe_insert("scale", frame=3)  # a curve that no solve writes
+    before, pose = keys_of(solved_take), evaluated_joints(scene, armature, 25.0)
+    resolve(review, 8, 16)
+    second = review.take
+    assert second != solved_take and keys_of(solved_take).keys() == before.keys(), "the former take stays as it is"
+    after = keys_of(second)
+    assert after.keys() == before.keys()
+    for place, keys in before.items():
+        if "confidence" not in place[0]:
+            np.testing.assert_array_equal(outside(after[place], 8, 16), outside(keys, 8, 16), err_msg=str(place))
+    np.testing.assert_array_equal(evaluated_joints(scene, armature, 25.0), pose)
+    assert not review.pins and second["motion_file"] != solved_take["motion_file"]
+    resolve(review, 2, 5)
+    np.testing.assert_array_equal(evaluated_joints(scene, armature, 25.0), pose, err_msg="again")
+
+
+def test_edits_inside_the_range_are_pinned(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    plain = evaluated_joints(scene, review.armature, 12.0)
+    turn_elbow(review, 12)
+    edited = evaluated_joints(scene, review.armature, 12.0)
+    assert np.linalg.norm(edited - plain, axis=1).max() > 0.1
+    review.first, review.last = 8, 16
+    assert edited_in_range(bpy.context) == [12]
+    scene.frame_set(27)
+    resolve(review, 8, 16)
+    assert [pin.frame for pin in review.pins] == [12] and scene.frame_current == 27
+    np.testing.assert_allclose(evaluated_joints(scene, review.armature, 12.0), edited, atol=1e-3)
+
+
+def test_edits_inside_the_range_go_where_the_user_says_so(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    plain = evaluated_joints(scene, review.armature, 12.0)
+    turn_elbow(review, 12)
+    resolve(review, 8, 16, edits="DROP")
+    assert not review.pins
+    assert np.linalg.norm(evaluated_joints(scene, review.armature, 12.0) - plain, axis=1).max() < 0.02
+
+
+def test_nothing_was_edited_in_a_take_as_solved(mocap, solved_take) -> None:
+    review = mocap.review
+    review.first, review.last = 1, 30
+    assert edited_in_range(bpy.context) == []
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"} and edited_in_range(bpy.context) == []
+    assert bpy.ops.mocap.switch_limbs(to="FK") == {"FINISHED"} and edited_in_range(bpy.context) == []
+    assert bpy.ops.mocap.thin_take(by="RATE", keys_per_second=8) == {"FINISHED"} and edited_in_range(bpy.context) == []
+
+
+def test_a_foot_moved_by_ik_counts_and_stays(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
+    armature = review.armature
+    for frame in (12, 24):
+        scene.frame_set(frame)
+        armature.pose.bones["left_foot_ik"].location.z += 0.15
+        armature.pose.bones["left_foot_ik"].keyframe_insert("location")
+    review.first, review.last = 8, 16
+    assert edited_in_range(bpy.context) == [12]
+    lifted = {frame: evaluated_joints(scene, armature, frame) for frame in (12.0, 24.0, 20.0)}
+    resolve(review, 8, 16)
+    for frame, limit in ((12.0, 2e-3), (24.0, 1e-6), (20.0, 1e-6)):
+        np.testing.assert_allclose(evaluated_joints(scene, armature, frame), lifted[frame], atol=limit)
+
+
+@pytest.mark.parametrize("options", [{"by": "TOLERANCE", "tolerance_mm": 5.0}, {"by": "RATE", "keys_per_second": 8.0}])
+def test_few_keys_are_of_the_edited_take(mocap, solved_take, options: dict) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    for frame in (18, 19, 20, 21, 22):
+        turn_elbow(review, frame)
+    seen = evaluated_joints(scene, review.armature, 20.0)
+    assert bpy.ops.mocap.thin_take(**options) == {"FINISHED"}
+    off = np.linalg.norm(evaluated_joints(scene, review.armature, 20.0) - seen, axis=1).max()
+    assert off < (0.006 if options["by"] == "TOLERANCE" else 0.06) and review.take != solved_take
+    assert bpy.ops.mocap.thin_take(**options) == {"FINISHED"}
+    assert "few keys few keys" not in review.take.name
+
+
+def test_a_thinned_take_solved_again_keeps_what_is_seen_outside(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    assert bpy.ops.mocap.thin_take(by="RATE", keys_per_second=8) == {"FINISHED"}
+    frames = (1.0, 5.0, 7.0, 17.0, 19.0, 24.0, 30.0)
+    seen = {frame: evaluated_joints(scene, review.armature, frame) for frame in frames}
+    resolve(review, 8, 16)
+    for frame, joints in seen.items():
+        np.testing.assert_allclose(evaluated_joints(scene, review.armature, frame), joints, atol=2e-4)
+
+
+def test_edits_stay_after_the_scene_took_another_frame_rate(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    turn_elbow(review, 25)
+    pose = evaluated_joints(scene, review.armature, 25.0)
+    scene.render.fps = 30
+    assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
+    resolve(review, 4, 8)
+    np.testing.assert_allclose(evaluated_joints(scene, review.armature, 13.0), pose, atol=1e-5)
+
+
+def test_frames_read_as_ranges() -> None:
+    assert spans([50, 51, 52, 60]) == "50-52, 60" and spans([7]) == "7"
