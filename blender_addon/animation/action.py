@@ -17,7 +17,7 @@ from ..conventions.timing import TakeTiming
 from .confidence_lane import write_confidence
 from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
-from .retiming import RATE
+from .retiming import mark_laid
 
 _EDITED = 1e-4
 """Difference of a channel (metres, or parts of a quaternion) from the motion's that was made by hand."""
@@ -71,9 +71,7 @@ def bake_action(
     _key_switches(target, armature, times[:1])
     armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
     armature["body"], armature["provenance"] = motion.body, motion.provenance
-    action["fps"] = motion.fps
-    action["frames"], action["frame_start"] = motion.num_frames, timing.start
-    action[RATE] = timing.scene_fps
+    mark_laid(action, motion.fps, motion.num_frames, timing.start, timing.scene_fps)
     action["body"] = motion.body
     action["provenance"] = motion.provenance
     action.use_fake_user = True

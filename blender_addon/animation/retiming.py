@@ -34,6 +34,19 @@ def is_take(action: bpy.types.Action) -> bool:
     return all(key in action for key in ("fps", "frames", "frame_start"))
 
 
+def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
+    """Keep on an action how it is laid by time, so that it follows the scene's frame rate.
+
+    Args:
+        action: the action.
+        fps: frames per second of its motion.
+        frames: how many.
+        start: scene frame of the first.
+        scene_fps: the scene's frames per second.
+    """
+    action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
+
+
 def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
     """Yield the takes that the objects of a scene play or have on the NLA, each once."""
     seen: set[str] = set()

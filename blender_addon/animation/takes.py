@@ -40,6 +40,18 @@ class SolveFiles:
             action[key] = stored(path or "", folder)
 
 
+@dataclass(frozen=True)
+class SolvedAgain:
+    """A range of a take that was solved again."""
+
+    take: str
+    """Name of the action."""
+    first: int
+    """First frame of the capture, from 0."""
+    last: int
+    """Last frame of the capture."""
+
+
 def take_file(action: bpy.types.Action, key: str) -> Path:
     """Return one of the files of a take, an empty path for none.
 

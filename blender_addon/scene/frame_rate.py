@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from math import ceil
 
 import bpy
 
 from ..animation.retiming import RATE, laid_rate, played_takes, relay_take, same_rate
 from ..conventions.timing import TakeTiming, scene_frame_rate
 from .footage_timing import FOOTAGE_RATE, laid_footage_rate, lay_footage
-from .point_player import played_rate, player_of, set_played_rate
+from .point_player import last_row_frame, played_rate, player_of, set_played_rate
+
+_AT_THE_END = 1.0
+"""Scene frames by which the scene's range may end beside what it shows: last frames are rounded up."""
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
@@ -29,18 +33,25 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Lay everything of ours by time at the scene's frame rate.
+    """Lay everything of ours by time at the scene's frame rate; a range that ends with it ends with it again.
 
     Returns:
-        How many times as many scene frames the takes are long now as before; 1 if there is no take.
+        How many times as many scene frames takes or detections are long now as before; 1 where nothing is laid anew.
     """
-    rate, ratio = scene_frame_rate(scene), 1.0
-    for action in {action.name_full: action for action in (*played_takes(scene), *takes)}.values():
+    rate = scene_frame_rate(scene)
+    actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())
+    overlays = list(_overlays(scene))
+    laid = [*map(laid_rate, actions), *(obj["fps"] / played_rate(obj) for obj in overlays)]
+    ratio = next((rate / one for one in laid if not same_rate(one, rate)), 1.0)
+    ends = [action.frame_range[1] for action in actions] + [last_row_frame(obj) for obj in overlays]
+    if ends and abs(scene.frame_end - max(ends)) <= _AT_THE_END:
+        first = scene.frame_start
+        scene.frame_end = max(first, ceil(first + (scene.frame_end - first) * ratio - 1e-3))
+    for action in actions:
         if not same_rate(laid_rate(action), rate):
-            ratio = rate / laid_rate(action)
             relay_take(action, rate)
         action[RATE] = rate
-    for obj in _overlays(scene):
+    for obj in overlays:
         set_played_rate(obj, obj["fps"] / rate)
     for obj in _filmed(scene):
         lay_footage(obj.data, TakeTiming(obj.data["footage_start"], rate))

@@ -81,10 +81,20 @@ def played_rate(obj: bpy.types.Object) -> float:
 
 def played_row(obj: bpy.types.Object, frame: float) -> int:
     """Return the row that an object shows on a scene frame, as its node group finds it."""
-    socket = _rate_socket(obj)
-    first = socket.node.inputs[0].links[0].from_node.inputs[1].default_value
-    rows = len(obj.data.vertices) // max(1, obj[POINTS])
-    return min(max(0, round((frame - first) * float(socket.default_value))), rows - 1)
+    return min(max(0, round((frame - _first_frame(obj)) * played_rate(obj))), _rows(obj) - 1)
+
+
+def last_row_frame(obj: bpy.types.Object) -> float:
+    """Return the scene frame on which an object shows its last row first."""
+    return _first_frame(obj) + (_rows(obj) - 1) / played_rate(obj)
+
+
+def _first_frame(obj: bpy.types.Object) -> float:
+    return float(_rate_socket(obj).node.inputs[0].links[0].from_node.inputs[1].default_value)
+
+
+def _rows(obj: bpy.types.Object) -> int:
+    return len(obj.data.vertices) // max(1, obj[POINTS])
 
 
 def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:

@@ -43,6 +43,7 @@ from .operators import (
 from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
+from .panels import frame_rate as frame_rate_notice
 from .panels import limbs as limbs_panel
 from .panels import live as live_panel
 from .panels import markers as marker_panel
@@ -92,6 +93,7 @@ TABLE: tuple[Entry, ...] = (
     _class(preferences.MocapPreferences),
     Entry(lambda: None, solver_operator.current.abandon),
     _class(solver_operator.MOCAP_OT_cancel),
+    _class(solver_operator.MOCAP_OT_dismiss),
     _class(import_motion.MOCAP_OT_import_motion),
     _class(import_capture.MOCAP_OT_import_capture),
     _class(import_capture.MOCAP_OT_demo_capture),
@@ -144,6 +146,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Entry(marker_view.drawing.start, marker_view.drawing.stop),
+    _handler(bpy.app.handlers.load_post, solver_operator.after_load),
     _handler(bpy.app.handlers.load_post, adoption.on_load),
     _handler(bpy.app.handlers.depsgraph_update_post, adoption.on_update),
     _handler(bpy.app.handlers.save_pre, project_files.before_save),
@@ -154,6 +157,7 @@ TABLE: tuple[Entry, ...] = (
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_markers.draw_export_menu),
+    *(_draw(getattr(bpy.types, name), frame_rate_notice.draw_rate_button) for name in frame_rate_notice.HEADERS),
     Entry(command.register, command.unregister),
 )
 """In the order of registration."""

@@ -13,7 +13,7 @@ from ...conventions.file_paths import absolute, stored
 from ...solving.take_paths import MARKER_SUFFIXES
 from ..locations import RELATIVE, files_folder, usable
 from .base import ViewportDrop
-from .solver_operator import SolverOperator
+from .solver_operator import SolverOperator, current
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 """Of the files a capture is made of: our own, detections, calibrations, settings; and recordings of markers."""
@@ -56,6 +56,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
             take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
             settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over)
             take = add_motion(context, chosen, settings)
+            current.last = None
             self.report({"INFO"}, f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}")
             return {"FINISHED"}
         settings, source = context.scene.mocap, capture_root(chosen)

@@ -10,6 +10,7 @@ from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
 from ..properties import SCENE_SETUP_ITEMS
 from .base import MocapOperator
+from .solver_operator import current
 
 
 class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
@@ -50,6 +51,7 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
         take_over = takes_over(context.scene, self.scene_setup)
         settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over, floor=self.floor)
         take = add_motion(context, absolute(self.filepath), settings, _path(self.capture_path), _path(self.body_path))
+        current.last = None
         for note in take.notes:
             self.report({"WARNING"}, note)
         said = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"

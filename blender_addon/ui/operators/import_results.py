@@ -14,7 +14,7 @@ from mathutils import Vector
 from ..._exchange.capture_file import read_capture
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
-from ...animation.takes import PERSON, SolveFiles, person_of
+from ...animation.takes import PERSON, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...conventions.file_paths import file_of, stored
@@ -31,7 +31,6 @@ from ..adoption import adopt
 from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
-from .solve import SolvedAgain
 
 
 def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | None = None) -> CaptureStage:
@@ -67,6 +66,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
     take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
+    capture.checked = capture.doubts = ""
     for problem in (*result["problems"], *stage.notes, *refused):
         _say(capture, problem, is_problem=True)
     for note in result["notes"]:

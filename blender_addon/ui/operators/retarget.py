@@ -73,6 +73,7 @@ class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Lay it."""
+        from ...animation.retiming import mark_laid
         from ...conventions.timing import show_frame
         from ...retarget.actor_rig import read_actor
         from ...retarget.motion.transfer import TransferSettings
@@ -83,6 +84,7 @@ class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
         actor, timing = read_actor(scene.mocap.review.armature, scene)
         way = TransferSettings(settings.way == "place", settings.way == "root", scale=settings.scale)
         done = retarget(actor, rig, scene, rig_map, timing, RetargetSettings(settings.limbs, way))
+        mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
         show_frame(scene)
         for note in done.notes:
             self.report({"WARNING"}, note)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -15,34 +15,20 @@ if TYPE_CHECKING:
     from ...review.pinning import FrameRange
 
 
-@dataclass(frozen=True)
-class SolvedAgain:
-    """A range of a take that was solved again."""
-
-    take: str
-    """Name of the action."""
-    first: int
-    """First frame of the capture, from 0."""
-    last: int
-    """Last frame of the capture."""
-
-
 class _Solves(SolverOperator):
     """What solving a take and solving a range of its frames have in common."""
-
-    _again: SolvedAgain | None = None
 
     def solve(self, context: bpy.types.Context, frames: FrameRange | None) -> set[str]:
         """Write the job and start the solver."""
         from ..._exchange.job_file import write_job
-        from ...animation.takes import SolveFiles
+        from ...animation.takes import SolvedAgain, SolveFiles
         from ..scene_job import portable_job, prepare_job
 
         job, path = prepare_job(context.scene, frames)
         write_job(path, portable_job(job, path.parent))
         self._files = SolveFiles(job.out, job.capture, job.report, path)
-        if frames is not None and job.resolve is not None:
-            self._again = SolvedAgain(frames.action.name, job.resolve.first, job.resolve.last)
+        part = job.resolve
+        self._again = None if frames is None or part is None else SolvedAgain(frames.action.name, part.first, part.last)
         return self.launch(context, "solve", ["--job", str(path)], path.parent)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
+from bpy.app.handlers import persistent
 
 from ..._exchange.errors import MocapError, sentence
 from ..preferences import chosen_python
@@ -27,6 +28,8 @@ class Current:
     def __init__(self) -> None:
         self.run: Run | None = None
         self.last: Run | None = None
+        self.about: tuple[str, str] = ("", "")
+        """Scene and capture file that the last run was about: nowhere else is its outcome shown."""
 
     @property
     def busy(self) -> bool:
@@ -45,8 +48,25 @@ class Current:
         self.run = self.last = None
         following.solver_reads = False
 
+    def last_for(self, scene: bpy.types.Scene, verbs: tuple[str, ...]) -> Run | None:
+        """Return the last run if it did one of these verbs, for this scene and the capture that its panels show."""
+        if self.busy or self.last is None or self.last.verb not in verbs or self.about != _subject(scene):
+            return None
+        return self.last
+
 
 current = Current()
+
+
+def _subject(scene: bpy.types.Scene) -> tuple[str, str]:
+    return scene.name, scene.mocap.capture.file
+
+
+@persistent
+def after_load(*_: object) -> None:
+    """Forget the runs of the file before; what went wrong there is no fault of this one."""
+    current.abandon()
+    following.failure = ""
 
 
 class SolverOperator(MocapOperator):
@@ -150,6 +170,7 @@ class SolverOperator(MocapOperator):
         try:
             return self._taken_in(context)
         finally:
+            current.about = _subject(context.scene)
             context.scene.mocap.held = -1
 
     def _taken_in(self, context: bpy.types.Context) -> set[str]:
@@ -196,6 +217,25 @@ class MOCAP_OT_cancel(bpy.types.Operator):
         """Tell the solver to end; its operator notices."""
         if current.run is not None:
             current.run.cancel()
+        return {"FINISHED"}
+
+
+class MOCAP_OT_dismiss(bpy.types.Operator):
+    """Takes the outcome of the last run off the panels."""
+
+    bl_idname = "mocap.dismiss"
+    bl_label = "Dismiss"
+    bl_description = "Take this message off the panel; the log goes with it"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only what is over."""
+        return current.last is not None and not current.busy
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Forget it."""
+        current.last = None
         return {"FINISHED"}
 
 

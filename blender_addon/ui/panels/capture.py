@@ -11,7 +11,7 @@ from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
 from ..settings_layout import draw_setting, settings_layout
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
+from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -29,7 +29,6 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         if draw_progress(layout, _VERBS):
             return
         draw_failure(layout, context, _VERBS)
-        draw_rate(layout, context)
         if not capture.file:
             draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
         column = layout.column(align=True)

@@ -9,8 +9,7 @@ import bpy
 
 from ..._exchange.errors import sentence
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
-from ..operators.solver_operator import current
-from ..operators.takes import MOCAP_OT_follow_rate, takes_of_captures
+from ..operators.solver_operator import MOCAP_OT_dismiss, current
 from ..translation import CONTEXT
 
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
@@ -108,28 +107,17 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
 
 def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
     """Draw what went wrong in the last run, if it did one of these verbs."""
-    run = current.last
-    if current.busy or run is None or run.verb not in verbs or run.error is None:
+    run = current.last_for(context.scene, verbs)
+    if run is None or run.error is None:
         return
     box = layout.box()
     cancelled = run.error.get("code") == "cancelled"
     text = "Cancelled; nothing was changed." if cancelled else sentence(run.error)
     wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
+    row = box.row(align=True)
     if not cancelled:
-        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
-
-
-def draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw that the scene's frame rate is not the one that everything is laid by, and what to press."""
-    from ...conventions.timing import scene_frame_rate
-    from ...scene.frame_rate import needs_relaying
-
-    if not needs_relaying(context.scene, takes_of_captures(context.scene)):
-        return
-    box = layout.box()
-    text = f"The scene runs at {scene_frame_rate(context.scene):g} fps now: motion or detections play at a wrong speed."
-    wrapped(box, context, text, "ERROR", alert=True)
-    box.operator(MOCAP_OT_follow_rate.bl_idname, icon="TIME")
+        row.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+    row.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
 
 
 def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..operators.solver_operator import MOCAP_OT_cancel, current
+from .frame_rate import draw_rate, is_laid_otherwise
 from .parts import MocapPanel, draw_solve, fits, wrapped
 
 
@@ -18,14 +19,16 @@ class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a run, or a capture that can be solved."""
-        return current.busy or bool(context.scene.mocap.capture.file)
+        """Needs a run, a capture that can be solved, or something that plays at a wrong speed."""
+        return current.busy or bool(context.scene.mocap.capture.file) or is_laid_otherwise(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the button, or how far the run is and the button that ends it."""
         run = current.run
         if run is None:
-            draw_solve(self.layout, context)
+            draw_rate(self.layout, context)
+            if context.scene.mocap.capture.file:
+                draw_solve(self.layout, context)
             return
         column = self.layout.column(align=True)
         on_the_bar = fits(context, run.headline)

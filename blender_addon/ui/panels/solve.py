@@ -100,8 +100,8 @@ def _draw_value(layout: bpy.types.UILayout, solve: bpy.types.PropertyGroup, name
 
 
 def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    run = current.last
-    if run is None or run.verb not in _VERBS or run.result is None or run.error is not None:
+    run = current.last_for(context.scene, _VERBS)
+    if run is None or run.result is None or run.error is not None:
         return
     result = run.result
     box = layout.box()

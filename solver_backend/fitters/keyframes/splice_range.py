@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.keyframes.pin_doubts import express_pin_doubts
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -90,6 +91,7 @@ def spliced(
     frames = SolvedFrames(subject, whole, key_times, everywhere, contacts)
     frames = rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
     again = build_motion(problem.measurements, frames, scale=scale, provenance={})
+    again = express_pin_doubts(again, motion, wanted, moved)
     values: dict[str, Any] = {}
     for field in fields(Motion):
         old, new = getattr(motion, field.name), getattr(again, field.name)

@@ -108,7 +108,7 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
         missing=tuple(missing.tolist()),
         analog_channels=source.analog_channels,
         events=source.events,
-        notes=(*_sentences(source, rate, found_unit, found_axis), *notes, *source.notes),
+        notes=(*_sentences(source, rate, found_unit, found_axis), *_naming(labels, named=named), *notes, *source.notes),
         problems=(*source.problems, *_found(found_unit, found_axis), *sentinels, *problems, *_still(positions, labels)),
     )
     residual = source.residual * found_unit.metres if source.residual is not None else None
@@ -136,14 +136,13 @@ def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if doubled:
         problems.append(f"Labels are there more than once: {listing(doubled)}; the later ones are numbered.")
     empty = sum(not label for label in source.labels)
-    if all(is_unnamed(label) for label in source.labels):
-        problems.append(
-            f"None of the {len(labels)} points is named. Label them in the recording program, or name a layout's "
-            "markers by hand."
-        )
-    elif empty:
+    if empty and not all(is_unnamed(label) for label in source.labels):
         problems.append(f"{empty} of {len(labels)} points have no label.")
     return labels, tuple(problems)
+
+
+def _naming(labels: Sequence[str], *, named: bool) -> tuple[str, ...]:
+    return () if named else (f"None of the {len(labels)} points is named: the solve names them.",)
 
 
 def _rate(source: MarkerSource, fps: float | None) -> float:

@@ -33,6 +33,15 @@ def test_a_motion_is_laid_on_a_character_by_the_buttons(mocap, rig, solved_take)
     assert np.linalg.norm(heads[1] - heads[0]) > 0.005, "the rig moves"
 
 
+def test_a_retargeted_motion_follows_the_frame_rate(mocap, rig, solved_take):
+    assert bpy.ops.mocap.map_rig() == {"FINISHED"} and bpy.ops.mocap.retarget() == {"FINISHED"}
+    played, scene = current_action(rig), bpy.context.scene
+    assert played.frame_range[1] == pytest.approx(solved_take.frame_range[1])
+    scene.render.fps = 24
+    assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
+    assert solved_take.frame_range[1] < 20 and played.frame_range[1] == pytest.approx(solved_take.frame_range[1])
+
+
 def test_the_pose_that_the_rig_stands_in_becomes_its_map_pose(mocap, rig):
     bpy.ops.mocap.map_rig()
     rig.pose.bones[f"{PREFIX}LeftArm"].rotation_mode = "XYZ"

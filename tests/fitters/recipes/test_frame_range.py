@@ -75,6 +75,22 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     assert change[frame - 1] > 0.5 * change[frame] and change[frame + 1] > 0.5 * change[frame]
 
 
+def test_a_pinned_frame_is_certain_and_beside_it_only_what_the_pin_moved_is_doubtful(capture, solved):
+    frame = 50
+    pose = solved.body_pose[frame].copy()
+    pose[51:54] += [0.0, 0.0, 1.2]
+    pin = Pin(frame, solved.global_orient[frame], pose, solved.transl[frame])
+    again = resolve_range(capture, solved, FrameRange(FIRST, LAST, (pin,)), QUICK).motion
+    change = np.linalg.norm(again.joints - solved.joints, axis=-1)
+    assert change[frame].max() > 0.15, "the pin contradicts the views"
+    assert again.flags[frame] == 0 and again.joint_sigma[frame].max() < 1.05 * CONSTANT_M
+    still = change.max(axis=0) < 0.02
+    assert still.sum() > 15 and not still[[20, 22]].any(), "wrist and hand alone follow the elbow"
+    near = slice(frame - 4, frame + 5)
+    assert again.joint_sigma[near][:, still].max() < 2 * solved.joint_sigma[near].max()
+    assert not (again.flags[near] & ~solved.flags[near]).any(), "no whole frame is doubtful for a pin"
+
+
 def test_frames_that_nothing_changed_are_found_again(capture, solved):
     """The same data, shape and noise: what is left is where keys stand and how feet are judged.
 

@@ -117,7 +117,7 @@ def test_parts_that_may_be_one_person_are_offered(tmp_path, cloud):
 def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
     path = write_c3d(tmp_path / "take.c3d", replace(cloud, labels=None))
     capture = load_capture(path)
-    assert any("None of the 39 points is named" in problem for problem in capture.problems)
+    assert any("None of the 39 points is named" in note for note in capture.notes)
     with pytest.raises(MarkersUnknown, match="The markers have no labels"):
         solve(capture)
 

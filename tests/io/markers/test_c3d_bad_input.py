@@ -43,7 +43,8 @@ def test_unlabelled_points_only(tmp_path: Path) -> None:
     labels = ("*0", "*1", "", "Unlabeled 1189")
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
     assert found.cloud.labels is None
-    assert "None of the 4 points is named. Label them in the recording program" in found.report.problems[0]
+    assert found.report.problems == (), "the solve names them"
+    assert "None of the 4 points is named: the solve names them." in found.report.notes
 
 
 def test_a_marker_that_never_moves(tmp_path: Path) -> None:

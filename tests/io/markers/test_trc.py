@@ -99,7 +99,7 @@ def test_unlabelled_rows_of_unequal_length(tmp_path: Path) -> None:
     found = read_trc(write(tmp_path / "t.trc", lines, labels="Frame#\tTime\t", values="100\t100\t3\t0\tm\t100\t1\t3"))
     assert found.cloud.labels is None
     assert found.report.missing == (1, 2)
-    assert any("None of the 2 points is named" in problem for problem in found.report.problems)
+    assert any("None of the 2 points is named" in note for note in found.report.notes)
 
 
 def test_labels_between_other_numbers_of_tabs(tmp_path: Path) -> None:
