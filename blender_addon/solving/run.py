@@ -123,6 +123,25 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
     return run
 
 
+def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
+    """Start a script that writes the solver's events and needs nothing of it.
+
+    Args:
+        verb: what the run is called.
+        script: the file.
+        arguments: what follows it.
+        python: interpreter to use; None for Blender's own.
+        folder: working folder.
+
+    Raises:
+        BackendMissing: the interpreter is not there.
+    """
+    command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
+    run = Run(verb, SolverProcess(command, environment_for_child(python), folder))
+    run.log.append(f"> {' '.join(command)}")
+    return run
+
+
 def _silent_end(code: int, *, cancelled: bool) -> dict[str, Any]:
     """Return the error event of a process that ended without a word."""
     if cancelled:

@@ -13,6 +13,9 @@ from . import ADDON
 if TYPE_CHECKING:
     from ..solving.python_probe import PythonFound
 
+_tested: dict[str, str] = {}
+"""What detectors' Pythons answered when they were tested, by their paths."""
+
 
 class MocapPreferences(bpy.types.AddonPreferences):
     """Per user, not per file."""
@@ -27,7 +30,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
     detector: bpy.props.StringProperty(
         name="Python with MediaPipe",
         description="A Python 3.9 or later that has MediaPipe and NumPy, or onnxruntime for models of yours, in which "
-        "people are found in videos; empty for the environment that dev.py makes",
+        "people are found in videos; empty for the environment that Set Up Detector makes",
         subtype="FILE_PATH",
     )
     found: bpy.props.StringProperty(name="Found", options={"SKIP_SAVE", "HIDDEN"})
@@ -43,7 +46,12 @@ class MocapPreferences(bpy.types.AddonPreferences):
         row.prop(self, "python", text="")
         row.operator(MOCAP_OT_test_python.bl_idname, icon="PLAY")
         column.label(text="For captures from videos, a Python that has a detector:")
-        column.prop(self, "detector", text="")
+        row = column.split(factor=0.8, align=True)
+        row.prop(self, "detector", text="")
+        row.operator("mocap.test_detector", icon="PLAY")
+        row = column.row()
+        row.label(text=detector_text(context), icon="OUTLINER_OB_ARMATURE", translate=False)
+        row.operator("mocap.set_up_detector", icon="IMPORT")
         for line in self.found.splitlines():
             column.label(text=line, icon="CHECKMARK", translate=False)
         if self.failed:
@@ -84,10 +92,37 @@ def chosen_python(context: bpy.types.Context) -> Path | None:
     return Path(preferences.python) if preferences is not None and preferences.python else None
 
 
-def detector_python(context: bpy.types.Context) -> Path | None:
-    """Return the interpreter that people are found in videos with, None for the solver's own choice."""
+def named_detector(context: bpy.types.Context) -> Path | None:
+    """Return the interpreter that the user named for finding people in videos, None without one."""
     preferences = _preferences(context)
     return Path(preferences.detector) if preferences is not None and preferences.detector else None
+
+
+def detector_python(context: bpy.types.Context) -> Path | None:
+    """Return the interpreter that has MediaPipe: as named, else the one that was set up; None without one."""
+    from ..solving.detector.find_python import made_python
+
+    return named_detector(context) or made_python()
+
+
+def detector_text(context: bpy.types.Context) -> str:
+    """Return which detector there is, as far as is known without starting it."""
+    python = detector_python(context)
+    if python is None:
+        return "No detector is set up"
+    return _tested.get(str(python), f"Detector: {python}, not tested yet")
+
+
+def note_detector(context: bpy.types.Context, python: Path) -> str:
+    """Start a detector's Python, keep for the panels what it has, and return it.
+
+    Raises:
+        PythonUnsuitable: it does not start.
+    """
+    from ..solving.detector.find_python import probe_detector
+
+    found = _tested[str(python)] = f"Detector: {probe_detector(python)}"
+    return found
 
 
 def _preferences(context: bpy.types.Context) -> MocapPreferences | None:

@@ -114,10 +114,9 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
     cancelled = run.error.get("code") == "cancelled"
     text = "Cancelled; nothing was changed." if cancelled else sentence(run.error)
     wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
-    row = box.row(align=True)
     if not cancelled:
-        row.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
-    row.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
+        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+    box.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
 
 
 def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 
+from ..operators.detector import VERB, MOCAP_OT_set_up_detector, MOCAP_OT_test_detector
 from ..operators.solver_operator import current
 from ..operators.videos import (
     MOCAP_OT_capture_from_videos,
@@ -13,6 +14,7 @@ from ..operators.videos import (
     MOCAP_OT_video_step,
     draw_settings,
 )
+from ..preferences import detector_python, detector_text
 from ..previews import previews
 from ..translation import CONTEXT
 from ..video_properties import STEPS, MocapVideoStep
@@ -37,6 +39,7 @@ class VIEW3D_PT_mocap_videos(MocapPanel, bpy.types.Panel):
         layout, videos = self.layout, context.scene.mocap.videos
         if not draw_progress(layout, _VERBS):
             draw_failure(layout, context, _VERBS)
+        _draw_detector(layout, context)
         if not videos.folder:
             draw_next(layout, context, "Drop a video of the take on the viewport, or choose its folder.")
         layout.operator(MOCAP_OT_capture_from_videos.bl_idname, icon="FILE_MOVIE")
@@ -48,6 +51,20 @@ class VIEW3D_PT_mocap_videos(MocapPanel, bpy.types.Panel):
         column = layout.column()
         column.enabled = not current.busy
         draw_settings(column, context)
+
+
+def _draw_detector(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw which detector there is or, without one, how to get it."""
+    if draw_progress(layout, (VERB,)):
+        return
+    draw_failure(layout, context, (VERB,))
+    missing = context.scene.mocap.videos.detector == "mediapipe" and detector_python(context) is None
+    wrapped(layout, context, detector_text(context), "ERROR" if missing else "CHECKMARK", alert=missing)
+    row = layout.row(align=True)
+    if missing:
+        row.operator(MOCAP_OT_set_up_detector.bl_idname, icon="IMPORT")
+    else:
+        row.operator(MOCAP_OT_test_detector.bl_idname, text="Test Detector", icon="PLAY")
 
 
 def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, step: MocapVideoStep | None) -> None:

@@ -17,7 +17,9 @@ PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
 """Environment variable that names the Python that has MediaPipe."""
 ENVIRONMENT = ".venv-mediapipe"
 """Folder that ``dev.py detectors`` makes beside the project's own environment."""
-HINT = "python3 dev.py detectors makes one (once, from the package registry); or name a Python that has it: --python."
+HINT = (
+    "Set Up Detector in Blender's panel From Videos makes one; or name a Python that has MediaPipe 0.10.21: --python."
+)
 
 
 @dataclass(frozen=True)

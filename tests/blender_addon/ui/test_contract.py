@@ -40,6 +40,9 @@ def test_operators_are_named_after_their_class_and_say_what_they_do(registered):
 def test_operators_that_change_the_scene_can_be_undone(registered):
     keeps = {
         "MOCAP_OT_cancel",
+        "MOCAP_OT_dismiss",
+        "MOCAP_OT_set_up_detector",
+        "MOCAP_OT_test_detector",
         "MOCAP_OT_test_python",
         "MOCAP_OT_show_log",
         "MOCAP_OT_open_report",

@@ -67,6 +67,7 @@ def test_a_run_under_way_and_a_failed_one(mocap, solved_take, monkeypatch) -> No
     monkeypatch.setattr(current, "run", None)
     error = {"code": "x", "message": "The camera cam_03 sees nobody in frames 4 to 93.", "hint": "Leave it out."}
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=error, result=None))
+    monkeypatch.setattr(current, "about", (bpy.context.scene.name, mocap.capture.file))
     assert "\n".join(cut_off()) == ""
 
 
@@ -75,6 +76,7 @@ def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
         "solve_s": 12.3, "reprojection_median_px": 2.1, "marker_median_mm": 4.0, "unsure_frames": 1, "unseen_frames": 12
     }  # fmt: skip
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
+    monkeypatch.setattr(current, "about", (bpy.context.scene.name, mocap.capture.file))
     drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _NARROW).drawn)
     assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
     assert not cut_off() and not taken_for_blenders()

@@ -195,7 +195,7 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
     context = SimpleNamespace(
         scene=bpy.context.scene,
         region=SimpleNamespace(width=400),
-        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
+        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={}),
     )
     (tmp_path / "road.json").write_text(
         json.dumps({"format": "manifold_mocap_road", "version": 1, "steps": [

@@ -28,14 +28,14 @@ class MediaPipePose:
             raise Refused(
                 "detector_missing",
                 f"This Python has no MediaPipe: {error} ({sys.executable})",
-                "python3 dev.py detectors makes an environment for it; or name another Python with --python.",
+                "Set Up Detector in Blender's panel From Videos makes an environment; or name a Python: --python.",
             ) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
             raise Refused(
                 "detector_missing",
                 f"MediaPipe {mediapipe.__version__} carries no pose model any more.",
-                "Install mediapipe 0.10.21, whose wheel does: python3 dev.py detectors.",
+                "Install mediapipe 0.10.21, whose wheel does, as Set Up Detector in Blender's panel From Videos does.",
             )
         self._hands = bool(options.get("hands"))
         kind = solutions.holistic.Holistic if self._hands else solutions.pose.Pose

@@ -1,0 +1,116 @@
+"""Which Python has a detector, and which one could make an environment for it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...backend_environment import backend_folder
+from ...conventions.file_paths import sessions_folder
+from ...errors import PythonUnsuitable
+
+_TIMEOUT_S = 60
+OLDEST, NEWEST = (3, 9), (3, 12)
+"""Pythons that MediaPipe's wheel 0.10.21 is for."""
+_PROBE = """
+import json, sys
+found = {"python": sys.version.split()[0], "mediapipe": "", "onnxruntime": ""}
+for name in ("mediapipe", "onnxruntime"):
+    try:
+        module = __import__(name)
+        found[name] = module.__version__ if name != "mediapipe" or hasattr(module, "solutions") else ""
+    except Exception:
+        pass
+print(json.dumps(found))
+"""
+
+
+@dataclass(frozen=True)
+class DetectorFound:
+    """What a Python has that finds people in pictures."""
+
+    python: str
+    mediapipe: str
+    """Version, "" without it or without its pose model."""
+    onnxruntime: str
+    """Version, "" without it."""
+
+    def __str__(self) -> str:
+        versions = (("MediaPipe", self.mediapipe), ("ONNX Runtime", self.onnxruntime))
+        parts = [f"{name} {version}" for name, version in versions if version]
+        return f"{' and '.join(parts) or 'no detector'} in Python {self.python}"
+
+
+def environment_folder() -> Path:
+    """Return the folder that *Set Up Detector* makes."""
+    return sessions_folder() / "detector"
+
+
+def made_python() -> Path | None:
+    """Return the Python that has a detector without being named: as set up here or for the solver, None without one."""
+    folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
+    below = "Scripts/python.exe" if os.name == "nt" else "bin/python"
+    named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
+    candidates = [*([Path(named)] if named else []), *(folder / below for folder in folders)]
+    return next((python for python in candidates if python.is_file()), None)
+
+
+def probe_detector(python: Path) -> DetectorFound:
+    """Start a Python and ask which detectors it has.
+
+    Raises:
+        PythonUnsuitable: it does not start.
+    """
+    kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
+    try:
+        done = subprocess.run(
+            [str(python), "-c", _PROBE], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False,
+            stdin=subprocess.DEVNULL, env=kept,
+        )  # fmt: skip
+        return DetectorFound(**json.loads(done.stdout.splitlines()[-1]))
+    except (OSError, ValueError, IndexError, TypeError, subprocess.TimeoutExpired) as error:
+        hint = "Choose another Python, or press Set Up Detector."
+        raise PythonUnsuitable("It does not answer as a Python does.", where=str(python), hint=hint) from error
+
+
+def python_to_make_with() -> Path:
+    """Return a Python that MediaPipe's wheel is for: Blender's own, or one of the system's.
+
+    Raises:
+        PythonUnsuitable: there is none.
+    """
+    if OLDEST <= sys.version_info[:2] <= NEWEST:
+        return Path(sys.executable)
+    for candidate in _candidates():
+        if _version(candidate) is not None:
+            return Path(candidate)
+    raise PythonUnsuitable(
+        f"MediaPipe needs Python 3.9 to 3.12; this Blender has {sys.version_info[0]}.{sys.version_info[1]}, and no "
+        "other was found.", where="Set Up Detector",
+        hint="Install Python 3.12 from python.org, or name a Python that has MediaPipe in the preferences.",
+    )  # fmt: skip
+
+
+def _candidates() -> Iterator[str]:
+    names = [f"python3.{minor}" for minor in range(NEWEST[1], OLDEST[1] - 1, -1)] + ["python3", "python"]
+    yield from filter(None, map(shutil.which, names))
+    if os.name == "nt":
+        programs = Path(os.environ.get("LOCALAPPDATA", "")) / "Programs" / "Python"
+        yield from (str(path) for path in sorted(programs.glob("Python3*/python.exe"), reverse=True))
+
+
+def _version(python: str) -> tuple[int, int] | None:
+    """Return the version of a Python that the wheel is for, None of others."""
+    code = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
+    try:
+        done = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, timeout=10, check=False)
+        major, minor = map(int, done.stdout.split())
+    except (OSError, ValueError, subprocess.TimeoutExpired):
+        return None
+    return (major, minor) if OLDEST <= (major, minor) <= NEWEST else None

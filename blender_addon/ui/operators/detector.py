@@ -1,0 +1,98 @@
+"""Setting up the detector that finds people in videos: asked first, made in a folder of the user's, tested."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..._exchange.errors import MocapError
+from ...conventions.file_paths import absolute
+from ..locations import RELATIVE
+from ..preferences import detector_python, note_detector
+from .solver_operator import SolverOperator
+
+VERB = "set-up-detector"
+"""Name of such a run; it is no verb of the solver's."""
+
+
+class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
+    """Makes an environment with MediaPipe, after asking."""
+
+    bl_idname = "mocap.set_up_detector"
+    bl_label = "Set Up Detector…"
+    bl_description = (
+        "Make an environment with MediaPipe, which finds people in videos; asks before anything is installed"
+    )
+    bl_options = {"REGISTER", "INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    is_of_capture = False
+
+    wheels: bpy.props.StringProperty(
+        name="Wheels", subtype="DIR_PATH", options=RELATIVE,
+        description="Folder of wheels to install from without a network; empty for the package registry",
+    )  # fmt: skip
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask."""
+        return context.window_manager.invoke_props_dialog(self, width=440)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what is installed, from where and into which folder."""
+        from ...solving.detector.find_python import environment_folder
+
+        column = self.layout.column()
+        column.label(text="MediaPipe 0.10.21 and what it needs, 150 MB, are installed from", translate=False)
+        column.label(text="the folder below" if self.wheels else "the package registry (pypi.org)", translate=False)
+        column.label(text=f"into {environment_folder()}", icon="FILE_FOLDER", translate=False)
+        column.prop(self, "wheels")
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        import sys
+
+        from ...errors import PythonUnsuitable
+        from ...solving.detector import find_python, make_environment
+        from ...solving.run import start_script
+
+        if not self.wheels and not getattr(bpy.app, "online_access", True):
+            hint = "Allow Online Access in Blender's preferences (System), or choose a folder of wheels."
+            raise PythonUnsuitable("Blender is set to stay offline.", where="Set Up Detector", hint=hint)
+        folder = find_python.environment_folder()
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        python = find_python.python_to_make_with()
+        arguments = [str(folder), *([str(absolute(self.wheels))] if self.wheels else [])]
+        own = python if python != Path(sys.executable) else None
+        return self.follow(context, start_script(VERB, Path(make_environment.__file__), arguments, own, folder.parent))
+
+    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+        """Report what there is now."""
+        found = note_detector(context, Path(result["python"]))
+        self.report({"INFO"}, f"The detector is set up. {found}")
+        return {"FINISHED"}
+
+
+class MOCAP_OT_test_detector(bpy.types.Operator):
+    """Reports which detector there is."""
+
+    bl_idname = "mocap.test_detector"
+    bl_label = "Test"
+    bl_description = "Start the detector's Python and report what it has; nothing is installed"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Ask it."""
+        python = detector_python(context)
+        if python is None:
+            self.report({"WARNING"}, "No detector is set up: press Set Up Detector, or name a Python that has one")
+            return {"CANCELLED"}
+        try:
+            self.report({"INFO"}, note_detector(context, python))
+        except MocapError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (MOCAP_OT_set_up_detector, MOCAP_OT_test_detector)
