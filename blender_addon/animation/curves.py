@@ -35,8 +35,12 @@ def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the action that an object plays."""
-    return obj.animation_data.action if obj.animation_data is not None else None
+    """Return the action that an object plays: its own or, without one, that of its highest NLA track that is heard."""
+    animation = obj.animation_data
+    if animation is None or animation.action is not None:
+        return None if animation is None else animation.action
+    heard = (track for track in reversed(animation.nla_tracks) if not track.mute and len(track.strips))
+    return next((track.strips[0].action for track in heard), None)
 
 
 def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
@@ -51,9 +55,9 @@ def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
 
 
 def played_target(obj: bpy.types.Object) -> CurveTarget | None:
-    """Return where the curves of the action go that an object plays; None if it plays none, or cannot change it."""
+    """Return where the curves of an object's own action go; None if it has none, or cannot change it."""
     action = current_action(obj)
-    if action is None or not action.is_editable:
+    if action is None or not action.is_editable or action != obj.animation_data.action:
         return None
     if not hasattr(action, "slots"):
         return CurveTarget(action, action)

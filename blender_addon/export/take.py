@@ -45,6 +45,8 @@ class ExportTake:
     """Scene frames between two frames."""
     is_plain: bool = False
     """It is a copy in metres with a key on every frame, made to be exported."""
+    clip: str = ""
+    """Name of the animation in files that name one, "" for the scene's."""
 
     @property
     def metres_a_unit(self) -> float:
@@ -109,9 +111,10 @@ def take_of(
     if frames[1] < frames[0]:
         raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are none.", where=armature.name)
     meshes = (o for o in scene.objects if o.type == "MESH" and o.find_armature() is armature)
+    clip = "" if action is None else action.name
     step = 1.0 if same_rate(laid, fps) else laid / fps
     count = 1 + math.floor((frames[1] - frames[0]) / step + _SLACK)
-    return ExportTake(armature.name, scene, armature, tuple(meshes), frames[0], count, fps, step)
+    return ExportTake(armature.name, scene, armature, tuple(meshes), frames[0], count, fps, step, clip=clip)
 
 
 @contextmanager
@@ -134,8 +137,9 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     hidden = {obj: (obj.hide_viewport, obj.hide_get()) for obj in objects}
     frames = scene.frame_start, scene.frame_end, scene.frame_current, scene.frame_subframe
     render, units = scene.render, scene.unit_settings
-    rate, scale = (render.fps, render.fps_base), units.scale_length
+    rate, scale, name = (render.fps, render.fps_base), units.scale_length, scene.name
     try:
+        scene.name = take.clip or name  # Blender's exporters name the animation of a scene after it
         for obj in selected:
             obj.select_set(False)
         for obj in objects:
@@ -156,6 +160,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
         for obj in selected:
             obj.select_set(True)
         layer.objects.active = active
+        scene.name = name
         scene.frame_start, scene.frame_end = frames[:2]
         (render.fps, render.fps_base), units.scale_length = rate, scale
         scene.frame_set(frames[2], subframe=frames[3])

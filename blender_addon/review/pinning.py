@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from .._exchange.job_file import Pin, Resolve
+from ..animation.curves import current_action
 from ..animation.pose import read_pose
 from ..animation.retiming import laid_rate
 from ..animation.takes import BETAS, take_file
@@ -69,7 +70,8 @@ def scene_frame(action: bpy.types.Action, frame: int) -> int:
 def pinned_values(armature: bpy.types.Object) -> str:
     """Return the pose an armature stands in now as the job file wants it, as JSON text."""
     mesh = body_mesh(armature)
-    action = armature.animation_data.action
+    action = current_action(armature)
+    assert action is not None
     betas = get_betas(mesh) if mesh is not None else np.array(action[BETAS])
     rest = read_body(body_path_of(action.get("provenance", ""))).rest_joints(betas)
     pose = read_pose(armature, rest[0])

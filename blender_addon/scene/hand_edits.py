@@ -62,8 +62,9 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
         armature: the body, which plays an action.
         times: (F,) scene frames.
     """
-    curves = {(curve.data_path, curve.array_index): curve for curve in action_curves(armature.animation_data.action)}
-    if not _poses_from_ends(armature, curves):
+    action = armature.animation_data.action
+    curves = {(c.data_path, c.array_index): c for c in (() if action is None else action_curves(action))}
+    if not _poses_from_ends(armature, curves):  # the NLA is sampled, too: it has no curves of the object's own
         columns = [(path, index) for path, _, part in pose_columns() for index in range(part.stop - part.start)]
         return np.array([[curves[place].evaluate(time) for place in columns] for time in times])
     return _seen_channels(scene, armature, times)

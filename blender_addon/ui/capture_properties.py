@@ -88,10 +88,11 @@ class MocapReview(bpy.types.PropertyGroup):
 
     @property
     def take(self) -> bpy.types.Action | None:
-        """The solved action that the body plays now."""
+        """The solved action that the body plays now, also from the NLA."""
+        from ..animation.curves import current_action
+
         armature = self.armature
-        animation = armature.animation_data if armature is not None else None
-        action = animation.action if animation is not None else None
+        action = current_action(armature) if armature is not None else None
         return action if action is not None and "motion_file" in action else None
 
 

@@ -25,6 +25,10 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         name="Frame Rate", description="Frames per second of the file; 0 for those the take was solved at",
         default=0.0, min=0.0, soft_max=240.0,
     )  # fmt: skip
+    skeleton: bpy.props.BoolProperty(name="Skeleton Alone", description="Leave out the skinned mesh")
+    use_range: bpy.props.BoolProperty(name="Range", description="Write the frames from First to Last alone")
+    first: bpy.props.IntProperty(name="First", description="First scene frame to write", default=1)
+    last: bpy.props.IntProperty(name="Last", description="Last scene frame to write", default=250)
     overwrite: bpy.props.BoolProperty(
         name="Overwrite", description="Replace a file that is there", default=False, options={"HIDDEN", "SKIP_SAVE"}
     )
@@ -44,9 +48,6 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         if obj is None or (obj if obj.type == "ARMATURE" else obj.find_armature()) is None:
             cls.poll_message_set("Select the body of a take first")
             return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Leave edit or pose mode first")
-            return False
         return True
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -54,12 +55,16 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         self.overwrite = True
         if not self.filepath:
             self.filepath = f"{bpy.path.clean_name(context.object.name)}{self.filename_ext}"
+        self.first, self.last = context.scene.frame_start, context.scene.frame_end
         return super().invoke(context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Export and say where to."""
+        from dataclasses import replace
+
         from ...export.take import take_of
         from ...export.write import export_take
+        from ...scene.users_state import undisturbed
 
         if self.filepath.startswith("//") and not bpy.data.filepath:
             self.report({"ERROR"}, "A path that starts with // needs a saved file: save it, or name the whole path")
@@ -68,11 +73,14 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         windows = context.window_manager
         windows.progress_begin(0, 1)
         try:
-            take = take_of(context.scene, context.object, fps=self.fps or None)
-            export_take(
-                take, self.format, path, overwrite=self.overwrite,
-                progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),
-            )  # fmt: skip
+            frames = (float(self.first), float(self.last)) if self.use_range else None
+            with undisturbed(context):
+                take = take_of(context.scene, context.object, frames, self.fps or None)
+                take = replace(take, meshes=()) if self.skeleton else take
+                export_take(
+                    take, self.format, path, overwrite=self.overwrite,
+                    progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),
+                )  # fmt: skip
         except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

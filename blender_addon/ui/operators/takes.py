@@ -51,6 +51,7 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
 
     by: bpy.props.EnumProperty(
         name="Keep by",
+        default="TOLERANCE",
         items=(
             ("RATE", "Keys a Second", "So many keys, wherever that leads"),
             ("TOLERANCE", "Tolerance", "As few keys as leave every joint so near to the full take"),
@@ -85,17 +86,28 @@ class MOCAP_OT_push_down(NeedsTake, bpy.types.Operator):
 
     bl_idname = "mocap.push_down"
     bl_label = "Push Down to NLA"
-    bl_description = "Lay this take aside as a strip on a muted NLA track of its name"
+    bl_description = "Move this take to a strip on an NLA track of its name; the body plays on from there"
     edits_body = True
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a take that is an action of the body's own."""
+        if not super().poll(context):
+            return False
+        if context.scene.mocap.review.armature.animation_data.action is None:
+            cls.poll_message_set("The take is on the NLA already")
+            return False
+        return True
+
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Lay it aside."""
+        """Move it, and let the track be heard."""
         from ...animation.takes import push_down
 
         review = context.scene.mocap.review
-        name = review.take.name
-        push_down(review.armature)
-        self.report({"INFO"}, f"'{name}' waits on a muted track; show it again from the list of takes")
+        armature, name = review.armature, review.take.name
+        push_down(armature)
+        armature.animation_data.nla_tracks[-1].mute = False
+        self.report({"INFO"}, f"'{name}' plays on an NLA track of its name")
         return {"FINISHED"}
 
 

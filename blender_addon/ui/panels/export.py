@@ -26,8 +26,8 @@ class VIEW3D_PT_mocap_export(BodyPanel, bpy.types.Panel):
         layout = self.layout
         if context.scene.mocap.capture.marker_items:
             _draw_markers(layout, context)
-        if context.mode != "OBJECT" or context.object != context.scene.mocap.review.armature:
-            draw_next(layout, context, "Select the body in object mode to export its take.")
+        if context.object != context.scene.mocap.review.armature:
+            draw_next(layout, context, "Select the body to export its take.")
             layout.operator(MOCAP_OT_select_body.bl_idname, icon="RESTRICT_SELECT_OFF")
             return
         grid = layout.grid_flow(columns=2, even_columns=True, align=True)

@@ -17,6 +17,7 @@ from ..operators.solver_operator import current
 from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
 from ..properties import MocapCapture, MocapReview
 from ..settings_layout import is_slim
+from ..translation import CONTEXT
 from .parts import BodyPanel, TakePanel, wrapped
 
 
@@ -111,9 +112,10 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
         if "keys_deviation" in take:
             wrapped(layout, context, take["keys_deviation"], "INFO")
         column = layout.column(align=True)
+        column.label(text="Reduce Keys", text_ctxt=CONTEXT)
         row = column.row(align=True)
-        row.operator(MOCAP_OT_thin_take.bl_idname, text="Reduce Keys: Rate").by = "RATE"
         row.operator(MOCAP_OT_thin_take.bl_idname, text="Tolerance").by = "TOLERANCE"
+        row.operator(MOCAP_OT_thin_take.bl_idname, text="Rate").by = "RATE"
         column.operator(MOCAP_OT_push_down.bl_idname, icon="NLA_PUSHDOWN")
         column.operator(MOCAP_OT_mark_take.bl_idname, icon="ASSET_MANAGER")
 

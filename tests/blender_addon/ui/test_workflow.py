@@ -15,6 +15,7 @@ import solver_backend
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.animation.confidence_lane import current_confidence, read_lane
 from blender_addon.animation.curves import action_curves
+from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.pose import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.sliders import body_mesh, sliders
@@ -264,7 +265,7 @@ def test_takes_follow_the_shape_they_were_solved_with(mocap, take, solved, tmp_p
 
 
 def test_a_take_is_thinned_into_another_that_says_how_far_it_is_off(mocap, take):
-    assert bpy.ops.mocap.thin_take(keys_per_second=10) == {"FINISHED"}
+    assert bpy.ops.mocap.thin_take(by="RATE", keys_per_second=10) == {"FINISHED"}
     thin = mocap.review.take
     assert thin != take and thin.name.endswith("few keys") and thin["motion_file"] == take["motion_file"]
     assert len(next(action_curves(thin)).keyframe_points) == 6 < len(next(action_curves(take)).keyframe_points)
@@ -272,13 +273,20 @@ def test_a_take_is_thinned_into_another_that_says_how_far_it_is_off(mocap, take)
     assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"} and mocap.review.take == take
 
 
-def test_a_take_is_laid_aside_and_shown_again(mocap, take):
+def test_a_take_on_the_nla_plays_on_with_its_panels_and_is_shown_again(mocap, take, tmp_path):
     assert bpy.ops.mocap.mark_take() == {"FINISHED"} and take.asset_data is not None
-    assert bpy.ops.mocap.push_down() == {"FINISHED"} and mocap.review.take is None
-    animation = mocap.review.armature.animation_data
-    assert [track.mute for track in animation.nla_tracks] == [True]
-    assert not bpy.ops.mocap.push_down.poll()
-    assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"} and mocap.review.take == take
+    scene, armature = bpy.context.scene, mocap.review.armature
+    seen = [evaluated_joints(scene, armature, frame) for frame in (5.0, 25.0)]
+    assert bpy.ops.mocap.push_down() == {"FINISHED"} and mocap.review.take == take
+    animation = armature.animation_data
+    assert animation.action is None and [track.mute for track in animation.nla_tracks] == [False]
+    for frame, joints in zip((5.0, 25.0), seen, strict=True):
+        np.testing.assert_allclose(evaluated_joints(scene, armature, frame), joints, atol=1e-5)
+    assert not bpy.ops.mocap.push_down.poll() and bpy.ops.mocap.next_bad_range.poll()
+    assert bpy.ops.mocap.pin_pose() == {"FINISHED"}
+    bpy.context.view_layer.objects.active = armature
+    assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "nla.bvh"), format="bvh") == {"FINISHED"}
+    assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"} and animation.action == take
 
 
 def test_every_setting_of_the_solver_is_in_the_panel(mocap):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,11 @@ def selected(registered: None, take: BakedTake) -> BakedTake:
     return take
 
 
+def glb_json(path: Path) -> dict[str, Any]:
+    data = path.read_bytes()
+    return json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+
+
 def test_it_writes_the_format_that_was_chosen(selected: BakedTake, tmp_path: Path) -> None:
     path = tmp_path / "ein Gang ü.trc"
     assert bpy.ops.mocap.export_take(filepath=str(path), format="trc") == {"FINISHED"}
@@ -50,8 +56,29 @@ def test_it_waits_for_a_take(registered: None, scene: bpy.types.Scene, take: Bak
     assert not bpy.ops.mocap.export_take.poll()
     bpy.context.view_layer.objects.active = take.armature
     assert bpy.ops.mocap.export_take.poll()
-    bpy.ops.object.mode_set(mode="POSE")
-    assert not bpy.ops.mocap.export_take.poll()
+
+
+@pytest.mark.parametrize("mode", ["POSE", "EDIT"])
+def test_it_writes_from_any_mode_and_leaves_it_as_it_was(selected: BakedTake, tmp_path: Path, mode: str) -> None:
+    bpy.context.view_layer.objects.active = selected.armature
+    bpy.ops.object.mode_set(mode=mode)
+    path = tmp_path / "walk.fbx"
+    assert bpy.ops.mocap.export_take(filepath=str(path), format="fbx") == {"FINISHED"} and path.is_file()
+    assert bpy.context.mode == {"POSE": "POSE", "EDIT": "EDIT_ARMATURE"}[mode]
+    assert bpy.context.object == selected.armature
+
+
+def test_the_skeleton_alone_and_a_range_are_written(selected: BakedTake, tmp_path: Path) -> None:
+    whole, bare = tmp_path / "whole.glb", tmp_path / "bare.glb"
+    assert bpy.ops.mocap.export_take(filepath=str(whole), format="gltf") == {"FINISHED"}
+    done = bpy.ops.mocap.export_take(
+        filepath=str(bare), format="gltf", skeleton=True, use_range=True, first=5, last=14, fps=selected.action["fps"]
+    )
+    assert done == {"FINISHED"}
+    with_skin, without = map(glb_json, (whole, bare))
+    assert with_skin["meshes"] and not without.get("meshes")
+    assert [clip["name"] for clip in without["animations"]] == [selected.action.name]
+    assert bpy.context.scene.name == "Scene"
 
 
 def test_registering_leaves_no_menu_entry_behind(scene: bpy.types.Scene) -> None:
