@@ -95,7 +95,7 @@ def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     assert check_calibration(cameras, keypoints).findings == ()
     small = check_calibration(replace(cameras, t=0.7 * cameras.t), keypoints)
-    assert any("squares have another size" in word for word in small.findings)
+    assert any("squares do not have the stated size" in word for word in small.findings)
     tipped = check_calibration(replace(cameras, R=cameras.R @ exp_so3(np.array([0.8, 0.0, 0.0]))), keypoints)
     assert any("world's up" in word for word in tipped.findings)
 

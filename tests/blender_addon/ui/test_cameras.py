@@ -53,7 +53,7 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
         assert mocap.capture.checked[0].isupper()
         assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
-        assert ("squares have another size" in mocap.capture.doubts) == wrong
+        assert ("squares do not have the stated size" in mocap.capture.doubts) == wrong
         assert [item.object.matrix_world for item in mocap.capture.cameras] == before
 
 

@@ -38,7 +38,7 @@ def test_every_processor_and_number_gives_the_same_markers(tmp_path: Path, proce
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
 def test_special_floats(tmp_path: Path, processor: int) -> None:
     points = standing()
-    points[0, 0] = 1e-20, -1e20, 0.1
+    points[0, 0] = 1e-20, -1e-30, 0.1
     points[1, 0] = 0.0, 1.5, -0.0
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, processor))
     expected = points.astype(np.float32).astype(np.float64) / 1000
