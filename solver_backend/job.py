@@ -13,11 +13,13 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.job_file import VERSION, JobFile
 from solver_backend.exchange.setting import settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-READING = ("fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person")
+WORLD = tuple(settings_of_class(WorldSettings))
+READING = ("fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person", *WORLD)
 """Fields that say how a capture is read."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
@@ -95,6 +97,7 @@ class Job(JobFile):
             told=None if told is None else folder / told,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
+            **{name: values[name] for name in WORLD if values.get(name) is not None},
         )
 
     @classmethod

@@ -14,7 +14,7 @@ from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
-from solver_backend.cli.setting_options import add_settings
+from solver_backend.cli.setting_options import WORLD_ROWS, add_settings
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.verb_guide import show_guide
 from solver_backend.cli.video_arguments import add_video_verbs
@@ -111,6 +111,7 @@ def _reading() -> _Parser:
         "--subject-prefix", metavar="NAME[,NAME…]",
         help="label prefix of the person, when a file holds several; several prefixes are parts of one person",
     )  # fmt: skip
+    add_settings(options, WORLD_ROWS)
     return options
 
 

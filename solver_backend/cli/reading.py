@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from solver_backend.cli.setting_options import given_world
 from solver_backend.exchange.progress import Progress
 from solver_backend.job import joint_set_named, positive_fps
 from solver_backend.types import Capture
@@ -25,6 +26,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         "up_axis": args.up_axis,
         "subject_prefix": args.subject_prefix,
         "person": args.person,
+        **given_world(args),
     }
 
 

@@ -1,4 +1,4 @@
-"""The settings of a solve as options of a command line, made from the rows that declare them."""
+"""The settings of a solve and of its world as options of a command line, made from the rows that declare them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import Any
 
 from solver_backend.exchange.setting import Setting, defaults_of_class, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.world_settings import WorldSettings
 
 ROWS = settings_of_class(SolveSettings)
+WORLD_ROWS = settings_of_class(WorldSettings)
+_ALL, _DEFAULTS = ROWS | WORLD_ROWS, defaults_of_class(SolveSettings) | defaults_of_class(WorldSettings)
 
 
 def add_settings(parser: argparse.ArgumentParser, names: Iterable[str] = ROWS) -> None:
@@ -18,9 +21,9 @@ def add_settings(parser: argparse.ArgumentParser, names: Iterable[str] = ROWS) -
 
     Args:
         parser: of a verb.
-        names: of the settings; all if left out.
+        names: of the settings; all of a solve if left out.
     """
-    chosen = [(name, ROWS[name]) for name in ROWS if name in set(names)]
+    chosen = [(name, _ALL[name]) for name in _ALL if name in set(names)]
     for title, rows in groupby(chosen, key=lambda item: item[1].group):
         group = parser.add_argument_group(title)
         for name, row in rows:
@@ -28,8 +31,17 @@ def add_settings(parser: argparse.ArgumentParser, names: Iterable[str] = ROWS) -
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings that stand on a command line, by name."""
-    values = {name: getattr(args, name, None) for name in ROWS}
+    """Return the settings of a solve that stand on a command line, by name."""
+    return _given(args, ROWS)
+
+
+def given_world(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings of the world that stand on a command line, by name."""
+    return _given(args, WORLD_ROWS)
+
+
+def _given(args: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:
+    values = {name: getattr(args, name, None) for name in rows}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -42,7 +54,7 @@ def describe_range(row: Setting) -> str:
 
 def describe_default(name: str) -> str:
     """Return what a setting is where it is not given; "" for nothing."""
-    value = defaults_of_class(SolveSettings)[name]
+    value = _DEFAULTS[name]
     if isinstance(value, bool):
         return "on" if value else "off"
     return f"{value:g}" if isinstance(value, float) else str(value or "")

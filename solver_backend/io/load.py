@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from solver_backend.exchange.errors import CaptureNotRecognised, MotionInvalid
+from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, MotionInvalid
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
@@ -35,7 +35,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
 
     Raises:
         CaptureNotRecognised: no reader knows the path.
-        JobInvalid: the frame rate is not positive.
+        JobInvalid: the frame rate is not positive, or a world without cameras is to be scaled or levelled.
         PersonUnknown: the capture does not show the person who was asked for.
         CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
         MocapError: whatever else the reader raises.
@@ -45,6 +45,11 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     if reader is None:
         raise _no_capture(path, readers)
     capture = reader.read(path, chosen)
+    if capture.cameras is None and chosen.changes_world:
+        raise JobInvalid(
+            "Stature, scale and level are of the cameras' world, and the capture has no cameras.",
+            where=str(path), hint="A recording of markers is scaled by its unit: --unit.",
+        )  # fmt: skip
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:

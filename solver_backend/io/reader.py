@@ -9,13 +9,14 @@ from typing import Generic, TypeVar
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.types import JointSet
 
 Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(WorldSettings):
     """What the caller knows better than the file; a reader takes what concerns it."""
 
     fps: float | None = None
@@ -38,6 +39,7 @@ class ReadOptions:
     """Called with how far reading has come."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise JobInvalid(f"The frame rate must be a positive number, not {self.fps}.", where="fps")
 

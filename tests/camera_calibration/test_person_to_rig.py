@@ -11,7 +11,6 @@ from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
 from solver_backend.camera_calibration.check.calibration_check import check_calibration
 from solver_backend.camera_calibration.extrinsics.from_person import rig_from_person
-from solver_backend.camera_calibration.extrinsics.person_scale import scale_from_length, scale_from_stature
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     calibrate_by_person,
@@ -21,6 +20,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import essential_mat
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Capture
 from tests.support.walking_take import EXACT, circling
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.extrinsics.from_person import PersonRig, refined_by_person, rig_from_person
-from solver_backend.camera_calibration.extrinsics.person_scale import scale_from_length, scale_from_stature
-from solver_backend.camera_calibration.extrinsics.person_world import upright_from_person
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.alignment import umeyama
+from solver_backend.io.recognition.gravity import upright_from_person
+from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
 
 SURE_TILT = np.radians(2.0)

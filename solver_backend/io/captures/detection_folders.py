@@ -19,7 +19,7 @@ from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.io.recognition.world_check import placed
+from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_people
@@ -67,21 +67,29 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     calibration = _as_meant(calibration, detections, options)
-    people = select_people(calibration.cameras, detections, rate, options.progress)
+    cameras, people, scaled = find_people(
+        calibration.cameras, lambda c: select_people(c, detections, rate, options.progress), options
+    )
     person = people[0]
-    cameras, world, turned = placed(calibration.cameras, person.keypoints, options.up_axis)
+    world = fit_world(cameras, person.keypoints, options, options.up_axis)
     length_problems = _length_problems(config, videos, detections.num_frames)
     problems = calibration.problems, detections.problems, rate_problems, length_problems, person.problems
     return Capture(
         name=root.name,
-        cameras=cameras,
+        cameras=world.cameras,
         keypoints=person.keypoints,
         footage=footage if any(footage) else (),
         sources=(*listed_paths(tuple(sources.values())), str(calibration.source), *config.sources),
         people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if len(people) > 1 else (),
         person=person.name if len(people) > 1 else "",
-        notes=calibration.notes + detections.notes + rate_notes + person.notes + world.notes(),
-        problems=sum(problems, ()) + turned + world.problems(),
+        notes=calibration.notes
+        + detections.notes
+        + rate_notes
+        + person.notes
+        + scaled
+        + world.notes
+        + world.check.notes(),
+        problems=sum(problems, ()) + world.problems + world.check.problems(),
     )
 
 
