@@ -10,6 +10,7 @@ from ..operators.solver_operator import current
 from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
+from ..setting_properties import WORLD_ROWS
 from ..settings_layout import draw_setting, settings_layout
 from .parts import MocapPanel, draw_failure, draw_next, draw_progress, draw_rate, wrapped
 
@@ -68,6 +69,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "up_axis",
             "trim",
             "as_calibrated",
+            *WORLD_ROWS,
             "footage_anywhere",
             "subject_prefix",
         ):
