@@ -13,22 +13,16 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.job_file import VERSION, JobFile
 from solver_backend.exchange.setting import settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
+WORLD = tuple(settings_of_class(WorldSettings))
 READING = (
-    "fps",
-    "trim",
-    "as_calibrated",
-    "joint_set",
-    "unit",
-    "up_axis",
-    "subject_prefix",
-    "person",
-    "offset",
-    "by_order",
-)
+    "fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person", "offset", "by_order",
+    *WORLD,
+)  # fmt: skip
 """Fields that say how a capture is read, beside its frames."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
@@ -109,6 +103,7 @@ class Job(JobFile):
             by_order=bool(_typed(values, "by_order", bool)),
             frames=_frames(_typed(values, "frames", list)),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
+            **{name: values[name] for name in WORLD if values.get(name) is not None},
         )
 
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from solver_backend.exchange.diagnostics import Entry, Remedy
+from solver_backend.exchange.diagnostics import REFUSALS, Entry, Remedy
 from solver_backend.exchange.diagnostics.table import GROUPS
 
 _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
@@ -14,7 +14,9 @@ _HEAD = """# Diagnostics
 What the reader of a capture, a solve and the check of its result can find. The console, the report, Blender's panel
 and `--json` show the same list; the words below are the ones they use, with the names and figures of the take.
 
-- **error**: the input is refused.
+- **error**: the input or the result is refused, nothing is written. Results with {refusals}
+  are surely useless; `--accept CODE` of `solve`, `from-videos` and `batch`, `"accept": ["CODE"]` in the `settings` of a
+  job, or *Accepted Faults* in the panel takes one as a warning instead.
 - **warning**: the result may be wrong. `solve` ends with every warning on a line and "Look at …". With `--strict`,
   `"strict": true` in a job file, or with `batch --strict` it refuses the result: exit code 3, nothing is written.
 - **note**: worth knowing. A solve whose last line is "OK" may have notes.
@@ -28,7 +30,8 @@ A program of another version shows a code that it does not know by its name."""
 def diagnostics_page() -> str:
     """Return the page that lists every diagnostic."""
     remedies = ", ".join(f"`{remedy.value}`" for remedy in Remedy)
-    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics"), "", _HEAD.replace("{remedies}", remedies)]
+    head = _HEAD.replace("{remedies}", remedies).replace("{refusals}", ", ".join(f"`{code}`" for code in REFUSALS))
+    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics"), "", head]
     for title, group in GROUPS.items():
         parts += [
             "",

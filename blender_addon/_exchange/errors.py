@@ -231,6 +231,12 @@ class WarningsRefused(MocapError):
     code = "warnings_refused"
 
 
+class ResultRefused(MocapError):
+    """A solve's result is surely useless: nobody has that size, or the views contradict each other."""
+
+    code = "result_refused"
+
+
 class Cancelled(MocapError):
     """The user cancelled the work."""
 

@@ -6,6 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
+from .._exchange.diagnostics import REFUSALS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .exit_codes import EPILOG
@@ -140,6 +141,10 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     batch.add_argument("--stretches", action="store_true", help="spread the stretches of each long take, too (Dask)")
     batch.add_argument("--job", type=Path, metavar="JOB.json", help="job file without capture and out")
     batch.add_argument("--strict", action="store_true", help="refuse takes whose solves have warnings")
+    batch.add_argument(
+        "--accept", action="append", choices=REFUSALS, default=[], metavar="CODE",
+        help="take results with this fault, for which they would be refused; may be repeated",
+    )  # fmt: skip
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")
     batch.add_argument("--render", action="store_true", help="write a video and a contact sheet of each take")
     batch.add_argument("--take-seconds", type=_positive, metavar="S", help="end the solver of a take after so long")

@@ -163,7 +163,7 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     request = BatchRequest(
         options.captures or options.watch, options.out, options.job, options.bake, options.render, formats,
         options.body, options.python, tuple(dict.fromkeys(options.export_markers)),
-        TakeLimits(options.take_seconds, options.take_memory), options.strict,
+        TakeLimits(options.take_seconds, options.take_memory), options.strict, tuple(options.accept),
     )  # fmt: skip
     spread = Spread(
         options.scheduler, options.workers, options.watch is not None, options.settled, options.idle,

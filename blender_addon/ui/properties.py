@@ -11,7 +11,15 @@ from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
 from .rig_properties import RIG_CLASSES, MocapRig
-from .setting_properties import CHOSEN_BY_PRESETS, DEFAULTS, ROWS, SettingProperties, panel_values
+from .setting_properties import (
+    CHOSEN_BY_PRESETS,
+    DEFAULTS,
+    ROWS,
+    SettingProperties,
+    WorldProperties,
+    panel_values,
+    world_options,
+)
 from .studio_properties import MocapStudio
 from .tags import active_name, active_object
 from .video_properties import VIDEO_CLASSES, MocapVideos
@@ -53,7 +61,7 @@ SCENE_SETUP_ITEMS = (
 )
 
 
-class MocapReading(bpy.types.PropertyGroup):
+class MocapReading(WorldProperties, bpy.types.PropertyGroup):
     """How a capture is read."""
 
     fps: bpy.props.FloatProperty(
@@ -103,7 +111,7 @@ class MocapReading(bpy.types.PropertyGroup):
             options.append(f"--subject-prefix={self.subject_prefix}")
         options += [f"--offset={text.strip()}" for text in self.offset.split(",") if text.strip()]
         switches = {"--trim": self.trim, "--by-order": self.by_order, "--as-calibrated": self.as_calibrated}
-        return [*options, *(flag for flag, chosen in switches.items() if chosen)]
+        return [*options, *world_options(self), *(flag for flag, chosen in switches.items() if chosen)]
 
 
 class MocapSolve(SettingProperties, bpy.types.PropertyGroup):

@@ -13,6 +13,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras, Capture
+from solver_backend.types.shapes import Float
 
 LEAST_FRAMES = 8
 """Half of them are fitted to, the other half is what before and after are measured on."""
@@ -63,7 +64,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     refined = refined_cameras(cameras, xy[:, fitted], confidence[:, fitted])
     moved = triangulate(refined, xy[:, fitted], confidence[:, fitted]).points
     refined = _in_the_same_world(refined, moved.reshape(-1, 3), located.reshape(-1, 3))
-    before, after = (_distances(rig, xy[:, judged], confidence[:, judged]) for rig in (cameras, refined))
+    before, after = (view_distances(rig, xy[:, judged], confidence[:, judged]) for rig in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
         raise NoDetections("Nobody is located by two views in the frames that are measured on.", where=capture.name)
     turn = log_so3(refined.R @ cameras.R.swapaxes(-1, -2))
@@ -84,7 +85,10 @@ def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) 
     return replace(cameras, R=R, t=s * cameras.t - R @ q)
 
 
-def _distances(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+def view_distances(
+    cameras: Cameras, xy: Float[np.ndarray, "views frames keypoints 2"],
+    confidence: Float[np.ndarray, "views frames keypoints"],
+) -> Float[np.ndarray, " views"]:  # fmt: skip
     """Return (C,) median px between detections and the points that all views locate; NaN for views that see nobody."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)

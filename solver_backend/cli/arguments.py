@@ -14,7 +14,7 @@ from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
 from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
-from solver_backend.cli.setting_options import ROWS, TIME_ROWS, add_settings
+from solver_backend.cli.setting_options import ROWS, TIME_ROWS, WORLD_ROWS, add_settings
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.verb_guide import show_guide
 from solver_backend.cli.video_arguments import add_video_verbs
@@ -115,7 +115,7 @@ def _reading() -> _Parser:
         "--frames", type=int, nargs=2, metavar=("FIRST", "LAST"),
         help="only these frames of the take, from 0; with --resolve the range that is solved again",
     )  # fmt: skip
-    add_settings(options, ("sync", *TIME_ROWS))
+    add_settings(options, ("sync", *TIME_ROWS, *WORLD_ROWS))
     return options
 
 

@@ -7,9 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.cli.reading import reading
+from solver_backend.cli.setting_options import given_world
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
     CalibrationMissing,
@@ -17,6 +21,7 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 if TYPE_CHECKING:
@@ -24,6 +29,13 @@ if TYPE_CHECKING:
     from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
     from solver_backend.camera_calibration.extrinsics.evidence import Evidence
     from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens
+
+
+_WORLD_OPTIONS = {
+    "board": {"scale"}, "points": {"scale"}, "together": {"scale"}, "person": {"stature"},
+    "refine": {"stature", "scale", "level"},
+}  # fmt: skip
+"""What each method can do to the world: a person has a stature; a calibration is read with all of it."""
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
@@ -34,20 +46,26 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
         MocapError: see the methods.
     """
     by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
-    return by[args.method](args, progress)
+    world = given_world(args)
+    useless = sorted(set(world) - _WORLD_OPTIONS[args.method])
+    if useless:
+        raise CommandLineInvalid(
+            f"--from {args.method} has no use for --{useless[0]}.",
+            hint="Write the cameras first, then scale and level them by a take: fit-cameras TAKE --out CALIBRATION.",
+        )
+    found = by[args.method](args, progress)
+    if args.method != "refine" and "scale" in world:
+        found = moved_world(found, np.eye(3), np.zeros(3), WorldSettings(**world).scale)
+    return found
 
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
     """Return the capture of the command line, or that at a path, read with its options."""
     from solver_backend.io.load import load_capture
-    from solver_backend.job import joint_set_named
 
-    joint_set = None if args.joint_set is None else joint_set_named(args.joint_set)
     return load_capture(
-        path or (args.capture if "capture" in args else args.source), fps=args.fps, trim=bool(args.trim),
-        joint_set=joint_set, unit=args.unit, up_axis=args.up_axis,
-        progress=progress,
-    )  # fmt: skip
+        path or (args.capture if "capture" in args else args.source), **reading(args), progress=progress
+    )
 
 
 def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:

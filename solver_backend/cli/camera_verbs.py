@@ -11,7 +11,7 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
-CAMERA_VERBS = ("board", "calibrate-cameras", "check-cameras")
+CAMERA_VERBS = ("board", "calibrate-cameras", "check-cameras", "fit-cameras")
 METHODS = ("board", "person", "points", "refine", "together", "lenses")
 _BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
 
@@ -45,7 +45,6 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     rig.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
     rig.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
     rig.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
-    rig.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
     rig.add_argument("--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance")
     together = rig.add_argument_group(
         "--from together", "a CALIBRATION is the start; every source given here adjusts it"
@@ -59,6 +58,14 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
         "check-cameras", parents=[reading, common], help="check that a capture's calibration fits its detections"
     )
     check.add_argument("capture", type=Path, metavar="CAPTURE")
+
+    fit = verbs.add_parser(
+        "fit-cameras", parents=[reading, writing, common],
+        help="write a capture's calibration as it is meant: corrected, scaled and levelled",
+    )  # fmt: skip
+    fit.add_argument("capture", type=Path, metavar="CAPTURE")
+    fit.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    fit.add_argument("--format", help="as of calibrate-cameras; by the ending if left out")
 
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -154,6 +161,31 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     ]
     lines += [f"  finding     {word}" for word in found.findings]
     return Outcome("\n".join(lines), found.as_dict())
+
+
+def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write a capture's cameras as they were read: corrected, scaled and levelled."""
+    from solver_backend.camera_calibration.formats.write import format_of, write_calibration
+    from solver_backend.cli.camera_sources import capture_of
+    from solver_backend.io.recognition.world_check import check_world
+
+    overwrite = bool(args.overwrite)
+    kind = args.format or format_of(args.out)
+    if kind != "colmap":
+        check_output(args.out, overwrite=overwrite)
+    capture = capture_of(args, progress)
+    cameras, keypoints = capture.require_multiview()
+    world = check_world(cameras, keypoints)
+    write_calibration(args.out, cameras, kind, world.residual_px, overwrite=overwrite)
+    lines = [f"{len(cameras)} cameras of {capture.name}, views agree to {world.residual_px:.1f} px"]
+    lines += [f"  note        {note}" for note in capture.notes]
+    lines += [f"  problem     {problem}" for problem in capture.problems]
+    data = {"calibration": str(args.out), "format": kind, "cameras": list(cameras.names),
+            "residual_px": world.residual_px, "stature_m": world.stature_m}  # fmt: skip
+    return Outcome(
+        "\n".join([*lines, f"  written     {args.out} ({kind})"]),
+        {**data, "notes": list(capture.notes), "problems": list(capture.problems)},
+    )
 
 
 def _outcome(found: Any, path: Path, kind: str) -> Outcome:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solver_backend.cli.setting_options import given_time
+from solver_backend.cli.setting_options import given_time, given_world
 from solver_backend.exchange.progress import Progress
 from solver_backend.job import joint_set_named, positive_fps
 from solver_backend.types import Capture
@@ -28,6 +28,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         "person": args.person,
         "frames": None if getattr(args, "resolve", None) or args.frames is None else tuple(args.frames),
         **given_time(args),
+        **given_world(args),
         **({} if args.sync is None else {"sync": args.sync}),
     }
 

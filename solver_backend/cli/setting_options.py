@@ -1,4 +1,4 @@
-"""The settings of a solve as options of a command line, made from the rows that declare them."""
+"""The settings of a solve and of its world as options of a command line, made from the rows that declare them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from typing import Any
 from solver_backend.exchange.setting import Setting, defaults_of_class, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.time_settings import TimeSettings
+from solver_backend.exchange.world_settings import WorldSettings
 
 ROWS = settings_of_class(SolveSettings)
-TIME_ROWS = settings_of_class(TimeSettings)
-_ALL, _DEFAULTS = ROWS | TIME_ROWS, defaults_of_class(SolveSettings) | defaults_of_class(TimeSettings)
+TIME_ROWS, WORLD_ROWS = settings_of_class(TimeSettings), settings_of_class(WorldSettings)
+_ALL = ROWS | TIME_ROWS | WORLD_ROWS
+_DEFAULTS = {k: v for c in (SolveSettings, TimeSettings, WorldSettings) for k, v in defaults_of_class(c).items()}
 
 
 def add_settings(parser: argparse.ArgumentParser, names: Iterable[str] = ROWS) -> None:
@@ -38,6 +40,11 @@ def given_settings(args: argparse.Namespace) -> dict[str, Any]:
 def given_time(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings of time that stand on a command line, by name."""
     return {name: tuple(v) if isinstance(v, list) else v for name, v in _given(args, TIME_ROWS).items()}
+
+
+def given_world(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings of the world that stand on a command line, by name."""
+    return _given(args, WORLD_ROWS)
 
 
 def _given(args: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
 from solver_backend.cli.setting_options import given_settings
 from solver_backend.cli.solve_outcome import outcome_of, record_found
+from solver_backend.exchange.diagnostics import refuse_errors
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
 from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
@@ -83,7 +84,9 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
     motion = resolve_motion(measured, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
-    found = by_gravity([*recorded_diagnostics(motion), *check_motion(motion)])
+    found = refuse_errors(
+        by_gravity([*recorded_diagnostics(motion), *check_motion(motion)]), job.settings.accept, str(job.capture)
+    )
     timed = record_found(job, motion, found, solve_s)
     write_motion(job.out, timed, overwrite=job.overwrite)
     return outcome_of(job, timed, found, solve_s)
@@ -119,7 +122,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             capture = capture.of_person(earlier.provenance["person"])
         motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
-    found = diagnose(capture, motion)
+    found = refuse_errors(diagnose(capture, motion), job.settings.accept, str(job.capture))
     timed = record_found(job, motion, found, solve_s)
     write_both(job, capture, timed, progress)
     return outcome_of(job, timed, found, solve_s, capture.person)

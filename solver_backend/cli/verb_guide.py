@@ -30,6 +30,7 @@ TASKS: dict[str, dict[str, str]] = {
     },
     "Cameras": {
         "check-cameras": "check-cameras trial",
+        "fit-cameras": "fit-cameras trial --stature 1.78 --out calibration.toml",
         "refine-cameras": "refine-cameras trial --out refined.npz",
         "calibrate-cameras": "calibrate-cameras boards --from board --board charuco:8x11:24mm --out calibration.toml",
         "board": "board charuco:5x7:35mm --out board.pdf",

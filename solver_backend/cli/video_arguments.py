@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solver_backend.cli.setting_options import ROWS, add_settings
+from solver_backend.cli.setting_options import ROWS, WORLD_ROWS, add_settings
 
 VIDEO_VERBS = ("detect", "from-videos", "detector-noise")
 
@@ -27,6 +27,7 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     detect.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
     detect.add_argument("--calibration", type=Path, metavar="FILE", help="cameras; without, the capture has none yet")
     detect.add_argument("--work", type=Path, metavar="DIR", help="where each video's detections are kept; beside --out")
+    add_settings(detect, WORLD_ROWS)
     detect.add_argument("--preview", type=Path, metavar="DIR", help="also draw what was found over the videos")
 
     road = verbs.add_parser(
@@ -52,7 +53,7 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
     road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
     road.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
-    add_settings(road, [name for name in ROWS if name not in ("layout", "sync")])
+    add_settings(road, ["scale", "level", *(name for name in ROWS if name not in ("layout", "sync"))])
 
     noise = verbs.add_parser(
         "detector-noise", parents=[writing, common], help="measure a detector's noise at each confidence"

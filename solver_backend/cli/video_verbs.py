@@ -9,11 +9,12 @@ from typing import Any
 
 from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.setting_options import given_settings
+from solver_backend.cli.setting_options import given_settings, given_world
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.types import Capture
 
 
@@ -48,7 +49,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
         videos, choice, folder, progress, jobs=args.jobs, cameras=names, pictures_fps=_pictures_fps(args)
     )
     clocks = synchronise(found, calibration and calibration.cameras, args.clocks, progress)
-    capture = assembled(args.out.stem, found, clocks, calibration, progress)
+    capture = assembled(args.out.stem, found, clocks, calibration, progress, world=WorldSettings(**given_world(args)))
     write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=overwrite)
     previews = write_previews(found, args.preview, progress, overwrite=overwrite) if args.preview else []
     text, data = describe_capture(capture)
@@ -76,6 +77,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     settings = RoadSettings(
         detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
+        world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras),
     )  # fmt: skip
     failed: dict[str, MocapError] = {}

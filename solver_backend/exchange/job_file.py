@@ -11,6 +11,7 @@ from typing import Any
 from .errors import JobInvalid, OutputNotWritable
 from .outputs import write_text
 from .time_settings import TimeSettings, time_values
+from .world_settings import WorldSettings, world_values
 
 VERSION = 1
 """Of the schema; a job of another version is refused."""
@@ -59,11 +60,11 @@ class Resolve:
 
 
 @dataclass(frozen=True)
-class JobFile(TimeSettings):
+class JobFile(TimeSettings, WorldSettings):
     """One solve: what is read, how it is solved, where the result goes.
 
     Raises:
-        JobInvalid: the motion's name has another ending, or two of the files are one, or a setting is invalid.
+        JobInvalid: the motion's name has another ending, two of the files are one, or a setting is invalid.
     """
 
     capture: Path
@@ -102,7 +103,8 @@ class JobFile(TimeSettings):
     """``Resolve``: solve only some frames of an earlier motion again; None for the whole take."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        TimeSettings.__post_init__(self)
+        WorldSettings.__post_init__(self)
         if self.out.suffix.lower() != MOTION_SUFFIX:
             raise JobInvalid(
                 f"A motion file ends in {MOTION_SUFFIX}.",
@@ -131,7 +133,8 @@ class JobFile(TimeSettings):
         given["joint_set"] = self.joint_set and str(self.joint_set)
         given["resolve"] = self.resolve and self.resolve.as_dict()
         values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}
-        return values | {name: value for name, value in given.items() if value} | time_values(self)
+        chosen = {name: value for name, value in given.items() if value}
+        return values | chosen | time_values(self) | world_values(self)
 
 
 def write_job(path: Path, job: JobFile) -> None:

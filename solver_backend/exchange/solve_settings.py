@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from .diagnostics.refusal import check_accepted
 from .setting import Choice, check_settings, known_values, setting
 
-METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording", "Body, files and arrays"
+METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
 """Groups; those of the first are what a preset of the panel chooses."""
 METHODS = (
     Choice("global", "Whole Take", "All keyframes of the take at once"),
@@ -98,6 +99,11 @@ class SolveSettings:
         "texts", (), "Left-out Views", "Camera that takes no part, in some frames (from 0) or in all; may be repeated",
         group=RECORDING, metavar="CAMERA[:FIRST-LAST]", in_panel=False,
     )  # fmt: skip
+    accept: tuple[str, ...] = setting(
+        "texts", (), "Accepted Faults", "Code of a fault for which a result would be refused, which is taken as a "
+        "warning instead", group=RECORDING, metavar="CODE",
+    )  # fmt: skip
+    """Codes of errors in the table of diagnostics."""
     body: str = setting(
         "name_or_file", "neutral", "Body", "Name of a body, or the path of a body file; empty for the one that ships",
         group=RESOURCES, metavar="NAME|PATH",
@@ -122,6 +128,7 @@ class SolveSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_accepted(self.accept)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:

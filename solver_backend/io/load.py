@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from solver_backend.exchange.errors import CaptureNotRecognised, MotionInvalid
+from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, MotionInvalid
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.detections.search import DETECTION_FOLDERS
 from solver_backend.io.detections.unsupported import name_unsupported
@@ -38,7 +38,8 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
 
     Raises:
         CaptureNotRecognised: no reader knows the path.
-        JobInvalid: the frame rate is not positive, or the take lacks the frames that are asked for.
+        JobInvalid: the frame rate is not positive, the take lacks the frames that are asked for, or a world without
+            cameras is to be scaled or levelled.
         PersonUnknown: the capture does not show the person who was asked for.
         CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
         MocapError: whatever else the reader raises.
@@ -50,6 +51,11 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     capture = reader.read(path, chosen)
     if chosen.frames is not None:
         capture = cut_frames(capture, *chosen.frames)
+    if capture.cameras is None and chosen.changes_world:
+        raise JobInvalid(
+            "Stature, scale and level are of the cameras' world, and the capture has no cameras.",
+            where=str(path), hint="A recording of markers is scaled by its unit: --unit.",
+        )  # fmt: skip
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:

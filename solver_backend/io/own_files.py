@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from solver_backend.exchange.world_settings import OFF, ON
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
+from solver_backend.io.recognition.world_fit import fit_world, scale_world
 from solver_backend.types import Capture
 
 
@@ -28,7 +30,19 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
     if markers is not None:
         markers = replace(markers, fps=options.fps or markers.fps)
     capture = replace(capture, keypoints=found, markers=markers, sources=capture.sources or (str(path),))
-    return bring_capture_to_one_time(capture, options)
+    capture = bring_capture_to_one_time(capture, options)
+    return _in_another_world(capture, options) if options.changes_world else capture
+
+
+def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
+    """Return a capture whose world is scaled and levelled as asked for; the truth of a synthetic one is left out."""
+    if capture.cameras is None or capture.keypoints is None:
+        return capture
+    cameras, scaled = scale_world(capture.cameras, capture.keypoints, options)
+    level = replace(options, level=ON if options.level == ON else OFF)
+    world = fit_world(cameras, capture.keypoints, level, options.up_axis)
+    notes = (*capture.notes, *scaled, *world.notes)
+    return replace(capture, cameras=world.cameras, notes=notes, problems=(*capture.problems, *world.problems), truth={})
 
 
 CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)

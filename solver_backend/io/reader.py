@@ -11,13 +11,14 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import SYNC_AUTO
 from solver_backend.exchange.time_settings import TimeSettings
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.types import JointSet
 
 Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
-class ReadOptions(TimeSettings):
+class ReadOptions(TimeSettings, WorldSettings):
     """What the caller knows better than the file; a reader takes what concerns it."""
 
     fps: float | None = None
@@ -42,7 +43,8 @@ class ReadOptions(TimeSettings):
     """Called with how far reading has come."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        TimeSettings.__post_init__(self)
+        WorldSettings.__post_init__(self)
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise JobInvalid(f"The frame rate must be a positive number, not {self.fps}.", where="fps")
 

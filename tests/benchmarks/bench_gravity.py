@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from research.simulation.benchmark import JOINT_SET
-from solver_backend.camera_calibration.extrinsics.person_world import upright_from_person
+from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.synthesis.simulation.cast import cast_person
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped, Metric

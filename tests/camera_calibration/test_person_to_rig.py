@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +12,9 @@ from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
 from solver_backend.camera_calibration.check.calibration_check import check_calibration
 from solver_backend.camera_calibration.extrinsics.from_person import rig_from_person
-from solver_backend.camera_calibration.extrinsics.person_scale import scale_from_length, scale_from_stature
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
+    align_cameras,
     calibrate_by_person,
     refine_by_person,
 )
@@ -21,6 +22,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import essential_mat
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Capture
 from tests.support.walking_take import EXACT, circling
 
@@ -89,6 +91,26 @@ def test_a_camera_that_was_moved_is_found_and_put_right(noisy: Capture) -> None:
     refined = refine_by_person(moved, keypoints)
     assert apart(refined.cameras, cameras, False)[1] < 0.4
     assert apart(moved, cameras, False)[1] > 1.0
+    assert [word.split()[0] for word in refined.findings] == [cameras.names[2]]
+    assert re.search(r"points 1\.[5-9]°", refined.findings[0]) and "was moved" in refined.findings[0]
+
+
+def test_true_cameras_stay_bit_for_bit_and_nobody_is_accused(noisy: Capture) -> None:
+    cameras, keypoints = noisy.require_multiview()
+    refined = refine_by_person(cameras, keypoints)
+    np.testing.assert_array_equal(refined.cameras.R, cameras.R)
+    np.testing.assert_array_equal(refined.cameras.t, cameras.t)
+    assert refined.findings == () and "it is kept" in refined.notes[0]
+
+
+def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
+    cameras, _ = noisy.require_multiview()
+    t = cameras.t.copy()
+    t[1] += [0.3, -0.1, 0.2]
+    R, shift, scale = align_cameras(replace(cameras, t=t), cameras)
+    np.testing.assert_allclose(R, np.eye(3), atol=5e-3)
+    np.testing.assert_allclose(shift, 0.0, atol=0.03)
+    assert scale == pytest.approx(1.0, abs=3e-3)
 
 
 def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:

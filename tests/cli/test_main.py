@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.types import JointSet
+from tests.support import cli_stand_ins
 from tests.support.cli_stand_ins import FRAMES, StandIns
 from tests.support.scenes import small_motion
 
@@ -68,6 +70,18 @@ def test_a_strict_solve_with_warnings_is_refused_and_writes_nothing(stand_ins, t
     assert not {"m.npz", "r.html"} & {path.name for path in tmp_path.iterdir()}
 
 
+def test_a_useless_result_is_refused_and_writes_nothing_unless_it_is_accepted(stand_ins, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(cli_stand_ins, "with_legs", lambda motion: replace(motion, joints=9.0 * motion.joints))
+    argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--report", str(tmp_path / "r.html"), "--json"]
+    assert main(argv) == 3
+    last = events(capsys.readouterr().out)[-1]
+    assert last["code"] == "result_refused" and "--accept stature_impossible" in last["hint"]
+    assert not {"m.npz", "r.html"} & {path.name for path in tmp_path.iterdir()}
+    assert main([*argv, "--accept", "stature_impossible"]) == 0
+    found = {item["code"]: item["severity"] for item in events(capsys.readouterr().out)[-1]["diagnostics"]}
+    assert found["stature_impossible"] == "warning"
+
+
 def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--fps", "50", "--trim", "--joint-set", "COCO_17"]
     argv += ["--unit", "mm", "--up-axis", "y", "--subject-prefix", "Anna"]
@@ -78,7 +92,7 @@ def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     )
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
-    reading["as_calibrated"] = False
+    reading |= {"as_calibrated": False, "stature": 0.0, "scale": 1.0, "level": "auto"}
     reading |= {"subject_prefix": "Anna", "person": None, "offset": ("cam2=60",), "by_order": True, "sync": "off"}
     reading |= {"frames": (10, 20)}
     assert calls["load"] | {"path": None, "progress": None} == {"path": None, "progress": None, **reading}

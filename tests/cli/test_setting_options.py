@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from solver_backend.cli.arguments import parse
-from solver_backend.cli.setting_options import ROWS, given_settings, option
+from solver_backend.cli.setting_options import ROWS, given_settings, given_world, option
+from solver_backend.exchange.diagnostics import REFUSALS
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.setting import defaults_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -25,6 +26,8 @@ def another(name: str) -> tuple[object, list[str]]:
         "name_or_file": ("anny", "anny"), "texts": (["cam1"], "cam1"), "numbers": (BETAS, ",".join(map(str, BETAS))),
         "choice": (row.choices[-1].value, row.choices[-1].value) if row.choices else (None, ""),
     }[row.kind]  # fmt: skip
+    if name == "accept":
+        value, words = [REFUSALS[0]], REFUSALS[0]
     return value, [f"{option(name)}={words}"]
 
 
@@ -35,6 +38,14 @@ def test_a_setting_is_the_same_on_the_command_line_and_in_a_job_file(name: str) 
     assert list(given) == [name]
     job = Job.from_dict({"version": 1, "capture": "take", "out": "motion.npz", "settings": {name: value}})
     assert SolveSettings.from_dict(given) == job.settings != SolveSettings()
+
+
+@pytest.mark.parametrize(("name", "value"), [("stature", 1.8), ("scale", 0.303), ("level", "on")])
+def test_the_world_is_the_same_on_the_command_line_and_in_a_job_file(name: str, value: object) -> None:
+    assert given_world(parse([*SOLVE, f"--{name}={value}"])) == {name: value}
+    job = Job.from_dict({"version": 1, "capture": "take", "out": "motion.npz", name: value})
+    assert job.reading()[name] == value and job.as_dict()[name] == value
+    assert name not in Job.from_dict({"version": 1, "capture": "take", "out": "motion.npz"}).as_dict()
 
 
 def test_no_setting_is_given_where_none_stands_on_the_command_line() -> None:

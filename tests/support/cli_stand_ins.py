@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
 from solver_backend.fitters.solution import Solution
+from solver_backend.types import SMPL_JOINTS, Motion
 from tests.support.scenes import small_capture, small_motion
 
 FRAMES = 7
+
+
+def with_legs(motion: Motion) -> Motion:
+    """Return a motion of somebody whose legs are a person's in length."""
+    joints = motion.joints.copy()
+    for upper, lower in (("left_hip", "left_knee"), ("left_knee", "left_ankle")):
+        joints[:, SMPL_JOINTS.index(lower)] = joints[:, SMPL_JOINTS.index(upper)] - [0.0, 0.0, 0.43]
+    return replace(motion, joints=joints)
 
 
 class StandIns:
@@ -39,7 +49,7 @@ class StandIns:
         if self.solve_error is not None:
             raise self.solve_error
         progress("Solving", 2, 2)
-        return Solution(small_motion(FRAMES), "Converged.")
+        return Solution(with_legs(small_motion(FRAMES)), "Converged.")
 
     def resolve_range(self, capture, motion, stretch, settings, progress):
         self.calls.append(("resolve", {"capture": capture.name, "stretch": stretch}))

@@ -8,6 +8,8 @@ from typing import Any
 
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
+from ..._exchange.setting import settings_of_class
+from ..._exchange.world_settings import WorldSettings
 from ...errors import BatchInvalid
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
@@ -16,6 +18,7 @@ from .work import take_name
 READING = {
     "fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis",
     "subject_prefix": "--subject-prefix", "person": "--person",
+    **{name: f"--{name}" for name in settings_of_class(WorldSettings)},
 }  # fmt: skip
 """Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
 SWITCHES = {"trim": "--trim", "by_order": "--by-order", "as_calibrated": "--as-calibrated"}
@@ -49,6 +52,8 @@ class BatchRequest:
     """Of the solver for each take; a take that was done within others is not done again."""
     strict: bool = False
     """Refuse takes whose solves have warnings, whatever the job file says."""
+    accept: tuple[str, ...] = ()
+    """Codes of faults that are accepted beside those of the job file."""
 
     def plain(self) -> dict[str, Any]:
         """Return the request for another process or machine: plain values, paths from the root."""
@@ -72,6 +77,10 @@ class BatchRequest:
     def choices(self) -> dict[str, Any]:
         """Return what decides what is made of a capture, as plain values."""
         shared = {**_shared(self.job), **({"strict": True} if self.strict else {})}
+        if self.accept:
+            settings = shared.get("settings") or {}
+            accepted = [*settings.get("accept", ()), *self.accept]
+            shared["settings"] = {**settings, "accept": list(dict.fromkeys(accepted))}
         plain = {"bake": self.bake, "render": self.render, "formats": self.formats, "settings": shared}
         plain |= {"markers": self.marker_formats} if self.marker_formats else {}
         return {**plain, "body": str(self.body), "python": str(self.python)}

@@ -10,6 +10,7 @@ from ..operators.solver_operator import current
 from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
 from ..properties import MocapCapture, MocapSettings
+from ..setting_properties import WORLD_ROWS
 from ..settings_layout import draw_setting, settings_layout
 from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
 
@@ -69,6 +70,7 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
             "by_order",
             "offset",
             "as_calibrated",
+            *WORLD_ROWS,
             "footage_anywhere",
             "subject_prefix",
         ):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
+from ..._exchange.diagnostics import notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.solve_settings import RECORDING, RESOURCES
 from ...conventions.counting import counted
 from ...solving.presets import PRESETS
@@ -112,6 +115,8 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         box.label(text=f"{counted(len(result['takes']), 'take')} solved", icon="CHECKMARK", translate=False)
         for item in result["failed"]:
             wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
+        for take in result["takes"]:
+            _draw_found(box, context, take, f"{take['name']}: ")
         box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
         return
     box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK", translate=False)
@@ -124,4 +129,17 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         wrapped(column, context, f"{counted(result['unsure_frames'], 'frame')} to look at", "INFO")
     if result["unseen_frames"]:
         wrapped(column, context, f"{counted(result['unseen_frames'], 'frame')} bridged", "INFO")
+    _draw_found(box, context, result)
     box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+
+
+def _draw_found(
+    layout: bpy.types.UILayout, context: bpy.types.Context, result: dict[str, Any], whose: str = ""
+) -> None:
+    """Draw what was found about a solve, warnings first: the list of the console and the report."""
+    found = read_diagnostics(result.get("diagnostics"))
+    column = layout.column(align=True)
+    for item in warnings_in(found):
+        wrapped(column, context, whose + sentence(item), "ERROR", alert=True)
+    for item in notes_in(found):
+        wrapped(column, context, whose + sentence(item), "DOT")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.from_person import refined_by_person
-from solver_backend.camera_calibration.extrinsics.person_scale import MEAN_STATURE_M, scale_from_stature
-from solver_backend.camera_calibration.extrinsics.person_world import upright_from_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
 from solver_backend.cameras.projection import project, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.io.recognition.gravity import upright_from_person
+from solver_backend.io.recognition.person_scale import MEAN_STATURE_M, scale_from_stature
 from solver_backend.report.calibration import COLUMNS, ROWS, CalibrationFit
 from solver_backend.types import Cameras, Keypoints2D
 

@@ -12,11 +12,13 @@ from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardDetector, BoardSighting
 from solver_backend.camera_calibration.extrinsics.from_board import BoardRig, rig_from_board, zoom_doubts
+from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.frames import VIDEOS, grey_frames
 from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
 from solver_backend.camera_calibration.intrinsics.coverage_picture import write_coverage_png
+from solver_backend.camera_calibration.intrinsics.lens_family import choose_family, in_family
 from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.exchange.outputs import write_text
@@ -128,15 +130,17 @@ def calibrate_by_board(
     rig = rig_from_board(
         names, ordered, board, seen, free_lenses=options.refine_lenses, fps=options.fps if moving else None
     )
-    found = result_of("board", rig.adjusted)
+    progress("Halves of the footage", 0, 1)
+    found = widen_by_halves(result_of("board", rig.adjusted), ordered, board, seen)
     R, t, note = _world(rig, options.origin_frame)
     told: dict[str, dict[str, object]] = {n: lenses[n][1] for n in names if lenses[n][1]}
     words = [f"{n}: {word}" for n in names for word in _list(lenses[n][1].get("advice"))]
     return replace(
         moved_world(found, R, t),
-        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *words),
+        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *found.findings, *words),
         notes=(
             note,
+            *found.notes,
             f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict, are left out.",
         ),
         lenses=told,
@@ -147,25 +151,32 @@ def _lenses(
     footage: BoardFootage, board: Board, known: dict[str, Lens], seen: Sequence[Sightings],
     sizes: Sequence[tuple[int, int]], options: BoardOptions, progress: Progress,
 ) -> dict[str, tuple[Lens, dict[str, object]]]:  # fmt: skip
-    """Return lens and facts of each camera: known, from footage of its own, or from the rig's."""
+    """Return lens and facts of each camera: known, from footage of its own, or from the rig's.
+
+    Lenses that the product chooses are of one family: of the known ones, else of the one that predicts best.
+    """
     own = {n: p for n, p in footage.lens.items() if n in footage.rig and n not in known}
-    found, _ = calibrate_lenses(own, board, options, progress)
-    lenses: dict[str, tuple[Lens, dict[str, object]]] = {}
+    found, views = calibrate_lenses(own, board, options, progress)
     for i, name in enumerate(footage.rig):
-        if name in known:
-            lenses[name] = known[name], {}
-            continue
-        if name not in found:
+        if name not in known and name not in found:
             try:
                 found[name] = camera_lens(board, seen[i], sizes[i], options.models)
             except CalibrationInvalid as error:
                 raise CalibrationInvalid(error.message, where=f"camera {name}", hint=error.hint) from error
-        lens = found[name]
-        lenses[name] = lens.lens, {
-            "model": lens.choice.fit.model.name, "held_out_px": lens.choice.held_out, "pictures": len(lens.frames),
-            "focal_sigma_px": lens.choice.fit.focal_sigma_px, "advice": list(lens.advice),
-        }  # fmt: skip
-    return lenses
+            views[name] = [seen[i][f] for f in found[name].frames]
+    families = {known[n].distortion_model for n in footage.rig if n in known}
+    family = families.pop() if len(families) == 1 else choose_family(found, options.models)
+    if family is not None:
+        found = {n: in_family(board, lens, views[n], family, options.models) for n, lens in found.items()}
+    return {n: (known[n], {}) if n in known else (found[n].lens, _facts(found[n])) for n in footage.rig}
+
+
+def _facts(lens: CameraLens) -> dict[str, object]:
+    """Return what is reported of a lens."""
+    return {
+        "model": lens.choice.fit.model.name, "held_out_px": lens.choice.held_out, "pictures": len(lens.frames),
+        "focal_sigma_px": lens.choice.fit.focal_sigma_px, "advice": list(lens.advice),
+    }  # fmt: skip
 
 
 def _one_model(lenses: Sequence[Lens], names: Sequence[str]) -> list[Lens]:

@@ -6,8 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.types import Capture
+from solver_backend.types.shapes import Bool
 
 _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 
@@ -53,20 +56,36 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
     if not texts:
         return capture
     cameras, keypoints = capture.require_multiview()
-    confidence = keypoints.confidence.copy()
-    for text in texts:
-        item = LeftOut.parse(text)
-        if item.camera not in cameras.names:
-            raise JobInvalid(
-                f"There is no camera '{item.camera}' to be left out.", where="leave_out",
-                hint=f"Cameras: {', '.join(cameras.names)}.",
-            )  # fmt: skip
-        if item.first is not None and item.first >= keypoints.num_frames:
-            raise JobInvalid(f"'{text}' lies beyond the take of {keypoints.num_frames} frames.", where="leave_out")
-        stop = None if item.last is None else item.last + 1
-        confidence[cameras.names.index(item.camera), item.first : stop] = 0.0
+    out = left_out_views(texts, cameras.names, keypoints.num_frames)
+    confidence = np.where(out[..., None], 0.0, keypoints.confidence)
     if (confidence > 0).any(axis=(1, 2)).sum() < 2:
         raise TooFewViews(
             "Fewer than two cameras with detections are left.", where=capture.name, hint="Leave fewer cameras out."
         )
     return replace(capture, keypoints=replace(keypoints, confidence=confidence))
+
+
+def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
+    """Return (C, F) which views of which frames are left out.
+
+    Args:
+        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
+        names: of C cameras.
+        frames: of the take.
+
+    Raises:
+        JobInvalid: a text means nothing, there is no such camera, or its frames lie beyond the take.
+    """
+    out = np.zeros((len(names), frames), bool)
+    for text in texts:
+        item = LeftOut.parse(text)
+        if item.camera not in names:
+            raise JobInvalid(
+                f"There is no camera '{item.camera}' to be left out.", where="leave_out",
+                hint=f"Cameras: {', '.join(names)}.",
+            )  # fmt: skip
+        if item.first is not None and item.first >= frames:
+            raise JobInvalid(f"'{text}' lies beyond the take of {frames} frames.", where="leave_out")
+        stop = None if item.last is None else item.last + 1
+        out[list(names).index(item.camera), item.first : stop] = True
+    return out

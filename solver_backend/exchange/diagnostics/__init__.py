@@ -13,11 +13,12 @@ from .diagnostic import (
     warnings_in,
 )
 from .entry import Entry, Severity
+from .refusal import REFUSALS, refuse_errors
 from .summary import summarise
 from .table import TABLE
 from .wording import frames_text, sentence, word
 
 __all__ = [
-    "TABLE", "Diagnostic", "Entry", "Remedy", "Severity", "Where", "diagnostic", "frames_text", "merge", "notes_in",
-    "read_diagnostics", "sentence", "summarise", "warnings_in", "word",
+    "REFUSALS", "TABLE", "Diagnostic", "Entry", "Remedy", "Severity", "Where", "diagnostic", "frames_text", "merge",
+    "notes_in", "read_diagnostics", "refuse_errors", "sentence", "summarise", "warnings_in", "word",
 ]  # fmt: skip

@@ -54,8 +54,25 @@ RESULT: dict[str, Entry] = {
         "Cameras are not synchronised, moved, calibrated for another recording, or follow different people.",
         "Check the calibration, the synchronisation and who is detected in each view.",
     ),
+    "views_apart": warning(
+        "Only {percent:.0f} % of the views that see somebody see the person where the body is",
+        "Some cameras are not synchronised, moved, calibrated for another recording, or follow somebody else.",
+        "Check the calibration, the synchronisation and who is detected in {cameras}.",
+    ),
+    "views_contradict": error(
+        "Only {percent:.0f} % of the views that see somebody see the person where the body is",
+        "The cameras are not synchronised, or the calibration is of other pictures, places or names.",
+        "Check the calibration and the synchronisation of {cameras}.",
+    ),
     "residual_large": warning(
-        "The solved body is {size:.0f} px (median) from the detections; detectors are within {limit:.0f} px",
+        "The solved body is {size:.0f} px (median) from the detections, {share:.0f} % of the person's size; "
+        "detectors are within {limit:.0f} %",
+        "The calibration does not belong to the recording, or the cameras are not synchronised.",
+        "Check the calibration and the synchronisation.",
+    ),
+    "residual_impossible": error(
+        "The solved body is {size:.0f} px (median) from the detections, {share:.0f} % of the person's size; "
+        "detectors are within {limit:.0f} %",
         "The calibration does not belong to the recording, or the cameras are not synchronised.",
         "Check the calibration and the synchronisation.",
     ),
@@ -94,6 +111,16 @@ RESULT: dict[str, Entry] = {
         "The floor is not level or not at z = 0, or the feet are badly detected.",
         "Check that the calibration's origin lies on the floor and that Z points up.",
     ),
+    "feet_above_floor": warning(
+        "The feet are {size:.0f} cm above the floor in most frames",
+        "The calibration's origin is below the floor, or the person stands on something.",
+        "Level the world with --level on, or check that the calibration's origin lies on the floor.",
+    ),
+    "person_tilted": warning(
+        "The person stands tilted by {size:.0f}° (± {sigma:.0f}°) against the world's up",
+        "The calibration's world is not level, or the person leans for the whole take.",
+        "Level the world with --level on, unless the person leans.",
+    ),
     "feet_slide": warning(
         "The feet slide by {size:.2f} cm a frame while they are on the floor",
         "The toes are seldom detected, or the cameras are not synchronised.",
@@ -103,6 +130,11 @@ RESULT: dict[str, Entry] = {
         "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
         "The calibration has another unit or scale, or the detections are not of a person.",
         "Check the unit of the calibration, or the size of the board's squares.",
+    ),
+    "stature_impossible": error(
+        "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
+        "The calibration has another unit or scale: squares of a board, or none at all.",
+        "Give the person's stature with --stature, or the calibration's scale or unit with --scale or --unit.",
     ),
     "shape_odd": warning(
         "A shape coefficient is {size:.3g}; those of people lie within {limit:g}",

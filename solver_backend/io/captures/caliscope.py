@@ -14,7 +14,7 @@ from solver_backend.io.files import read_text, read_toml
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.joint_sets import choose_joint_set
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
-from solver_backend.io.recognition.world_check import placed
+from solver_backend.io.recognition.world_fit import fit_world, scale_world
 from solver_backend.types import Capture, JointSet, Keypoints2D
 
 _CAMERA = ("port", "cam_id")
@@ -71,14 +71,15 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     calibration = find_calibration(project or source.parent, names, unit=options.unit, up_axis=options.up_axis)
     columns = slice(0, chosen.num_keypoints)
     keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
-    cameras, world, turned = placed(calibration.cameras, keypoints, options.up_axis)
+    cameras, scaled = scale_world(calibration.cameras, keypoints, options)
+    world = fit_world(cameras, keypoints, options, options.up_axis)
     capture = Capture(
         name=source.parent.parent.name if source.parent.name in source.stem else source.stem,
-        cameras=cameras,
+        cameras=world.cameras,
         keypoints=keypoints,
         sources=(str(source), str(calibration.source)),
-        notes=(*calibration.notes, *notes, *rate_note, *world.notes()),
-        problems=(*calibration.problems, *problems, *rate_problems, *turned, *world.problems()),
+        notes=(*calibration.notes, *notes, *rate_note, *scaled, *world.notes, *world.check.notes()),
+        problems=(*calibration.problems, *problems, *rate_problems, *world.problems, *world.check.problems()),
     )
     return bring_capture_to_one_time(capture, options)
 

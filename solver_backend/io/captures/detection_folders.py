@@ -22,7 +22,7 @@ from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.start_times import bring_to_one_time, reads_apart
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.io.recognition.world_check import placed
+from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_people
@@ -75,9 +75,11 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     in_time = bring_to_one_time(calibration.cameras, detections, rate, options)
     detections = in_time.detections
     calibration = _as_meant(calibration, detections, options)
-    people = select_people(calibration.cameras, detections, rate, options.progress)
+    cameras, people, scaled = find_people(
+        calibration.cameras, lambda c: select_people(c, detections, rate, options.progress), options
+    )
     person = people[0]
-    cameras, world, turned = placed(calibration.cameras, person.keypoints, options.up_axis)
+    world = fit_world(cameras, person.keypoints, options, options.up_axis)
     length_problems = () if in_time.first_rows else _length_problems(videos, detections.num_frames)
     problems = (
         calibration.problems,
@@ -89,15 +91,22 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     )
     capture = Capture(
         name=root.name,
-        cameras=cameras,
+        cameras=world.cameras,
         keypoints=person.keypoints,
         footage=footage if any(footage) else (),
         footage_first=in_time.first_rows if any(footage) else (),
         sources=(*listed_paths(tuple(sources.values())), str(calibration.source), *config.sources),
         people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if len(people) > 1 else (),
         person=person.name if len(people) > 1 else "",
-        notes=calibration.notes + detections.notes + rate_notes + in_time.notes + person.notes + world.notes(),
-        problems=sum(problems, ()) + turned + world.problems(),
+        notes=calibration.notes
+        + detections.notes
+        + rate_notes
+        + in_time.notes
+        + person.notes
+        + scaled
+        + world.notes
+        + world.check.notes(),
+        problems=sum(problems, ()) + world.problems + world.check.problems(),
     )
     return capture if options.frames is not None else _configured_frames(capture, config)
 

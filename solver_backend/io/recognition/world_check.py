@@ -10,7 +10,6 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.types import Cameras, Keypoints2D
 
 SAMPLED_FRAMES = 100
@@ -46,6 +45,10 @@ class WorldCheck:
     """Median direction from ankles to shoulders, in world axes."""
     residual_px: float
     """Median reprojection error."""
+    points: np.ndarray
+    """(F, K, 3) keypoints of the sampled frames, metres."""
+    fps: float
+    """Sampled frames a second."""
     off_px: dict[str, float]
     """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
 
@@ -93,28 +96,6 @@ class WorldCheck:
         return []
 
 
-def placed(
-    cameras: Cameras, keypoints: Keypoints2D, given: str | None = None
-) -> tuple[Cameras, WorldCheck, tuple[str, ...]]:
-    """Return the cameras in a world in which the person stands along Z, its figures, and a sentence if it was turned.
-
-    A calibration without a floor has the axes of one of its cameras, whose y points down.
-
-    Args:
-        cameras: C cameras.
-        keypoints: detections of one person.
-        given: the axis that the user said points up, which stays.
-    """
-    world = check_world(cameras, keypoints)
-    axis = world.up_axis()
-    if given is not None or axis == "z":
-        return cameras, world, ()
-    cameras = with_up_axis(cameras, axis)
-    name = axis.upper()
-    said = f"The person stands along {name} of the calibration's world: {name} is taken as up; --up-axis z keeps Z."
-    return cameras, check_world(cameras, keypoints), (said,)
-
-
 def disagreement(residual_px: float) -> tuple[str, ...]:
     """Return a sentence where the median residual is that of views that do not belong together."""
     if not residual_px > LARGEST_RESIDUAL_PX:
@@ -149,6 +130,8 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         lowest_m=float(quantile(lowest, 0.05, axis=0)),
         upright=_upright(named),
         residual_px=float(quantile(residual.ravel(), 0.5, axis=0)),
+        points=points,
+        fps=keypoints.fps * len(frames) / keypoints.num_frames,
         off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
     )
 

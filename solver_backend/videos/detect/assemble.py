@@ -12,10 +12,11 @@ import numpy as np
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration import Calibration
-from solver_backend.io.recognition.world_check import placed
+from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.people.detections import Detections
-from solver_backend.people.person_selection import select_person
+from solver_backend.people.person_selection import select_people
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.sync.clocks import Clocks
@@ -83,6 +84,7 @@ def assembled(
     progress: Progress = silent,
     *,
     up_axis: str | None = None,
+    world: WorldSettings = WorldSettings(),
 ) -> Capture:
     """Return the capture of a take.
 
@@ -95,6 +97,7 @@ def assembled(
         calibration: of the cameras, in the same order; None where there is none yet.
         progress: called as stages advance.
         up_axis: axis of the calibration's world that points up, where it is told wrongly.
+        world: how its world is scaled and levelled.
 
     Raises:
         KeypointCountMismatch, NoDetections, TooFewViews: see ``everybody`` and ``select_person``.
@@ -111,12 +114,15 @@ def assembled(
             problems=(*detections.problems, "The cameras are not calibrated."),
         )  # fmt: skip
     cameras, size_notes = in_video_pixels(calibration, found)
-    person = select_person(cameras, detections, fps, progress)
-    cameras, world, turned = placed(cameras, person.keypoints, up_axis)
+    cameras, people, scaled = find_people(cameras, lambda c: select_people(c, detections, fps, progress), world)
+    person = people[0]
+    fitted = fit_world(cameras, person.keypoints, world, up_axis)
     return Capture(
-        name, cameras, person.keypoints, footage=footage, sources=(*sources, str(calibration.source)),
-        notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *world.notes()),
-        problems=(*calibration.problems, *detections.problems, *person.problems, *turned, *world.problems()),
+        name, fitted.cameras, person.keypoints, footage=footage, sources=(*sources, str(calibration.source)),
+        notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *scaled, *fitted.notes,
+               *fitted.check.notes()),
+        problems=(*calibration.problems, *detections.problems, *person.problems, *fitted.problems,
+                  *fitted.check.problems()),
     )  # fmt: skip
 
 

@@ -12,9 +12,11 @@ import numpy as np
 from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import refuse_errors
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.world_settings import WorldSettings, world_values
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.calibration import Calibration
@@ -23,6 +25,7 @@ from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.io.recognition.range_checks import checked
+from solver_backend.report.diagnose import diagnose
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import assembled
@@ -59,6 +62,8 @@ class RoadSettings:
     """Replace files that this road did not make."""
     solve: SolveSettings = field(default_factory=SolveSettings)
     """How the capture is solved."""
+    world: WorldSettings = field(default_factory=WorldSettings)
+    """How the world of the cameras is scaled and levelled."""
     cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
     """What is known of cameras that have no calibration."""
 
@@ -138,15 +143,14 @@ class _Road:
     def capture(self) -> None:
         plan, calibration = self._plan, self._calibration
         assert calibration is not None
-        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration)]
+        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), world_values(self._settings.world)]
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
-            capture, state = (
-                assembled(plan.take.name, self._detections, self._clocks, calibration, self._progress),
-                "made",
+            name, world, state = plan.take.name, self._settings.world, "made"
+            self._capture = checked(
+                assembled(name, self._detections, self._clocks, calibration, self._progress, world=world)
             )
-            self._capture = checked(capture)
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
@@ -164,6 +168,7 @@ class _Road:
             self.steps.tell("solve", "kept", [str(plan.motion)])
             return
         motion = solve(self._capture, settings.solve, self._progress).motion
+        refuse_errors(diagnose(self._capture, motion), settings.solve.accept, str(plan.capture))
         write_report(
             plan.folder / "report.html", self._capture, motion, self._check and self._check.fit, overwrite=True
         )

@@ -8,9 +8,9 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.camera_calibration.extrinsics.balance import BodyPoints, body_points, independent_count, leaning
-from solver_backend.camera_calibration.extrinsics.person_scale import rest_keypoints
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.io.recognition.balance import BodyPoints, body_points, independent_count, leaning
+from solver_backend.io.recognition.person_scale import rest_keypoints
 from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float
 
@@ -25,8 +25,8 @@ APART_SIGMAS = 1.4
 """Beyond this many of ``BODY_SIGMA`` body and balance contradict each other, and neither is believed."""
 FOOT_SIGMA_M = 0.02
 """How far a standing foot's keypoint is from its usual height."""
-FRAMES_PER_STEP = 14
-"""Frames that tell the same about the floor."""
+FRAMES_PER_STEP, FPS = 14, 30.0
+"""Frames that tell the same about the floor, at so many a second."""
 LOWEST = 0.15
 """Share of a foot's heights that lie below the floor's, by noise."""
 _ROUNDS, _PASSES = 40, 5
@@ -48,7 +48,9 @@ class Upright:
     """Root mean square of the feet's distance from their middle on the floor."""
 
 
-def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> Upright:
+def upright_from_person(
+    points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float = FPS
+) -> Upright:
     """Return the move that stands a person upright on the floor; she stands around the origin.
 
     Three witnesses of gravity, each with its covariance: the direction from ankles to shoulders where she stands tall;
@@ -59,6 +61,7 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
     Args:
         points: (F, K, 3) metres, NaN where unknown.
         joint_set: names of the keypoints.
+        fps: frames a second; the nearer they are, the more of them tell the same.
 
     Raises:
         NoDetections: shoulders and ankles are never seen together.
@@ -73,14 +76,24 @@ def upright_from_person(points: Float[np.ndarray, "frames keypoints 3"], joint_s
         raise NoDetections("Shoulders and ankles are never seen together, so the up direction is unknown.")
     standing = length > 0.9 * np.nanquantile(length, 0.9)
     trunk = _median_direction(tall[standing] / length[standing, None])
-    kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
-    kinds = kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]
-    R, sigma, walked = _gravity(points[:, kinds], trunk, body_points(points, joint_set))
-    above_sole = _heights_at_rest(joint_set)[kinds]
-    feet = points[:, kinds] @ R.T
-    low = np.nanquantile(feet[..., 2], LOWEST, axis=0)
+    kinds = foot_keypoints(joint_set)
+    R, sigma, walked = _gravity(points[:, kinds], trunk, body_points(points, joint_set), fps)
     centre = np.nanmedian((middle["ankle"] @ R.T)[:, :2], axis=0)
-    return Upright(R, -np.array([*centre, float(np.nanmedian(low - above_sole))]), sigma, walked)
+    return Upright(R, -np.array([*centre, floor_height(points @ R.T, joint_set)]), sigma, walked)
+
+
+def foot_keypoints(joint_set: JointSet) -> list[int]:
+    """Return the columns of heels and toes, of ankles where there are none."""
+    names = joint_set.keypoints
+    kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
+    return kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]
+
+
+def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
+    """Return the height in metres of the floor under feet of a person upright along Z."""
+    kinds = foot_keypoints(joint_set)
+    low = np.nanquantile(points[:, kinds, 2], LOWEST, axis=0)
+    return float(np.nanmedian(low - _heights_at_rest(joint_set)[kinds]))
 
 
 def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
@@ -104,7 +117,7 @@ def _median_direction(directions: np.ndarray) -> np.ndarray:
     return mean / np.linalg.norm(mean)
 
 
-def _turned_up(up: np.ndarray) -> np.ndarray:
+def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Return the least rotation that brings a direction to Z; half a turn about X where it points down."""
     up = up / np.linalg.norm(up)
     if up[2] < -0.999999:
@@ -114,7 +127,7 @@ def _turned_up(up: np.ndarray) -> np.ndarray:
     return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
-def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BodyPoints) -> tuple[np.ndarray, float, float]:
+def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BodyPoints, fps: float) -> tuple[np.ndarray, float, float]:
     """Return the turn that brings up to Z, the angle it may be off by, and how far feet walked.
 
     Slopes are of the plane across gravity: up is ``(-a, -b, 1)``.
@@ -122,27 +135,27 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BodyPoints) -> tuple[np.
     up, sigma, walked = trunk, BODY_SIGMA, 0.0
     spread = 0.0
     for number in range(_PASSES + 1):
-        R = _turned_up(up)
+        R = turn_to_z(up)
         seen = R @ trunk
         information = np.eye(2) / BODY_SIGMA**2
         wanted = information @ (-seen[:2] / seen[2])
         if number > 0 and len(body.centre) > 4:
             lean = (leaning(body, up, max(_SURE_TILT, 1.5 * sigma)) @ R.T)[:, :2]
             if len(lean) > 4:
-                mean, spread = _robust_mean(lean)
+                mean, spread = robust_mean(lean)
                 variance = BALANCE_SIGMA**2 + spread**2 / independent_count(lean)
                 information, wanted = information + np.eye(2) / variance, wanted - mean / variance
-        slope, covariance, walked = _floor(feet @ R.T, np.linalg.solve(information, wanted), information)
+        slope, covariance, walked = fit_floor(feet @ R.T, np.linalg.solve(information, wanted), information, fps)
         step = float(np.linalg.norm(slope))
         slope = slope * min(1.0, _LARGEST_STEP / max(step, 1e-9))
         new = R.T @ np.array([-slope[0], -slope[1], 1.0])
         up, sigma = new / np.linalg.norm(new), float(np.sqrt(np.trace(covariance) / 2))
     apart = float(np.arccos(np.clip(up @ trunk, -1.0, 1.0)))
     doubt = max(0.0, apart - APART_SIGMAS * BODY_SIGMA), max(0.0, spread - LEANS_SIGMA)
-    return _turned_up(up), float(np.sqrt(2.0 * sigma**2 + sum(2.0 * d**2 for d in doubt))), walked
+    return turn_to_z(up), float(np.sqrt(2.0 * sigma**2 + sum(2.0 * d**2 for d in doubt))), walked
 
 
-def _robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
+def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the mean of (N, 2) slopes, those far from their median counting less, and their spread per axis."""
     far = np.linalg.norm(lean - np.median(lean, axis=0), axis=1)
     scale = max(0.05, 1.26 * float(np.median(far)))
@@ -150,14 +163,16 @@ def _robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
     return (lean * weight[:, None]).sum(0) / weight.sum(), float(np.sqrt((far**2).mean() / 2))
 
 
-def _floor(feet: np.ndarray, wanted: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def fit_floor(
+    feet: np.ndarray, wanted: np.ndarray, information: np.ndarray, fps: float = FPS
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the floor's slope (2,), its covariance, and how far feet walked; a slope is wanted with an information."""
     K = feet.shape[1]
     frame, kind = np.nonzero(np.isfinite(feet).all(-1))
     x = feet[frame, kind]
     where = x[:, :2] - np.median(x[:, :2], axis=0)
     A = np.concatenate([where, np.eye(K)[kind]], axis=1)
-    alike = FRAMES_PER_STEP * K * FOOT_SIGMA_M**2
+    alike = max(1.0, FRAMES_PER_STEP * fps / FPS) * K * FOOT_SIGMA_M**2
     H = 1e-9 * np.eye(2 + K)
     H[:2, :2] = alike * information
     g = np.concatenate([alike * information @ wanted, np.zeros(K)])

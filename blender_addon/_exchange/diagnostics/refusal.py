@@ -1,0 +1,51 @@
+"""Results that are surely useless: refused, unless the user accepts the fault by its code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from ..errors import JobInvalid, ResultRefused
+from .diagnostic import Diagnostic
+from .entry import Severity
+from .result import RESULT
+from .wording import word
+
+REFUSALS = tuple(code for code, entry in RESULT.items() if entry.severity is Severity.ERROR)
+"""Codes for which a result is refused."""
+
+
+def check_accepted(codes: Iterable[str]) -> None:
+    """Check that results are refused for these codes.
+
+    Raises:
+        JobInvalid: one is no such code; the message lists those there are.
+    """
+    unknown = [code for code in codes if code not in REFUSALS]
+    if unknown:
+        raise JobInvalid(
+            f"No result is refused for {', '.join(unknown)}.", where="accept", hint=f"Codes are {', '.join(REFUSALS)}."
+        )
+
+
+def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
+    """Return what was found, accepted errors as warnings.
+
+    Args:
+        found: everything that was found about a result.
+        accepted: codes of ``REFUSALS``.
+        where: the capture, for the message.
+
+    Raises:
+        ResultRefused: an error is not accepted; the message has every one, the hint what to do.
+    """
+    found, accepted = tuple(found), set(accepted)
+    refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]
+    if refused:
+        words = [word(item) for item in refused]
+        options = " ".join(f"--accept {code}" for code in dict.fromkeys(item.code for item in refused))
+        raise ResultRefused(
+            " ".join(what for what, _ in words), where=where,
+            hint=" ".join([*dict.fromkeys(advice for _, advice in words), f"To take the result even so: {options}."]),
+        )  # fmt: skip
+    return tuple(replace(i, severity=Severity.WARNING) if i.severity is Severity.ERROR else i for i in found)

@@ -1,0 +1,157 @@
+"""A calibration's world made to fit the person: its up axis, its scale, its level and its floor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.exchange.errors import JobInvalid, NoDetections
+from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
+from solver_backend.io.calibration.units import with_up_axis
+from solver_backend.io.recognition.level import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
+from solver_backend.io.recognition.person_scale import scale_from_stature
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.io.recognition.world_check import WorldCheck, check_world
+from solver_backend.people.person_selection import SelectedPerson
+from solver_backend.types import Cameras, Keypoints2D
+
+SURELY_UPRIGHT = np.cos(np.radians(6.0))
+"""Cosine of a person's angle with Z within which a world whose floor is under her feet is not looked at closer."""
+SAME_SCALE = 0.2
+"""Logarithm of a scale up to which people found before it stay the same."""
+
+
+@dataclass(frozen=True)
+class WorldFit:
+    """Cameras in a world that fits, what the person is like in it, and what was done."""
+
+    cameras: Cameras
+    check: WorldCheck
+    notes: tuple[str, ...] = ()
+    """What was done because it was asked for."""
+    problems: tuple[str, ...] = ()
+    """What was done unasked."""
+
+
+def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> tuple[Cameras, tuple[str, ...]]:
+    """Return the cameras in the scale that was asked for, and a sentence where that is another one.
+
+    A world ``s`` times as large leaves every picture as it is: ``x_cam = R x + t`` becomes ``R x + s t``.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of the person whose stature is known.
+        settings: hold the stature or the scale.
+
+    Raises:
+        JobInvalid: both are given, the stature is impossible, or too little of the person is seen.
+    """
+    if settings.stature and settings.scale != 1.0:
+        raise JobInvalid("Stature and scale both say how large the world is.", hint="Give one of them.")
+    if not settings.stature and settings.scale == 1.0:
+        return cameras, ()
+    if not settings.stature:
+        said = f"The calibration's lengths are taken {settings.scale:g} times, as asked for."
+        return replace(cameras, t=cameras.t * settings.scale), (said,)
+    scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
+    said = (
+        f"The calibration's lengths are taken {scale:.4g} times (± {share:.1%}), so that the person is "
+        f"{settings.stature:g} m tall."
+    )
+    return replace(cameras, t=cameras.t * scale), (said,)
+
+
+def find_people(
+    cameras: Cameras, select: Callable[[Cameras], tuple[SelectedPerson, ...]], settings: WorldSettings
+) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[str, ...]]:
+    """Return the cameras in the scale that was asked for, who is seen by them, and what was done.
+
+    Who belongs together is measured in metres, so people are found again where the scale is another one.
+
+    Args:
+        cameras: as calibrated.
+        select: finds people, the main one first.
+        settings: see ``scale_world``.
+
+    Raises:
+        JobInvalid: see ``scale_world``.
+    """
+    people = select(cameras)
+    scaled, said = scale_world(cameras, people[0].keypoints, settings)
+    size = [float(np.abs(c.t).max()) + 1e-9 for c in (cameras, scaled)]
+    return scaled, select(scaled) if abs(np.log(size[1] / size[0])) > SAME_SCALE else people, said
+
+
+def fit_world(
+    cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings = WorldSettings(), up_axis: str | None = None
+) -> WorldFit:
+    """Return cameras in a world that the person stands upright in.
+
+    A calibration without a floor has the axes of one of its cameras, whose y points down, or those of a board.
+
+    Args:
+        cameras: C cameras, in metres.
+        keypoints: detections of one person.
+        settings: say whether the world is levelled.
+        up_axis: the axis that the user said points up, which stays the nearest one.
+
+    Raises:
+        NoDetections: the world was to be levelled, and nobody stands in it.
+    """
+    world = check_world(cameras, keypoints)
+    axis, problems = world.up_axis(), ()
+    if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis):
+        cameras, name = with_up_axis(cameras, axis), axis.upper()
+        problems = (
+            f"The person stands along {name} of the calibration's world: {name} is taken as up; --up-axis z keeps Z.",
+        )
+        world = check_world(cameras, keypoints)
+    levelled, said = _level(cameras, keypoints, world, settings.level)
+    if levelled is not cameras:
+        world = check_world(levelled, keypoints)
+    if settings.level == AUTO:
+        return WorldFit(levelled, world, problems=(*problems, *said))
+    return WorldFit(levelled, world, said, problems)
+
+
+def _level(cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str) -> tuple[Cameras, tuple[str, ...]]:
+    """Return the cameras in a level world, and a sentence; the same cameras where nothing is done."""
+    fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
+    if how == OFF or (how == AUTO and fits):
+        return cameras, ()
+    try:
+        level = measure_level(world.points, keypoints.joint_set, cameras, world.fps)
+    except NoDetections:
+        if how == AUTO:
+            return cameras, ()
+        raise
+    if level.is_tilted or how != AUTO:
+        return _moved(cameras, level.turn, level.floor_upright_m), (_sentence(level, how),)
+    if level.is_above_feet:
+        said = f"The feet stand {-level.floor_m:.2f} m below z = 0, so the floor is put there. To keep it: --level off."
+        return _moved(cameras, np.eye(3), level.floor_m), (said,)
+    return cameras, ()
+
+
+def _lies(cameras: Cameras, axis: str) -> bool:
+    """Return whether cameras show that somebody along an axis lies: they stand level in the world as it is."""
+    return roll_gain(cameras.R, rotation_to_z_up(axis).T[:, 2]) <= -CONTRADICTS
+
+
+def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:
+    """Return cameras in the world ``x' = turn x - (0, 0, floor)``: ``R' = R turnᵀ``, ``t' = t + R' (0, 0, floor)``."""
+    R = cameras.R @ turn.T
+    return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2])
+
+
+def _sentence(level: Level, how: str) -> str:
+    shown = (("her balance", level.balance), ("the floor under her feet", level.floor), ("the cameras", level.cameras))
+    why = "as asked for"
+    if how == AUTO:
+        why = f"as {' and '.join(name for name, gain in shown if gain > 0)} show; to keep it as calibrated: --level off"
+    return (
+        f"The world is levelled by {np.degrees(level.tilt):.1f}° (± {np.degrees(level.sigma):.1f}°) and "
+        f"its floor moved by {abs(level.floor_upright_m):.2f} m, {why}."
+    )

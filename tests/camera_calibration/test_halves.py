@@ -1,0 +1,89 @@
+"""Deviations of a board's cameras cover what halves of the footage show; one lens family is chosen for all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
+from solver_backend.camera_calibration.extrinsics.from_board import rig_from_board
+from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
+from solver_backend.camera_calibration.extrinsics.result import RigCalibration, result_of
+from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
+from solver_backend.camera_calibration.intrinsics.lens_family import choose_family, in_family
+from tests.support.carried_board import BOARD, carried, ring
+
+CAMERAS = ring(3)
+LENSES = [lens_of(CAMERAS, c) for c in range(3)]
+MODELS = ("radial2", "fisheye")
+
+
+def widened(bent_px: float) -> tuple[RigCalibration, RigCalibration]:
+    """Return a calibration before and after, of pictures each of whose corners are off by so much together."""
+    rng = np.random.default_rng(4)
+    seen = carried(CAMERAS, 40, seed=2)
+    bent = [{f: replace(s, px=s.px + rng.normal(0, bent_px, 2)) for f, s in one.items()} for one in seen]
+    rig = rig_from_board(CAMERAS.names, LENSES, BOARD, bent)
+    found = result_of("board", rig.adjusted)
+    return found, widen_by_halves(found, LENSES, BOARD, bent)
+
+
+def test_independent_errors_are_claimed_as_they_are() -> None:
+    before, after = widened(0.0)
+    assert 1.0 <= (after.centre_sigma_m / before.centre_sigma_m).max() < 3.0
+    assert any("Halves of the footage differ by" in note for note in after.notes)
+
+
+def test_errors_that_corners_share_widen_what_is_claimed() -> None:
+    before, after = widened(3.0)
+    ratio = after.centre_sigma_m / before.centre_sigma_m
+    assert ratio.min() == pytest.approx(ratio.max()) and ratio.max() > 1.2
+    assert (after.turn_sigma >= before.turn_sigma).all()
+
+
+def test_footage_too_short_for_halves_is_named() -> None:
+    seen = carried(CAMERAS, 40, seed=2)
+    moments = sorted(set.intersection(*(set(one) for one in seen)))[:3]
+    few = [{f: one[f] for f in moments} for one in seen]
+    found = result_of("board", rig_from_board(CAMERAS.names, LENSES, BOARD, few).adjusted)
+    after = widen_by_halves(found, LENSES, BOARD, few)
+    np.testing.assert_array_equal(after.centre_sigma_m, found.centre_sigma_m)
+    assert "too short to check" in after.findings[-1]
+
+
+@pytest.fixture(scope="module")
+def filmed() -> tuple[CameraLens, list]:
+    views = carried(ring(1, radius=1.6, lens=(-0.2, 0.1, 0, 0, 0, 0, 0, 0)), 160, noise_px=0.1)[0]
+    found = camera_lens(BOARD, {f: views[f] for f in sorted(views)[::10]}, (1280, 720), MODELS)
+    return found, [views[f] for f in found.frames]
+
+
+def told(lens: CameraLens, **errors: float) -> CameraLens:
+    """Return a lens with other errors of pictures left out, its model the best of them."""
+    best = min(errors, key=lambda name: errors[name])
+    fit = replace(lens.choice.fit, model=LENS_MODELS[best])
+    return replace(lens, choice=replace(lens.choice, fit=fit, held_out_px=errors))
+
+
+def test_a_family_is_chosen_by_all_cameras(filmed: tuple[CameraLens, list]) -> None:
+    lens, _ = filmed
+    three_against_one = {
+        "a": told(lens, radial2=0.30, fisheye=0.29), "b": told(lens, radial2=0.2, fisheye=0.3),
+        "c": told(lens, radial2=0.2, fisheye=0.25), "d": told(lens, radial2=0.2, fisheye=0.22),
+    }  # fmt: skip
+    assert choose_family(three_against_one, MODELS) == "opencv"
+    fish = {"a": told(lens, radial2=9.0, fisheye=0.2), "b": told(lens, radial2=0.2, fisheye=0.21)}
+    assert choose_family(fish, MODELS) == "fisheye"
+    assert choose_family({"a": told(lens, radial2=9.0)}, ("radial2",)) == "opencv"
+    assert choose_family({"a": told(lens, radial2=1.0), "b": told(lens, fisheye=1.0)}, MODELS) is None
+
+
+def test_a_lens_of_another_family_is_fitted_to_the_same_pictures(filmed: tuple[CameraLens, list]) -> None:
+    lens, views = filmed
+    assert in_family(BOARD, lens, views, "opencv", MODELS) is lens
+    fish = in_family(BOARD, lens, views, "fisheye", MODELS)
+    assert fish.lens.distortion_model == "fisheye" and fish.frames == lens.frames
+    assert set(fish.choice.held_out_px) == set(MODELS)
+    assert in_family(BOARD, lens, views, "fisheye", ("radial2",)) is lens

@@ -1,0 +1,40 @@
+"""Results that are surely useless are refused, unless the user accepts the fault by its code."""
+
+from __future__ import annotations
+
+import pytest
+
+from solver_backend.exchange.diagnostics import REFUSALS, Severity, diagnostic, refuse_errors
+from solver_backend.exchange.errors import JobInvalid, ResultRefused
+from solver_backend.exchange.solve_settings import SolveSettings
+
+TALL = diagnostic("stature_impossible", size=5.78, least=0.65, most=2.8)
+APART = diagnostic("views_contradict", cameras=["cam01", "cam03"], percent=50.0)
+
+
+def test_an_error_is_refused_with_what_to_do() -> None:
+    with pytest.raises(ResultRefused, match=r"5\.78 m tall") as caught:
+        refuse_errors([TALL, APART], (), "take")
+    hint = caught.value.hint
+    assert "--stature" in hint and "cam01, cam03" in hint and caught.value.where == "take"
+    assert "--accept stature_impossible --accept views_contradict" in hint
+
+
+def test_an_accepted_error_is_a_warning_and_the_others_are_refused() -> None:
+    (kept,) = refuse_errors([TALL], ["stature_impossible"], "take")
+    assert kept.severity is Severity.WARNING and kept.values == TALL.values
+    with pytest.raises(ResultRefused) as caught:
+        refuse_errors([TALL, APART], ["stature_impossible"], "take")
+    assert "5.78" not in caught.value.message
+
+
+def test_warnings_pass() -> None:
+    odd = diagnostic("stature_odd", size=1.1, least=1.2, most=2.2)
+    assert refuse_errors([odd], (), "take") == (odd,)
+
+
+def test_codes_that_refuse_nothing_are_named() -> None:
+    assert SolveSettings(accept=REFUSALS).accept == REFUSALS
+    with pytest.raises(JobInvalid, match="No result is refused for stature_odd") as caught:
+        SolveSettings(accept=("stature_odd",))
+    assert "stature_impossible" in caught.value.hint

@@ -1,0 +1,187 @@
+"""A calibration's world is turned, scaled and levelled by what the person and the cameras show, and by nothing less."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.world_settings import LEVELS, WorldSettings
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.recognition.level import measure_level
+from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
+from solver_backend.io.recognition.world_fit import find_people, fit_world, scale_world
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
+from solver_backend.synthesis.simulation.cast import cast_person
+from solver_backend.types import Cameras, Capture, JointSet
+from tests.support.camera_ring import ring
+from tests.support.recordings import BALANCING_TRIAL
+from tests.support.walking_take import circling
+
+SET = JointSet.BODY_25
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return demo_capture(num_frames=360)
+
+
+@pytest.fixture(scope="module")
+def short() -> Capture:
+    return demo_capture(num_frames=60)
+
+
+@pytest.fixture(scope="module")
+def walked() -> np.ndarray:
+    rng = np.random.default_rng(3)
+    points = cast_person(circling(120), rng).landmarks(SET).points
+    return points + rng.normal(0, 0.01, points.shape)
+
+
+def turned(cameras: Cameras, turn: np.ndarray, floor_m: float = 0.0) -> Cameras:
+    """Return cameras in the world ``x' = turn (x + (0, 0, floor))``."""
+    return replace(cameras, R=cameras.R @ turn.T, t=cameras.t - floor_m * cameras.R[..., 2])
+
+
+def off_degrees(cameras: Cameras, true: Cameras) -> float:
+    """Return the angle between two worlds' up."""
+    return float(np.degrees(np.arccos(np.clip(cameras.R[0, :, 2] @ true.R[0, :, 2], -1.0, 1.0))))
+
+
+@pytest.mark.parametrize("axis", sorted(UP_AXES))
+def test_the_person_shows_which_axis_points_up(short: Capture, axis: str) -> None:
+    cameras = replace(short.cameras, R=short.cameras.R @ rotation_to_z_up(axis))
+    fit = fit_world(cameras, short.keypoints)
+    np.testing.assert_allclose(fit.cameras.R, short.cameras.R, atol=1e-12)
+    assert fit.check.upright[2] > 0.9
+    assert bool(fit.problems) == (axis != "z")
+    assert axis == "z" or f"{axis.upper()} is taken as up" in fit.problems[0]
+
+
+def test_an_axis_that_the_user_stated_stays_and_is_doubted(short: Capture) -> None:
+    cameras = turned(short.cameras, rotation_to_z_up("-y").T)
+    fit = fit_world(cameras, short.keypoints, WorldSettings(level="off"), "z")
+    np.testing.assert_array_equal(fit.cameras.R, cameras.R)
+    assert fit.problems == () and "stands along -Y" in fit.check.problems()[0]
+
+
+@pytest.mark.parametrize(("degrees", "around"), [(10.6, 0.0), (10.6, 2.5), (35.0, 1.0), (35.0, 4.4)])
+def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: float, around: float) -> None:
+    tilt = exp_so3(np.radians(degrees) * np.array([np.cos(around), np.sin(around), 0.0]))
+    fit = fit_world(turned(capture.cameras, tilt, -1.3), capture.keypoints)
+    assert off_degrees(fit.cameras, capture.cameras) < 3.0
+    assert abs(fit.check.lowest_m) < 0.06
+    assert "The world is levelled by" in fit.problems[-1] and "--level off" in fit.problems[-1]
+
+
+def test_a_level_world_stays_bit_for_bit(short: Capture) -> None:
+    fit = fit_world(short.cameras, short.keypoints)
+    assert fit.cameras is short.cameras and fit.problems == () and fit.notes == ()
+
+
+def test_a_level_that_was_asked_for_is_a_note(capture: Capture) -> None:
+    tilt = exp_so3(np.radians(5.0) * np.array([0.6, 0.8, 0.0]))
+    fit = fit_world(turned(capture.cameras, tilt), capture.keypoints, WorldSettings(level="on"))
+    assert off_degrees(fit.cameras, capture.cameras) < 3.0
+    assert fit.problems == () and "as asked for" in fit.notes[0]
+
+
+def test_a_floor_above_the_feet_is_moved_and_a_stage_is_not(short: Capture) -> None:
+    lower = fit_world(turned(short.cameras, np.eye(3), -0.9), short.keypoints)
+    assert abs(lower.check.lowest_m) < 0.06 and "so the floor is put there" in lower.problems[0]
+    stage = turned(short.cameras, np.eye(3), 0.5)
+    assert fit_world(stage, short.keypoints).cameras is stage
+
+
+def climbing(points: np.ndarray, step_m: float = 0.0) -> np.ndarray:
+    """Return a walk up a slope of 10.6 degrees, or up stairs so high, along the direction in which she walks about."""
+    hips = points[:, [SET.keypoints.index("left_hip"), SET.keypoints.index("right_hip")]].mean(1)[:, :1]
+    rise = step_m * np.floor(hips / 0.28) if step_m else np.tan(np.radians(10.6)) * hips
+    return points + (rise - rise.min())[:, None] * Z
+
+
+def lying(points: np.ndarray, floor_m: float) -> np.ndarray:
+    """Return the same movement of somebody who lies on a floor or a table."""
+    flat = (points - np.median(points, axis=(0, 1))) @ exp_so3(np.array([np.pi / 2, 0.0, 0.0])).T
+    return flat + (floor_m - flat[..., 2].min()) * Z
+
+
+@pytest.mark.parametrize("rolls", [0.0, 4.0])
+@pytest.mark.parametrize(
+    "stand", [climbing, lambda p: climbing(p, 0.17), lambda p: lying(p, 0.0), lambda p: lying(p, 0.7)],
+    ids=["slope", "stairs", "lying", "on a table"],
+)  # fmt: skip
+def test_who_climbs_or_lies_tilts_no_world(walked: np.ndarray, stand, rolls: float) -> None:
+    cameras = ring(4)
+    rng = np.random.default_rng(1)
+    roll = exp_so3(np.stack([np.zeros(4), np.zeros(4), np.radians(rolls) * rng.normal(size=4)], axis=1))
+    level = measure_level(
+        stand(walked), SET, replace(cameras, R=roll @ cameras.R, t=np.einsum("cij,cj->ci", roll, cameras.t))
+    )
+    assert not level.is_tilted and not level.is_above_feet
+
+
+def test_a_recorded_balance_tilts_no_world(shared_data) -> None:
+    found = load_capture(shared_data / BALANCING_TRIAL)
+    assert not any("levelled" in problem for problem in found.problems)
+
+
+def test_the_world_is_scaled_to_a_stature(short: Capture) -> None:
+    squares = replace(short.cameras, t=3.3 * short.cameras.t)
+    cameras, said = scale_world(squares, short.keypoints, WorldSettings(stature=1.76))
+    np.testing.assert_allclose(cameras.t, short.cameras.t, rtol=0.02)
+    assert "so that the person is 1.76 m tall" in said[0]
+    by_factor, said = scale_world(squares, short.keypoints, WorldSettings(scale=1 / 3.3))
+    np.testing.assert_allclose(by_factor.t, short.cameras.t)
+    assert "as asked for" in said[0]
+    assert scale_world(squares, short.keypoints, WorldSettings())[0] is squares
+
+
+def test_people_are_found_again_in_another_scale(short: Capture) -> None:
+    class Person:
+        keypoints = short.keypoints
+
+    calls: list[Cameras] = []
+
+    def select(cameras: Cameras):
+        calls.append(cameras)
+        return (Person(),)
+
+    find_people(short.cameras, select, WorldSettings(scale=1.1))
+    assert len(calls) == 1
+    find_people(short.cameras, select, WorldSettings(scale=3.0))
+    assert len(calls) == 3
+
+
+def test_stature_and_scale_exclude_one_another(short: Capture) -> None:
+    with pytest.raises(JobInvalid, match="both say how large"):
+        scale_world(short.cameras, short.keypoints, WorldSettings(stature=1.8, scale=2.0))
+    with pytest.raises(JobInvalid, match="impossible"):
+        scale_world(short.cameras, short.keypoints, WorldSettings(stature=0.2))
+
+
+def test_settings_of_the_world_are_checked() -> None:
+    for wrong in ({"stature": 17.6}, {"scale": 0.0}, {"level": "yes"}):
+        with pytest.raises(JobInvalid, match=f"The setting {next(iter(wrong))} = "):
+            WorldSettings(**wrong)
+    assert [choice.value for choice in LEVELS] == ["auto", "on", "off"]
+
+
+def test_our_own_capture_changes_only_where_it_is_asked_for(short: Capture, tmp_path) -> None:
+    path = write_capture(tmp_path / "c.npz", replace(short, cameras=turned(short.cameras, np.eye(3), -0.9)))
+    np.testing.assert_array_equal(load_capture(path).cameras.t, turned(short.cameras, np.eye(3), -0.9).t)
+    half = load_capture(path, scale=0.5)
+    np.testing.assert_allclose(half.cameras.centres, 0.5 * load_capture(path).cameras.centres, atol=1e-9)
+    assert "0.5 times" in half.notes[-1] and half.truth == {}
+
+
+def test_a_recording_of_markers_has_no_world_to_level() -> None:
+    with pytest.raises(JobInvalid, match="has no cameras") as caught:
+        load_capture(DEMO_TAKE, stature=1.8)
+    assert "--unit" in caught.value.hint

@@ -1,0 +1,104 @@
+"""A result that no person can be is named; one that is surely useless is an error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.diagnostics import Diagnostic, Severity
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.report.diagnose import diagnose
+from solver_backend.types import Capture, Motion, PersonInViews
+from tests.support.solved import solved
+
+
+def found(capture: Capture, motion: Motion) -> dict[str, Diagnostic]:
+    return {item.code: item for item in diagnose(capture, motion)}
+
+
+@pytest.mark.parametrize(
+    ("scale", "code"),
+    [(0.3, "stature_impossible"), (0.5, "stature_odd"), (1.0, ""), (1.5, "stature_odd"), (3.3, "stature_impossible")],
+)
+def test_a_body_of_no_persons_size_is_named(scale: float, code: str) -> None:
+    capture, motion = solved(faults=False)
+    items = found(capture, replace(motion, joints=scale * motion.joints))
+    assert {c for c in items if c.startswith("stature")} == ({code} if code else set())
+    if code:
+        assert items[code].values["size"] == pytest.approx(scale * 1.756, rel=0.001)
+        assert items[code].severity is (Severity.ERROR if code == "stature_impossible" else Severity.WARNING)
+
+
+def disagreeing(views: int, wrong: int) -> tuple[Capture, Motion]:
+    """Return a solve of so many views, some of which see the person somewhere else."""
+    capture, motion = solved(faults=False, views=views)
+    error = motion.reprojection_px.copy()
+    error[:wrong] = 300.0
+    return capture, replace(motion, reprojection_px=error)
+
+
+@pytest.mark.parametrize(
+    ("views", "wrong", "code"),
+    [(4, 1, ""), (3, 1, "views_apart"), (4, 2, "views_contradict"), (6, 3, "views_apart"), (8, 2, "")],
+)
+def test_views_that_see_the_person_elsewhere_are_counted(views: int, wrong: int, code: str) -> None:
+    items = found(*disagreeing(views, wrong))
+    assert {c for c in items if c in ("views_apart", "views_contradict")} == ({code} if code else set())
+    if code:
+        assert items[code].values["percent"] == pytest.approx(100 * (1 - wrong / views), abs=0.1)
+        assert len(items[code].where.cameras) == wrong
+
+
+def test_a_view_that_was_left_out_contradicts_nobody() -> None:
+    capture, motion = disagreeing(4, 2)
+    names = capture.cameras.names
+    motion = replace(
+        motion, provenance={**motion.provenance, "settings": {"leave_out": [names[0], f"{names[1]}:0-89"]}}
+    )
+    assert "views_contradict" not in found(capture, motion)
+
+
+def test_others_count_only_where_the_person_should_be_seen() -> None:
+    """Two cameras see the person, two somebody else: beside her place in their pictures, or in another corner."""
+    capture, motion = solved(faults=False)
+    confidence = capture.keypoints.confidence
+    mine, theirs = confidence.copy(), np.zeros_like(confidence)
+    mine[2:], theirs[2:] = 0.0, 1.0
+    other = PersonInViews("Person 2", replace(capture.keypoints, confidence=theirs))
+    main = replace(capture.keypoints, confidence=mine)
+    people = (PersonInViews("Person 1", main), other)
+    beside = replace(capture, keypoints=main, people=people, person="Person 1")
+    assert "views_contradict" in found(beside, motion)
+    away = replace(beside, cameras=replace(capture.cameras, t=capture.cameras.t + np.repeat([0.0, 30.0], 2)[:, None]))
+    assert "views_contradict" not in found(away, motion)
+
+
+def test_a_body_far_from_its_detections_is_named() -> None:
+    capture, motion = solved(faults=False)
+    far = found(capture, replace(motion, reprojection_px=np.full_like(motion.reprojection_px, 30.0)))
+    assert far["residual_large"].values["share"] > 4.0
+    useless = found(capture, replace(motion, reprojection_px=np.full_like(motion.reprojection_px, 120.0)))
+    assert useless["residual_impossible"].severity is Severity.ERROR
+
+
+def test_a_person_who_stands_tilted_is_named() -> None:
+    capture, motion = solved(faults=False)
+    tilt = exp_so3(np.array([np.radians(35.0), 0.0, 0.0]))
+    items = found(capture, replace(motion, joints=motion.joints @ tilt.T))
+    assert items["person_tilted"].values["size"] == pytest.approx(35.0, abs=6.0)
+    lying = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))
+    assert "person_tilted" not in found(capture, replace(motion, joints=motion.joints @ lying.T))
+
+
+def test_feet_off_the_floor_and_sliding_feet_are_named() -> None:
+    capture, motion = solved(faults=False)
+    sunk = found(capture, replace(motion, joints=motion.joints - [0.0, 0.0, 0.2]))
+    assert sunk["floor_too_high"].values["size"] == pytest.approx(17.0, abs=0.5)
+    above = found(capture, replace(motion, joints=motion.joints + [0.0, 0.0, 0.5]))
+    assert above["feet_above_floor"].values["size"] == pytest.approx(53.0, abs=0.5)
+    joints = motion.joints.copy()
+    joints[:, 10:12, 1] += 0.03 * np.arange(len(joints))[:, None]
+    joints[:, 10:12, 2] = 0.0
+    assert "feet_slide" in found(capture, replace(motion, joints=joints))
