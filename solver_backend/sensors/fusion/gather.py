@@ -112,7 +112,11 @@ class Gatherer:
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
         if lacking and not waited:
             return None
-        moment = [queue.popleft() for queue in self._queues if queue and queue[0].time < first + 0.5 * self._period]
+        # The first is of its own moment even where times are so large that half a period is lost in rounding.
+        last = max(first, first + 0.5 * self._period)
+        moment = [
+            queue.popleft() for queue in self._queues if queue and (queue[0].time < last or queue[0].time == first)
+        ]
         self._gone = first
         return moment
 
