@@ -20,6 +20,8 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.npz import require_file
+from solver_backend.exchange.plausible import FRAME_RATES
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerTake
 
@@ -34,7 +36,6 @@ _SEARCHED = 64, 1 << 20
 MOST_NUMBERS = 400_000_000
 """Coordinates of a take that is read whole: 1.6 GB, more than six hours of 60 points at 100 Hz."""
 DEFAULT_RATE = 120.0
-POSSIBLE_RATES = (0.01, 30_000.0)
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,7 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
     with np.errstate(all="ignore"):
         steps = np.diff(times)
         measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan
-    rates = (rate for rate in (fps, measured) if rate and POSSIBLE_RATES[0] <= rate <= POSSIBLE_RATES[1])
+    rates = (rate for rate in (fps, measured) if rate and FRAME_RATES[0] <= rate <= FRAME_RATES[1])
     return next(rates, DEFAULT_RATE)
 
 
@@ -185,11 +186,14 @@ def read_live_recording(
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = require_file(path)
-    with path.open("rb") as stream:
-        extent = measure_recording(stream)
-        _require_frames(extent, path)
-        stream.seek(0)
-        [positions] = read_parts(stream, extent.most, extent.frames)
+    try:
+        with open_regular(path) as stream:
+            extent = measure_recording(stream)
+            _require_frames(extent, path)
+            stream.seek(0)
+            [positions] = read_parts(stream, extent.most, extent.frames)
+    except OSError as error:
+        raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
     known = extent.to_metres is not None and unit is None and up_axis is None
     if known:
         positions = positions @ np.asarray(extent.to_metres, np.float32).T

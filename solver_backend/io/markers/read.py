@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
 from solver_backend.io.markers.motive_csv import read_motive_csv
@@ -41,7 +42,7 @@ def _row(
 def _head(path: Path) -> str:
     """Return how the file begins, empty where it cannot be read."""
     try:
-        with open(path, "rb") as stream:
+        with open_regular(path) as stream:
             return stream.read(_HEAD_BYTES).decode("utf-8-sig", "replace").lstrip(' "\r\n\t')
     except OSError:
         return ""
