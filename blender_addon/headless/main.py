@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from .._exchange.cluster_address import use_certificates
 from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.errors import Cancelled, MocapError
 from .._exchange.plain_text import plain
@@ -153,6 +154,7 @@ def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _use_certificates(options)
     if options.bake or options.render or options.export:
         _require_blender()
     if (options.captures is None) == (options.watch is None):
@@ -172,7 +174,13 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_batch(request, progress, spread)
 
 
+def _use_certificates(options: argparse.Namespace) -> None:
+    if options.tls is not None:
+        use_certificates(options.tls)
+
+
 def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _use_certificates(options)
     request = StudioRequest(
         options.description, options.out, options.plan, tuple(dict.fromkeys(options.judge)), options.places,
         options.python, Spread(options.scheduler, options.workers, patience_s=options.patience), options.colour_of,
