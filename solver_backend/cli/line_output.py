@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from solver_backend.exchange.plain_values import as_plain
 from solver_backend.io.appended_file import AppendedFile, open_appended
 
 
@@ -33,7 +34,7 @@ class Lines:
         Raises:
             BrokenPipeError: whoever read the lines is gone.
         """
-        self._file.append(json.dumps(line).encode() + b"\n")
+        self._file.append(json.dumps(as_plain(line), allow_nan=False).encode() + b"\n")
 
     def end_line(self) -> None:
         """End a line that a signal may have cut."""
